@@ -1,1 +1,261 @@
-//! The room `kinematics`.
+//! The mechanism: from a pose of the end effector to angles and stretches, with exact derivatives.
+//!
+//! Symbols, frames and signs are those of the paper (Chang, Wang, Axinte, Dong), Eqs 8 to 12, 15 and 17. World axes:
+//! origin at the centre of the base plate at the height of the bicep pivots, Z up, X through chain 1.
+//!
+//! | code | paper | meaning |
+//! |---|---|---|
+//! | `theta_b_rad` | theta_b | bicep angle in the chain's plane, from +Z towards the axis of the robot |
+//! | `theta_k1_rad` | theta_k1 | input of the stroke-amplifying four-bar (SAM) |
+//! | `theta_sam_rad` | theta_SAM | its output, Eq 11 |
+//! | `theta_dea_rad` | theta_DEA | obtuse angle of the lozenge; falls when the actuator is driven |
+//! | `theta_fa_rad` | theta_FA | out-of-plane swing of the parallelogram forearm |
+//!
+//! Derivatives come from the constraint equations, differentiated by hand (implicit function theorem), not from the
+//! printed inverse functions: they stay exact where an arc cosine loses digits.
+
+mod four_bar;
+mod lozenge;
+
+pub use four_bar::FourBar;
+pub use lozenge::Lozenge;
+
+/// A vector of the world axes, or a row of partial derivatives with respect to the three world coordinates.
+pub type Vec3 = [f64; 3];
+
+/// Scalar product.
+pub fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn scale(a: Vec3, s: f64) -> Vec3 {
+    [a[0] * s, a[1] * s, a[2] * s]
+}
+
+/// The part of a chain that cannot follow a pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Joint {
+    /// The forearm would have to swing out of plane by 90 deg or more: |Nz| >= n0.
+    ForearmSwing,
+    /// Bicep and forearm cannot meet: the arc cosine of Eq 10 has no value.
+    Elbow,
+    /// The four-bar cannot close: the discriminant of Eq 11 is negative.
+    FourBar,
+    /// The lozenge would be folded flat: theta_DEA outside (0, 180) deg.
+    Lozenge,
+}
+
+impl std::fmt::Display for Joint {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Joint::ForearmSwing => "forearm swing",
+            Joint::Elbow => "elbow (bicep and forearm)",
+            Joint::FourBar => "four-bar of the stroke amplifier",
+            Joint::Lozenge => "lozenge",
+        })
+    }
+}
+
+/// A pose that the mechanism cannot take: which chain, which joint, by how much.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "pose ({:.3}, {:.3}, {:.3}) mm is out of reach: chain {chain}, {joint}: {quantity} is {value:.6}, must lie within {low:.6} to {high:.6}",
+    pose_m[0] * 1e3, pose_m[1] * 1e3, pose_m[2] * 1e3
+)]
+pub struct OutOfReach {
+    /// The pose asked for, m, world axes.
+    pub pose_m: Vec3,
+    /// Chain number, 1 to 3.
+    pub chain: usize,
+    /// The joint that fails.
+    pub joint: Joint,
+    /// What is out of range.
+    pub quantity: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Lower end of the possible range.
+    pub low: f64,
+    /// Upper end of the possible range.
+    pub high: f64,
+}
+
+/// Lengths and angles of one chain of the robot (Fig 4 of the paper), m and rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chain {
+    /// Azimuth psi of the chain about Z, rad.
+    pub azimuth_rad: f64,
+    /// l_ch: centre of the base to the bicep pivot, m.
+    pub base_radius_m: f64,
+    /// l_end: centre of the end effector to the forearm joint, m.
+    pub effector_radius_m: f64,
+    /// q: bicep length, m.
+    pub bicep_m: f64,
+    /// n0: forearm length, m.
+    pub forearm_m: f64,
+    /// omega + alpha: theta_k1 = theta_b - omega - alpha, rad.
+    pub input_offset_rad: f64,
+    /// The stroke-amplifying four-bar.
+    pub four_bar: FourBar,
+    /// theta_DEA = dea_offset - theta_SAM, rad.
+    pub dea_offset_rad: f64,
+}
+
+/// The three chains; they may differ (a link that departs from its drawing in one chain).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mechanism {
+    /// Chains 1, 2, 3.
+    pub chains: [Chain; 3],
+}
+
+/// The pose of one chain: angles (rad) and their derivatives with respect to the end effector's position (rad/m).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChainPose {
+    /// Bicep angle.
+    pub theta_b_rad: f64,
+    /// Four-bar input.
+    pub theta_k1_rad: f64,
+    /// Four-bar output.
+    pub theta_sam_rad: f64,
+    /// Lozenge angle.
+    pub theta_dea_rad: f64,
+    /// Forearm swing.
+    pub theta_fa_rad: f64,
+    /// d theta_b / du.
+    pub dtheta_b_du: Vec3,
+    /// d theta_DEA / du.
+    pub dtheta_dea_du: Vec3,
+    /// d theta_FA / du.
+    pub dtheta_fa_du: Vec3,
+    /// d theta_DEA / d theta_b (= -d theta_SAM / d theta_k1).
+    pub dtheta_dea_dtheta_b: f64,
+    /// n = Q - N in the chain's local axes, m; kept for the second derivative.
+    n: Vec3,
+    /// dn/d theta_b in the local axes, m.
+    q_prime: Vec3,
+    /// Q in the local axes, m.
+    q: Vec3,
+}
+
+impl Mechanism {
+    /// Three equal chains at 0, 120 and 240 deg. `chain.azimuth_rad` is ignored.
+    pub fn symmetric(chain: Chain) -> Self {
+        let at = |k: usize| Chain {
+            azimuth_rad: 2.0 * std::f64::consts::PI * k as f64 / 3.0,
+            ..chain
+        };
+        Mechanism {
+            chains: [at(0), at(1), at(2)],
+        }
+    }
+
+    /// The pose of every chain with the end effector's centre at `u_m` (m, world axes).
+    ///
+    /// # Errors
+    /// [`OutOfReach`] names the first chain and joint that cannot follow.
+    pub fn pose(&self, u_m: Vec3) -> Result<[ChainPose; 3], OutOfReach> {
+        Ok([
+            self.chains[0].pose(u_m, 1)?,
+            self.chains[1].pose(u_m, 2)?,
+            self.chains[2].pose(u_m, 3)?,
+        ])
+    }
+}
+
+impl Chain {
+    /// Radial and tangential unit vectors r_k and t_k.
+    fn axes(&self) -> (Vec3, Vec3) {
+        let (s, c) = self.azimuth_rad.sin_cos();
+        ([c, s, 0.0], [s, -c, 0.0])
+    }
+
+    /// The pose of this chain; `number` (1 to 3) is used in the error only.
+    ///
+    /// # Errors
+    /// [`OutOfReach`] when the forearm, the elbow, the four-bar or the lozenge cannot take it.
+    pub fn pose(&self, u_m: Vec3, number: usize) -> Result<ChainPose, OutOfReach> {
+        let fail = |joint, quantity, value, low, high| OutOfReach {
+            pose_m: u_m,
+            chain: number,
+            joint,
+            quantity,
+            value,
+            low,
+            high,
+        };
+        let (r, t) = self.axes();
+        // N_k in local axes: x up, y inwards, z = t (section 1 of the model).
+        let nx = u_m[2];
+        let ny = self.base_radius_m - self.effector_radius_m - dot(u_m, r);
+        let nz = dot(u_m, t);
+        let n0 = self.forearm_m;
+        if nz.is_nan() || nz.abs() >= n0 {
+            let quantity = "out-of-plane offset over forearm length";
+            return Err(fail(Joint::ForearmSwing, quantity, nz / n0, -1.0, 1.0));
+        }
+        // Eq 10
+        let n_p_squared = n0 * n0 - nz * nz;
+        let l_squared = nx * nx + ny * ny;
+        let l_bn = l_squared.sqrt();
+        let q = self.bicep_m;
+        let cosine = (q * q + l_squared - n_p_squared) / (2.0 * q * l_bn);
+        if cosine.is_nan() || cosine.abs() > 1.0 {
+            let quantity = "cosine of the bicep angle (Eq 10)";
+            return Err(fail(Joint::Elbow, quantity, cosine, -1.0, 1.0));
+        }
+        let theta_b = std::f64::consts::PI - ny.atan2(-nx) + cosine.acos();
+        let theta_k1 = theta_b - self.input_offset_rad;
+        let bar = self.four_bar.close(theta_k1).map_err(|cosine| {
+            let quantity = "cosine of the output angle (Eq 11)";
+            fail(Joint::FourBar, quantity, cosine, -1.0, 1.0)
+        })?;
+        let theta_dea = self.dea_offset_rad - bar.theta_sam_rad;
+        if !(theta_dea > 0.0 && theta_dea < std::f64::consts::PI) {
+            let quantity = "theta_DEA in rad";
+            let (low, high) = (0.0, std::f64::consts::PI);
+            return Err(fail(Joint::Lozenge, quantity, theta_dea, low, high));
+        }
+        // Constraint n.n = n0^2 with n = Q(theta_b) - N(u): its first derivative gives d theta_b / du.
+        let (sb, cb) = theta_b.sin_cos();
+        let q_vec = [q * cb, q * sb, 0.0];
+        let q_prime = [-q * sb, q * cb, 0.0];
+        let n = [q_vec[0] - nx, q_vec[1] - ny, -nz];
+        let lever = dot(n, q_prime);
+        // grad of n.N in world axes: n_x Z - n_y r + n_z t
+        let pull = [-n[1] * r[0] + n[2] * t[0], -n[1] * r[1] + n[2] * t[1], n[0]];
+        let dtheta_b_du = scale(pull, 1.0 / lever);
+        let dtheta_dea_dtheta_b = -bar.dtheta_sam_dtheta_k1;
+        Ok(ChainPose {
+            theta_b_rad: theta_b,
+            theta_k1_rad: theta_k1,
+            theta_sam_rad: bar.theta_sam_rad,
+            theta_dea_rad: theta_dea,
+            theta_fa_rad: (nz / n0).asin(),
+            dtheta_b_du,
+            dtheta_dea_du: scale(dtheta_b_du, dtheta_dea_dtheta_b),
+            dtheta_fa_du: scale(t, 1.0 / n_p_squared.sqrt()),
+            dtheta_dea_dtheta_b,
+            n,
+            q_prime,
+            q: q_vec,
+        })
+    }
+
+    /// d theta_b/dt (rad/s) and d^2 theta_b/dt^2 (rad/s^2) along a track with velocity `v_m_s` and acceleration
+    /// `a_m_s2` of the end effector, at the pose `pose` of this chain.
+    ///
+    /// From the constraint n.n = n0^2, differentiated twice: n.n'' + n'.n' = 0.
+    pub fn bicep_rates(&self, pose: &ChainPose, v_m_s: Vec3, a_m_s2: Vec3) -> (f64, f64) {
+        let (r, t) = self.axes();
+        let local = |w: Vec3| [w[2], -dot(w, r), dot(w, t)];
+        let (n_dot, n_ddot) = (local(v_m_s), local(a_m_s2));
+        let rate = dot(pose.dtheta_b_du, v_m_s);
+        let mut swing = 0.0; // n'.n'
+        let mut pull = 0.0; // n.(Q rate^2 + N'')
+        for i in 0..3 {
+            let d = pose.q_prime[i] * rate - n_dot[i];
+            swing += d * d;
+            pull += pose.n[i] * (pose.q[i] * rate * rate + n_ddot[i]);
+        }
+        (rate, (pull - swing) / dot(pose.n, pose.q_prime))
+    }
+}

@@ -1,0 +1,58 @@
+//! The stroke-amplifying four-bar, Eq 11 of the paper.
+
+/// Link lengths, m: ground a, input b (on the bicep), coupler c, output d (on the lozenge).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FourBar {
+    /// Ground link, m.
+    pub a_m: f64,
+    /// Input link, m.
+    pub b_m: f64,
+    /// Coupler, m.
+    pub c_m: f64,
+    /// Output link, m.
+    pub d_m: f64,
+}
+
+/// The closed four-bar.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Closure {
+    /// theta_SAM, rad.
+    pub theta_sam_rad: f64,
+    /// d theta_SAM / d theta_k1.
+    pub dtheta_sam_dtheta_k1: f64,
+}
+
+impl FourBar {
+    /// Closes the loop |a + d e(psi) - b e(theta_k1)| = c on the branch of the minus root of Eq 11; theta_SAM = pi - psi.
+    ///
+    /// Written with the angle of the vector a - b e(theta_k1) instead of the tangent of the half angle, which has a
+    /// pole where H = 0 (Eq 11) though the mechanism has none there.
+    ///
+    /// # Errors
+    /// The cosine that leaves [-1, 1] when the discriminant of Eq 11 is negative: the links cannot meet.
+    pub fn close(&self, theta_k1_rad: f64) -> Result<Closure, f64> {
+        let FourBar {
+            a_m: a,
+            b_m: b,
+            c_m: c,
+            d_m: d,
+        } = *self;
+        let (sin, cos) = theta_k1_rad.sin_cos();
+        let p = [a - b * cos, -b * sin];
+        let p_squared = p[0] * p[0] + p[1] * p[1];
+        let cosine = (c * c - d * d - p_squared) / (2.0 * d * p_squared.sqrt());
+        if cosine.is_nan() || cosine.abs() > 1.0 {
+            return Err(cosine);
+        }
+        let psi = p[1].atan2(p[0]) + cosine.acos();
+        let (sin_psi, cos_psi) = psi.sin_cos();
+        // w = a + d e(psi) - b e(theta): w.w = c^2, differentiated once.
+        let w = [p[0] + d * cos_psi, p[1] + d * sin_psi];
+        let input = b * (-w[0] * sin + w[1] * cos);
+        let output = d * (-w[0] * sin_psi + w[1] * cos_psi);
+        Ok(Closure {
+            theta_sam_rad: std::f64::consts::PI - psi,
+            dtheta_sam_dtheta_k1: -input / output,
+        })
+    }
+}

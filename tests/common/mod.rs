@@ -1,0 +1,95 @@
+//! What several test programs share.
+#![allow(dead_code)]
+
+use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};
+use serde_json::Value;
+
+/// A file of `tests/golden`.
+pub fn golden(name: &str) -> Value {
+    let path = format!("{}/tests/golden/{name}.json", env!("CARGO_MANIFEST_DIR"));
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// A number of a JSON value.
+pub fn number(v: &Value) -> f64 {
+    v.as_f64().unwrap_or_else(|| panic!("not a number: {v}"))
+}
+
+/// A list of numbers of a JSON value.
+pub fn numbers(v: &Value) -> Vec<f64> {
+    v.as_array().unwrap().iter().map(number).collect()
+}
+
+/// Three numbers.
+pub fn triple(v: &Value) -> [f64; 3] {
+    numbers(v).try_into().unwrap()
+}
+
+/// The mechanism of a golden file's `rig`.
+pub fn mechanism(rig: &Value) -> Mechanism {
+    let m = |key: &str| number(&rig[key]) * 1e-3;
+    Mechanism::symmetric(Chain {
+        azimuth_rad: 0.0,
+        base_radius_m: m("l_ch_mm"),
+        effector_radius_m: m("l_end_mm"),
+        bicep_m: m("q_mm"),
+        forearm_m: m("n0_mm"),
+        input_offset_rad: (number(&rig["omega_deg"]) + number(&rig["alpha_deg"])).to_radians(),
+        four_bar: FourBar {
+            a_m: m("a_mm"),
+            b_m: m("b_mm"),
+            c_m: m("c_mm"),
+            d_m: m("d_mm"),
+        },
+        dea_offset_rad: number(&rig["dea_offset_deg"]).to_radians(),
+    })
+}
+
+/// The lozenge of a golden file's `rig`.
+pub fn lozenge(rig: &Value) -> Lozenge {
+    let m = |key: &str| number(&rig[key]) * 1e-3;
+    Lozenge {
+        side_m: m("l_dea_mm"),
+        l1_m: m("L1_mm"),
+        l2_m: m("L2_mm"),
+        l3_m: m("L3_mm"),
+        films: number(&rig["films"]),
+    }
+}
+
+/// A sum of sines with value, first and second derivative.
+pub fn sines(form: &Value, t: f64) -> [f64; 3] {
+    let slope = form.get("slope").map_or(0.0, number);
+    let mut out = [number(&form["c0"]) + slope * t, slope, 0.0];
+    let (amp, freq, phase) = (
+        numbers(&form["amp"]),
+        numbers(&form["freq"]),
+        numbers(&form["phase"]),
+    );
+    for i in 0..amp.len() {
+        let w = 2.0 * std::f64::consts::PI * freq[i];
+        let (s, c) = (w * t + phase[i]).sin_cos();
+        out[0] += amp[i] * s;
+        out[1] += amp[i] * w * c;
+        out[2] -= amp[i] * w * w * s;
+    }
+    out
+}
+
+/// A film of a golden file.
+pub fn film(v: &Value) -> deacal::film::Film {
+    deacal::film::Film {
+        mu_pa: numbers(&v["mu_Pa"]),
+        relaxation_time_s: numbers(&v["T_s"]),
+        locking: number(&v["J"]),
+    }
+}
+
+/// The initial state named in a golden file.
+pub fn initial(v: &Value) -> deacal::film::InitialState {
+    match v.as_str().unwrap() {
+        "relaxed" => deacal::film::InitialState::Relaxed,
+        "virgin" => deacal::film::InitialState::Virgin,
+        other => panic!("unknown start {other}"),
+    }
+}

@@ -93,3 +93,42 @@ pub fn initial(v: &Value) -> deacal::film::InitialState {
         other => panic!("unknown start {other}"),
     }
 }
+
+/// The robot of a golden file's `rig`.
+pub fn robot(rig: &Value) -> deacal::model::Robot {
+    deacal::model::Robot {
+        mechanism: mechanism(rig),
+        lozenges: [lozenge(rig); 3],
+        eps_r: number(&rig["eps_r"]),
+        effector_kg: number(&rig["m_g"]) * 1e-3,
+        bicep_tip_kg: number(&rig["m_bc_g"]) * 1e-3,
+    }
+}
+
+/// Film and forearm of a golden case.
+pub fn parameters(case: &Value) -> deacal::model::Parameters {
+    let forearm = &case["forearm"];
+    let nodes = numbers(&forearm["nodes_deg"])
+        .iter()
+        .map(|d| d.to_radians())
+        .collect();
+    deacal::model::Parameters {
+        film: film(&case["film"]),
+        forearm: deacal::model::ForearmTorque::new(nodes, numbers(&forearm["torque_Nm"])).unwrap(),
+    }
+}
+
+/// The track of a golden case at the given times; `step_s` is the distance that it claims.
+pub fn track(case: &Value, times: &[f64], step_s: f64) -> deacal::model::Track {
+    let at = |t: f64, order: usize| {
+        ["x", "y", "z"].map(|axis| sines(&case["track"][axis], t)[order] * 1e-3)
+    };
+    deacal::model::Track {
+        step_s,
+        position_m: times.iter().map(|&t| at(t, 0)).collect(),
+        velocity_m_s: times.iter().map(|&t| at(t, 1)).collect(),
+        acceleration_m_s2: times.iter().map(|&t| at(t, 2)).collect(),
+        payload_kg: vec![number(&case["payload_g"]) * 1e-3; times.len()],
+        initial: initial(&case["film"]["start"]),
+    }
+}

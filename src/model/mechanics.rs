@@ -1,0 +1,425 @@
+//! Everything of the balance that does not depend on the calibrated parameters, along one track: the stretch history of
+//! each film, the Maxwell torque per squared voltage, the torques that weights and inertia ask for, and the levers of the
+//! forearms.
+
+use super::{ForearmTorque, Parameters, Robot};
+use crate::film::kernel::{History, LANES, Pass, Shape};
+use crate::film::{InitialState, Locked};
+use crate::kinematics::{ChainPose, OutOfReach, Vec3, dot};
+use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
+
+/// Motion of the end effector's centre at equal distances in time, SI, world axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// Position, m.
+    pub position_m: Vec<Vec3>,
+    /// Velocity, m/s.
+    pub velocity_m_s: Vec<Vec3>,
+    /// Acceleration, m/s^2.
+    pub acceleration_m_s2: Vec<Vec3>,
+    /// Payload m_p at each sample, kg.
+    pub payload_kg: Vec<f64>,
+    /// State of the films at the first sample.
+    pub initial: InitialState,
+}
+
+/// A sample that the mechanism cannot follow, or at which the balance cannot be split into chains.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Unreachable {
+    /// No angles exist for this pose.
+    #[error("{0}")]
+    Pose(OutOfReach),
+    /// G has (nearly) lost rank: the actuators hold no force in one direction and phi^2 has no meaning.
+    #[error(
+        "the actuators hold no force in one direction here: the levers d theta_DEA/du have condition number {condition:.3e} (limit {limit:.0e})"
+    )]
+    Singular {
+        /// Condition number of G.
+        condition: f64,
+        /// What is still accepted.
+        limit: f64,
+    },
+}
+
+/// Largest condition number of G at which the balance is still split into chains.
+const CONDITION_LIMIT: f64 = 1e3;
+
+/// One named part of the torque on a lozenge that the Maxwell torque has to balance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contribution {
+    /// The equilibrium spring of the film.
+    FilmEquilibrium,
+    /// The viscoelastic branches of the film.
+    FilmBranches,
+    /// Spring-back of the forearms.
+    Forearm,
+    /// Weight of the end effector.
+    Weight,
+    /// Weight of the payload.
+    Payload,
+    /// Inertia of end effector and payload.
+    Inertia,
+    /// Weight and inertia of the bicep tips.
+    Bicep,
+}
+
+impl Contribution {
+    /// All of them, in the order in which they are shown.
+    pub const ALL: [Contribution; 7] = [
+        Contribution::FilmEquilibrium,
+        Contribution::FilmBranches,
+        Contribution::Forearm,
+        Contribution::Weight,
+        Contribution::Payload,
+        Contribution::Inertia,
+        Contribution::Bicep,
+    ];
+
+    /// The name that a reader sees.
+    pub fn name(self) -> &'static str {
+        match self {
+            Contribution::FilmEquilibrium => "film, equilibrium spring",
+            Contribution::FilmBranches => "film, viscoelastic branches",
+            Contribution::Forearm => "forearm spring-back",
+            Contribution::Weight => "weight of the end effector",
+            Contribution::Payload => "weight of the payload",
+            Contribution::Inertia => "inertia of end effector and payload",
+            Contribution::Bicep => "bicep tips, weight and inertia",
+        }
+    }
+}
+
+/// What one chain contributes, sample by sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChainTrack {
+    /// Stretch history of the film; its levers turn stress over modulus into torque on theta_DEA, m^3.
+    pub history: History,
+    /// 1/2 dC/d theta_DEA, N m/V^2.
+    pub half_capacitance_slope: Vec<f64>,
+    /// Lozenge angle, rad.
+    pub theta_dea_rad: Vec<f64>,
+    /// Forearm swing, rad.
+    pub theta_fa_rad: Vec<f64>,
+    /// Torque on the lozenge from [weight, payload, inertia, bicep], N m.
+    pub load_n_m: Vec<[f64; 4]>,
+    /// Torque on this lozenge per forearm torque of chains 1 to 3: (G^-1 d theta_FA_j/du)_k.
+    pub forearm_lever: Vec<[f64; 3]>,
+}
+
+impl ChainTrack {
+    /// All loads together, N m, at a sample.
+    pub fn load(&self, sample: usize) -> f64 {
+        self.load_n_m[sample].iter().sum()
+    }
+}
+
+/// The balance along one track, chain by chain.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mechanics {
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// The three chains.
+    pub chains: [ChainTrack; 3],
+    /// Columns of G at each sample: d theta_DEA_k/du, rad/m.
+    pub levers: Vec<[Vec3; 3]>,
+    /// d theta_FA_k/du, rad/m.
+    pub forearm_slopes: Vec<[Vec3; 3]>,
+    /// Samples that cannot be followed, and why. Their stretches are bridged so that the histories go on.
+    pub unreachable: Vec<(usize, Unreachable)>,
+    gravity_and_inertia_n: Vec<Vec3>,
+    bicep_force_n: Vec<Vec3>,
+}
+
+/// Inverse of the 3 x 3 matrix with the given columns (rows of the result belong to the columns), and its condition
+/// number in the Frobenius norm.
+fn invert(g: &[Vec3; 3]) -> ([Vec3; 3], f64) {
+    let cross = |a: Vec3, b: Vec3| {
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    };
+    let rows = [cross(g[1], g[2]), cross(g[2], g[0]), cross(g[0], g[1])];
+    let determinant = dot(g[0], rows[0]);
+    let norm = |m: &[Vec3; 3]| m.iter().map(|r| dot(*r, *r)).sum::<f64>().sqrt();
+    let inverse = rows.map(|r| r.map(|v| v / determinant));
+    let condition = norm(g) * norm(&inverse);
+    (
+        inverse,
+        if condition.is_nan() {
+            f64::INFINITY
+        } else {
+            condition
+        },
+    )
+}
+
+impl Mechanics {
+    /// Works out the balance of `robot` along `track`.
+    ///
+    /// Samples out of reach are listed in [`Mechanics::unreachable`]; their angles are held from the last good sample (from
+    /// the first good one at the beginning) and their loads are zero.
+    ///
+    /// # Errors
+    /// The first unreachable sample, when no sample at all can be followed.
+    pub fn new(robot: &Robot, track: &Track) -> Result<Self, (usize, Unreachable)> {
+        let n = track.position_m.len();
+        let eps = robot.eps_r * VACUUM_PERMITTIVITY_F_M;
+        let mut unreachable = Vec::new();
+        let mut poses: Vec<Option<[ChainPose; 3]>> = Vec::with_capacity(n);
+        for (i, &u) in track.position_m.iter().enumerate() {
+            match robot.mechanism.pose(u) {
+                Ok(pose) => poses.push(Some(pose)),
+                Err(error) => {
+                    unreachable.push((i, Unreachable::Pose(error)));
+                    poses.push(None);
+                }
+            }
+        }
+        let Some(mut last) = poses.iter().find_map(|p| *p) else {
+            return Err(unreachable.first().copied().unwrap_or((
+                0,
+                Unreachable::Singular {
+                    condition: f64::INFINITY,
+                    limit: CONDITION_LIMIT,
+                },
+            )));
+        };
+        let mut log_stretch: [Vec<[f64; 2]>; 3] = Default::default();
+        let mut rate: [Vec<[f64; 2]>; 3] = Default::default();
+        let mut lever: [Vec<[f64; 2]>; 3] = Default::default();
+        let mut half_c: [Vec<f64>; 3] = Default::default();
+        let mut theta_dea: [Vec<f64>; 3] = Default::default();
+        let mut theta_fa: [Vec<f64>; 3] = Default::default();
+        let mut load: [Vec<[f64; 4]>; 3] = Default::default();
+        let mut forearm_lever: [Vec<[f64; 3]>; 3] = Default::default();
+        for k in 0..3 {
+            log_stretch[k].reserve_exact(n);
+            rate[k].reserve_exact(n);
+            lever[k].reserve_exact(n);
+            half_c[k].reserve_exact(n);
+            theta_dea[k].reserve_exact(n);
+            theta_fa[k].reserve_exact(n);
+            load[k].reserve_exact(n);
+            forearm_lever[k].reserve_exact(n);
+        }
+        let mut levers = Vec::with_capacity(n);
+        let mut forearm_slopes = Vec::with_capacity(n);
+        let mut gravity_and_inertia_n = Vec::with_capacity(n);
+        let mut bicep_force_n = Vec::with_capacity(n);
+        for i in 0..n {
+            let reached = poses[i].is_some();
+            let pose = poses[i].unwrap_or(last);
+            last = pose;
+            let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
+            let g = [0, 1, 2].map(|k| pose[k].dtheta_dea_du);
+            let (inverse, condition) = invert(&g);
+            let usable = reached && condition < CONDITION_LIMIT;
+            if reached && !usable {
+                let limit = CONDITION_LIMIT;
+                unreachable.push((i, Unreachable::Singular { condition, limit }));
+            }
+            let mass = robot.effector_kg + track.payload_kg[i];
+            let mut bicep_force = [0.0; 3];
+            for k in 0..3 {
+                let (p, lozenge) = (&pose[k], &robot.lozenges[k]);
+                let theta = p.theta_dea_rad;
+                let slopes = lozenge.log_stretch_slopes(theta);
+                let theta_rate = if reached {
+                    dot(p.dtheta_dea_du, v)
+                } else {
+                    0.0
+                };
+                log_stretch[k].push(lozenge.stretches(theta).map(f64::ln));
+                rate[k].push(slopes.map(|s| s * theta_rate));
+                lever[k].push(slopes.map(|s| s * lozenge.volume_m3()));
+                half_c[k].push(lozenge.half_capacitance_slope(theta, eps));
+                theta_dea[k].push(theta);
+                theta_fa[k].push(p.theta_fa_rad);
+                let chain = &robot.mechanism.chains[k];
+                let (_, acceleration) = chain.bicep_rates(p, v, a);
+                let q = chain.bicep_m;
+                let bicep = robot.bicep_tip_kg
+                    * (q * q * acceleration - GRAVITY_M_S2 * q * p.theta_b_rad.sin());
+                for (f, d) in bicep_force.iter_mut().zip(p.dtheta_b_du) {
+                    *f += bicep * d;
+                }
+                if usable {
+                    load[k].push([
+                        inverse[k][2] * robot.effector_kg * GRAVITY_M_S2,
+                        inverse[k][2] * track.payload_kg[i] * GRAVITY_M_S2,
+                        mass * dot(inverse[k], a),
+                        bicep / p.dtheta_dea_dtheta_b,
+                    ]);
+                    forearm_lever[k].push([0, 1, 2].map(|j| dot(inverse[k], pose[j].dtheta_fa_du)));
+                } else {
+                    load[k].push([0.0; 4]);
+                    forearm_lever[k].push([0.0; 3]);
+                }
+            }
+            levers.push(g);
+            forearm_slopes.push([0, 1, 2].map(|k| pose[k].dtheta_fa_du));
+            gravity_and_inertia_n.push([mass * a[0], mass * a[1], mass * (a[2] + GRAVITY_M_S2)]);
+            bicep_force_n.push(bicep_force);
+        }
+        unreachable.sort_by_key(|u| u.0);
+        let mut k = 0;
+        let chains = [(); 3].map(|()| {
+            let chain = ChainTrack {
+                history: History::sampled(
+                    track.initial,
+                    track.step_s,
+                    &std::mem::take(&mut log_stretch[k]),
+                    &std::mem::take(&mut rate[k]),
+                    &std::mem::take(&mut lever[k]),
+                ),
+                half_capacitance_slope: std::mem::take(&mut half_c[k]),
+                theta_dea_rad: std::mem::take(&mut theta_dea[k]),
+                theta_fa_rad: std::mem::take(&mut theta_fa[k]),
+                load_n_m: std::mem::take(&mut load[k]),
+                forearm_lever: std::mem::take(&mut forearm_lever[k]),
+            };
+            k += 1;
+            chain
+        });
+        Ok(Mechanics {
+            step_s: track.step_s,
+            chains,
+            levers,
+            forearm_slopes,
+            unreachable,
+            gravity_and_inertia_n,
+            bicep_force_n,
+        })
+    }
+
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.levers.len()
+    }
+
+    /// Torque of the film on the lozenge of chain `k` (0 to 2) at each sample, N m: [equilibrium spring, all branches].
+    ///
+    /// # Errors
+    /// [`Locked`] when a spring reaches its locking stretch.
+    pub fn film_torque_n_m(
+        &self,
+        k: usize,
+        parameters: &Parameters,
+    ) -> Result<Vec<[f64; 2]>, Locked> {
+        let film = &parameters.film;
+        let shape = Shape {
+            relaxation_time_s: &film.relaxation_time_s,
+            locking: film.locking,
+        };
+        let mut pass = Pass::new(&self.chains[k].history, shape);
+        let width = pass.row_width();
+        let mut rows = vec![0.0; 128 * width];
+        let mut out = Vec::with_capacity(self.samples());
+        loop {
+            let count = pass.next_block(&mut rows)?;
+            if count == 0 {
+                return Ok(out);
+            }
+            for row in rows[..count * width].chunks(width) {
+                let spring = |n: usize| row[n / LANES * 3 * LANES + n % LANES] * film.mu_pa[n];
+                out.push([spring(0), (1..film.mu_pa.len()).map(spring).sum()]);
+            }
+        }
+    }
+
+    /// Torque that the forearms ask of each lozenge at a sample, N m.
+    pub fn forearm_torque_n_m(&self, sample: usize, forearm: &ForearmTorque) -> [f64; 3] {
+        let torque = [0, 1, 2].map(|j| forearm.torque_n_m_at(self.chains[j].theta_fa_rad[sample]));
+        [0, 1, 2].map(|k| dot(self.chains[k].forearm_lever[sample], torque))
+    }
+
+    /// The Maxwell torque that each lozenge needs, split by cause: for each chain and sample the contributions in the order of
+    /// [`Contribution::ALL`], N m. Their sum over 1/2 C' is phi^2.
+    ///
+    /// # Errors
+    /// [`Locked`] when a spring reaches its locking stretch.
+    pub fn needed_torque_n_m(&self, parameters: &Parameters) -> Result<[Vec<[f64; 7]>; 3], Locked> {
+        let mut out: [Vec<[f64; 7]>; 3] = Default::default();
+        for (k, out) in out.iter_mut().enumerate() {
+            let film = self.film_torque_n_m(k, parameters)?;
+            *out = film
+                .iter()
+                .enumerate()
+                .map(|(i, film)| {
+                    let [weight, payload, inertia, bicep] = self.chains[k].load_n_m[i];
+                    [film[0], film[1], 0.0, weight, payload, inertia, bicep]
+                })
+                .collect();
+        }
+        for i in 0..self.samples() {
+            let forearm = self.forearm_torque_n_m(i, &parameters.forearm);
+            for k in 0..3 {
+                out[k][i][2] = forearm[k];
+            }
+        }
+        Ok(out)
+    }
+
+    /// Inverse dynamics f_ID: phi_k^2 (V^2) at each sample. Negative where no voltage holds the pose; NaN at
+    /// [`Mechanics::unreachable`] samples.
+    ///
+    /// # Errors
+    /// [`Locked`] when a spring reaches its locking stretch.
+    pub fn phi_squared_v2(&self, parameters: &Parameters) -> Result<Vec<[f64; 3]>, Locked> {
+        let needed = self.needed_torque_n_m(parameters)?;
+        let mut out: Vec<[f64; 3]> = (0..self.samples())
+            .map(|i| {
+                [0, 1, 2].map(|k| {
+                    needed[k][i].iter().sum::<f64>() / self.chains[k].half_capacitance_slope[i]
+                })
+            })
+            .collect();
+        for (i, _) in &self.unreachable {
+            out[*i] = [f64::NAN; 3];
+        }
+        Ok(out)
+    }
+
+    /// Force prediction F_FP: the force of the surroundings on the end effector (N, world axes) at each sample, from the
+    /// squared voltages `phi_squared_v2` on the films. NaN where the pose is out of reach.
+    ///
+    /// # Errors
+    /// [`Locked`] when a spring reaches its locking stretch.
+    pub fn external_force_n(
+        &self,
+        parameters: &Parameters,
+        phi_squared_v2: &[[f64; 3]],
+    ) -> Result<Vec<Vec3>, Locked> {
+        let film = [
+            self.film_torque_n_m(0, parameters)?,
+            self.film_torque_n_m(1, parameters)?,
+            self.film_torque_n_m(2, parameters)?,
+        ];
+        let mut out = Vec::with_capacity(self.samples());
+        for i in 0..self.samples() {
+            let mut force =
+                [0, 1, 2].map(|j| self.gravity_and_inertia_n[i][j] + self.bicep_force_n[i][j]);
+            for k in 0..3 {
+                let chain = &self.chains[k];
+                let net = chain.half_capacitance_slope[i] * phi_squared_v2[i][k]
+                    - film[k][i][0]
+                    - film[k][i][1];
+                let forearm = parameters.forearm.torque_n_m_at(chain.theta_fa_rad[i]);
+                for j in 0..3 {
+                    force[j] += forearm * self.forearm_slopes[i][k][j] - net * self.levers[i][k][j];
+                }
+            }
+            out.push(force);
+        }
+        for (i, why) in &self.unreachable {
+            if matches!(why, Unreachable::Pose(_)) {
+                out[*i] = [f64::NAN; 3];
+            }
+        }
+        Ok(out)
+    }
+}

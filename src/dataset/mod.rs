@@ -1,1 +1,370 @@
-//! The room `dataset`.
+//! One clock, one world frame, SI, a mask, and the motion with its derivatives and its noise. Discards no sample, marks it;
+//! writes down every choice it made in a [`Plan`], which can be given back to make the same choices again.
+
+mod plan;
+pub mod smoother;
+mod voltage;
+
+pub use plan::{Plan, SmoothingPlan};
+pub use voltage::Voltage;
+
+use rand::Rng;
+
+use crate::film::InitialState;
+use crate::kinematics::Vec3;
+use smoother::{SmoothedAxis, smooth_axis};
+
+/// Motion of the end effector's centre at equal distances in time, SI, world axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// Position, m.
+    pub position_m: Vec<Vec3>,
+    /// Velocity, m/s.
+    pub velocity_m_s: Vec<Vec3>,
+    /// Acceleration, m/s^2.
+    pub acceleration_m_s2: Vec<Vec3>,
+    /// Payload m_p at each sample, kg.
+    pub payload_kg: Vec<f64>,
+    /// State of the films at the first sample.
+    pub initial: InitialState,
+}
+
+/// Where the clock offset of a recording comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OffsetSource {
+    /// Stated by the recording: fixed.
+    Stated,
+    /// To be estimated: free in a fit.
+    Free,
+}
+
+/// A motion capture of the robot and its applied voltages, as a calibration needs them.
+#[derive(Debug, Clone)]
+pub struct Dataset {
+    /// Identity of the recording.
+    pub id: String,
+    /// Distance of the captured frames, s.
+    pub step_s: f64,
+    /// Time of the first frame on the motion clock, s.
+    pub start_s: f64,
+    /// Measured position of the end effector's centre in the world frame, m; NaN where nothing was captured.
+    pub measured_m: Vec<Vec3>,
+    /// x, y and z, smoothed.
+    pub axes: [SmoothedAxis; 3],
+    /// Samples whose motion can be used: captured, or in a gap that the smoother bridges.
+    pub usable: Vec<bool>,
+    /// Payload at each frame, kg.
+    pub payload_kg: Vec<f64>,
+    /// Commanded voltages.
+    pub voltage: Voltage,
+    /// The amplifier's own measurement, where there is one.
+    pub monitor: Option<Voltage>,
+    /// Voltage clock minus motion clock, s.
+    pub offset_s: f64,
+    /// Whether it is fixed.
+    pub offset_source: OffsetSource,
+    /// State of the films at the first sample.
+    pub initial: InitialState,
+    /// Every choice that was made.
+    pub plan: Plan,
+    /// What a reader should know, in words.
+    pub notes: Vec<String>,
+}
+
+/// What a dataset is made of, on the motion clock, SI and world axes.
+#[derive(Debug, Clone)]
+pub struct Parts {
+    /// Identity of the recording.
+    pub id: String,
+    /// Distance of the captured frames, s.
+    pub step_s: f64,
+    /// Time of the first frame, s.
+    pub start_s: f64,
+    /// Measured position of the end effector's centre, m; NaN where missing.
+    pub measured_m: Vec<Vec3>,
+    /// Payload at each frame, kg.
+    pub payload_kg: Vec<f64>,
+    /// Commanded voltages of the three chains.
+    pub voltage: Voltage,
+    /// Measured voltages.
+    pub monitor: Option<Voltage>,
+    /// Stated clock offset, s; `None` lets it be estimated.
+    pub offset_s: Option<f64>,
+    /// State of the films at the first sample.
+    pub initial: InitialState,
+}
+
+/// Data that cannot become a dataset.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// Too little was captured.
+    #[error("recording `{id}`: {what}")]
+    TooShort {
+        /// Recording.
+        id: String,
+        /// What is missing.
+        what: String,
+    },
+    /// Voltage and motion share no time.
+    #[error(
+        "recording `{id}`: voltage and motion do not overlap in time: the motion runs from {motion_s:?} s, the voltage from {voltage_s:?} s on the motion clock (offset {offset_s} s); check [sync] offset_s"
+    )]
+    NoOverlap {
+        /// Recording.
+        id: String,
+        /// First and last frame, s.
+        motion_s: (f64, f64),
+        /// First and last voltage sample on the motion clock, s.
+        voltage_s: (f64, f64),
+        /// Offset used, s.
+        offset_s: f64,
+    },
+}
+
+/// Largest clock offset that is looked for, s, when a recording leaves it to be estimated.
+pub const OFFSET_SEARCH_S: f64 = 5.0;
+
+/// A gap is bridged while the smoothed position stays this well known, relative to its median uncertainty.
+const BRIDGE_LIMIT: f64 = 5.0;
+
+impl Dataset {
+    /// Smooths, masks and aligns. `plan` fixes choices that were made before.
+    ///
+    /// # Errors
+    /// [`Error::TooShort`] when fewer than 16 frames were captured, [`Error::NoOverlap`] when voltage and motion share no
+    /// time.
+    pub fn new(parts: Parts, plan: Option<&Plan>) -> Result<Self, Error> {
+        let axis = |k: usize| -> Result<SmoothedAxis, Error> {
+            let values: Vec<f64> = parts.measured_m.iter().map(|p| p[k]).collect();
+            let fixed = plan.and_then(|p| p.smoothing.get(k));
+            smooth_axis(
+                &values,
+                parts.step_s,
+                fixed.map(|f| f.order),
+                fixed.map(|f| f.cutoff_hz),
+            )
+            .map_err(|what| Error::TooShort {
+                id: parts.id.clone(),
+                what,
+            })
+        };
+        let (x, (y, z)) = rayon::join(|| axis(0), || rayon::join(|| axis(1), || axis(2)));
+        let axes = [x?, y?, z?];
+        let mut notes = Vec::new();
+        let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
+        let usable = bridged(&observed, &axes, parts.step_s, &mut notes);
+        let (offset_s, offset_source) = match (plan.and_then(|p| p.offset_s), parts.offset_s) {
+            (Some(fixed), _) => (fixed, OffsetSource::Stated),
+            (None, Some(stated)) => (stated, OffsetSource::Stated),
+            (None, None) => (
+                coarse_offset(
+                    &axes[2].position,
+                    parts.start_s,
+                    parts.step_s,
+                    &parts.voltage,
+                ),
+                OffsetSource::Free,
+            ),
+        };
+        let n = parts.measured_m.len();
+        let motion_s = (parts.start_s, parts.start_s + parts.step_s * (n - 1) as f64);
+        let (first, last) = parts.voltage.span_s();
+        let voltage_s = (first - offset_s, last - offset_s);
+        let shared = motion_s.1.min(voltage_s.1) - motion_s.0.max(voltage_s.0);
+        if shared < 1.0 {
+            return Err(Error::NoOverlap {
+                id: parts.id,
+                motion_s,
+                voltage_s,
+                offset_s,
+            });
+        }
+        let plan = Plan {
+            recording: parts.id.clone(),
+            smoothing: axes.iter().map(|a| SmoothingPlan::of(&a.choice)).collect(),
+            criterion: plan::CRITERION.into(),
+            offset_s: match offset_source {
+                OffsetSource::Stated => Some(offset_s),
+                OffsetSource::Free => None,
+            },
+        };
+        Ok(Dataset {
+            id: parts.id,
+            step_s: parts.step_s,
+            start_s: parts.start_s,
+            measured_m: parts.measured_m,
+            axes,
+            usable,
+            payload_kg: parts.payload_kg,
+            voltage: parts.voltage,
+            monitor: parts.monitor,
+            offset_s,
+            offset_source,
+            initial: parts.initial,
+            plan,
+            notes,
+        })
+    }
+
+    /// Number of frames.
+    pub fn samples(&self) -> usize {
+        self.measured_m.len()
+    }
+
+    /// Time of a frame on the motion clock, s.
+    pub fn time_s(&self, sample: usize) -> f64 {
+        self.start_s + self.step_s * sample as f64
+    }
+
+    /// Whether the frame was captured (not in a gap).
+    pub fn captured(&self, sample: usize) -> bool {
+        !self.measured_m[sample][0].is_nan()
+    }
+
+    /// Standard deviation of the capture noise of each axis, m.
+    pub fn noise_m(&self) -> Vec3 {
+        [0, 1, 2].map(|k| self.axes[k].choice.noise)
+    }
+
+    /// Commanded voltage of a chain (0 to 2) at a frame, V, with the clock offset `offset_s`.
+    pub fn command_v(&self, chain: usize, sample: usize, offset_s: f64) -> f64 {
+        self.voltage.at(chain, self.time_s(sample) + offset_s)
+    }
+
+    /// Whether the voltage is known at a frame, with the clock offset `offset_s`.
+    pub fn has_voltage(&self, sample: usize, offset_s: f64) -> bool {
+        let (first, last) = self.voltage.span_s();
+        let slack = 0.5 * self.step_s;
+        (first - slack..=last + slack).contains(&(self.time_s(sample) + offset_s))
+    }
+
+    /// The smoothed track.
+    pub fn track(&self) -> Track {
+        let row = |f: fn(&SmoothedAxis) -> &Vec<f64>| -> Vec<Vec3> {
+            let [x, y, z] = [f(&self.axes[0]), f(&self.axes[1]), f(&self.axes[2])];
+            (0..self.samples()).map(|i| [x[i], y[i], z[i]]).collect()
+        };
+        Track {
+            step_s: self.step_s,
+            position_m: row(|a| &a.position),
+            velocity_m_s: row(|a| &a.velocity),
+            acceleration_m_s2: row(|a| &a.acceleration),
+            payload_kg: self.payload_kg.clone(),
+            initial: self.initial,
+        }
+    }
+
+    /// A track drawn from what the capture leaves open: the smoothed one plus deviations of its uncertainty.
+    pub fn drawn_track(&self, generator: &mut impl Rng) -> Track {
+        let mut track = self.track();
+        for (k, axis) in self.axes.iter().enumerate() {
+            axis.draw_deviation(generator, |i, d| {
+                track.position_m[i][k] += d[0];
+                track.velocity_m_s[i][k] += d[1];
+                track.acceleration_m_s2[i][k] += d[2];
+            });
+        }
+        track
+    }
+
+    /// Runs of frames that were not captured: first frame and length.
+    pub fn gaps(&self) -> Vec<(usize, usize)> {
+        let observed: Vec<bool> = (0..self.samples()).map(|i| self.captured(i)).collect();
+        runs(&observed, false)
+    }
+}
+
+/// Runs of `value`: first index and length.
+fn runs(flags: &[bool], value: bool) -> Vec<(usize, usize)> {
+    let mut out: Vec<(usize, usize)> = Vec::new();
+    for (i, &flag) in flags.iter().enumerate() {
+        if flag != value {
+            continue;
+        }
+        match out.last_mut() {
+            Some((start, length)) if *start + *length == i => *length += 1,
+            _ => out.push((i, 1)),
+        }
+    }
+    out
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[sorted.len() / 2]
+}
+
+/// Which samples can be used, and a note on every gap that cannot be bridged.
+fn bridged(
+    observed: &[bool],
+    axes: &[SmoothedAxis; 3],
+    step_s: f64,
+    notes: &mut Vec<String>,
+) -> Vec<bool> {
+    let mut usable = observed.to_vec();
+    let limits = [0, 1, 2].map(|k| BRIDGE_LIMIT * median(&axes[k].position_sd));
+    for (start, length) in runs(observed, false) {
+        let within =
+            (start..start + length).all(|i| (0..3).all(|k| axes[k].position_sd[i] <= limits[k]));
+        let inside = start > 0 && start + length < observed.len();
+        if within && inside {
+            usable[start..start + length].fill(true);
+        } else {
+            notes.push(format!(
+                "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked",
+                length as f64 * step_s
+            ));
+        }
+    }
+    usable
+}
+
+/// The clock offset at which squared voltage and height agree best, to about a tenth of a second: where a fit begins.
+fn coarse_offset(height: &[f64], start_s: f64, step_s: f64, voltage: &Voltage) -> f64 {
+    let stride = (0.05 / step_s).round().max(1.0) as usize;
+    let step = stride as f64 * step_s;
+    let down: Vec<f64> = height.iter().step_by(stride).map(|h| -h).collect();
+    let n = down.len();
+    let channels = voltage.channels_v().len();
+    let (first, last) = voltage.span_s();
+    let reach = (OFFSET_SEARCH_S / step) as i64;
+    let mut best = (f64::NEG_INFINITY, 0.0);
+    // The clocks may begin anywhere: lags are counted from the stated zero, and from equal beginnings.
+    for base in [0.0, first - start_s] {
+        let push: Vec<f64> = (-reach..n as i64 + reach)
+            .map(|i| {
+                let t = start_s + base + i as f64 * step;
+                if t < first || t > last {
+                    return f64::NAN;
+                }
+                (0..channels).map(|k| voltage.at(k, t).powi(2)).sum()
+            })
+            .collect();
+        for lag in -reach..=reach {
+            let pairs = || {
+                down.iter().enumerate().filter_map(|(i, d)| {
+                    let p = push[(i as i64 + lag + reach) as usize];
+                    (!p.is_nan()).then_some((*d, p))
+                })
+            };
+            let count = pairs().count();
+            if count < n / 2 {
+                continue;
+            }
+            let m = count as f64;
+            let (mean_d, mean_p) = pairs().fold((0.0, 0.0), |s, (d, p)| (s.0 + d / m, s.1 + p / m));
+            let (dd, pp, dp) = pairs().fold((0.0, 0.0, 0.0), |s, (d, p)| {
+                let (d, p) = (d - mean_d, p - mean_p);
+                (s.0 + d * d, s.1 + p * p, s.2 + d * p)
+            });
+            let correlation = dp / (dd * pp).sqrt();
+            if correlation > best.0 {
+                best = (correlation, base + lag as f64 * step);
+            }
+        }
+    }
+    best.1
+}

@@ -3,27 +3,11 @@
 //! forearms.
 
 use super::{ForearmTorque, Parameters, Robot};
+use crate::dataset::Track;
+use crate::film::Locked;
 use crate::film::kernel::{History, LANES, Pass, Shape};
-use crate::film::{InitialState, Locked};
 use crate::kinematics::{ChainPose, OutOfReach, Vec3, dot};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
-
-/// Motion of the end effector's centre at equal distances in time, SI, world axes.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Track {
-    /// Distance of the samples, s.
-    pub step_s: f64,
-    /// Position, m.
-    pub position_m: Vec<Vec3>,
-    /// Velocity, m/s.
-    pub velocity_m_s: Vec<Vec3>,
-    /// Acceleration, m/s^2.
-    pub acceleration_m_s2: Vec<Vec3>,
-    /// Payload m_p at each sample, kg.
-    pub payload_kg: Vec<f64>,
-    /// State of the films at the first sample.
-    pub initial: InitialState,
-}
 
 /// A sample that the mechanism cannot follow, or at which the balance cannot be split into chains.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

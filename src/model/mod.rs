@@ -14,8 +14,9 @@
 mod forearm;
 mod mechanics;
 
+pub use crate::dataset::Track;
 pub use forearm::ForearmTorque;
-pub use mechanics::{ChainTrack, Contribution, Mechanics, Track, Unreachable};
+pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
 
 use crate::film::Film;
 use crate::kinematics::{Lozenge, Mechanism};

@@ -1,1 +1,3 @@
 //! The room `fit`.
+
+pub mod levenberg_marquardt;

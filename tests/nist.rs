@@ -7,7 +7,9 @@ use std::convert::Infallible;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use deacal::fit::levenberg_marquardt::{LeastSquares, Matrix, Options, Outcome, minimise};
+use deacal::fit::levenberg_marquardt::{
+    Differenced, Differences, LeastSquares, Matrix, Options, Outcome, minimise,
+};
 use num_dual::{Dual64, DualNum};
 
 /// One `.dat` file.
@@ -248,6 +250,89 @@ fn all_54_runs_are_solved() {
         sums / runs
     );
     assert_eq!(solved, 54);
-    assert!(parameters / runs >= 9.3);
-    assert!(deviations / runs >= 9.0);
+    // scipy with column scaling, 1e-15 and exact derivatives: 9.31 and 9.07; Ceres 9.4
+    assert!(parameters / runs >= 10.6);
+    assert!(deviations / runs >= 10.3);
+}
+
+/// The same problems for the crate `levenberg-marquardt`, a port of MINPACK.
+struct Rival<'a> {
+    problem: &'a Strd,
+    p: nalgebra::DVector<f64>,
+}
+
+impl levenberg_marquardt::LeastSquaresProblem<f64, nalgebra::Dyn, nalgebra::Dyn> for Rival<'_> {
+    type ResidualStorage = nalgebra::VecStorage<f64, nalgebra::Dyn, nalgebra::U1>;
+    type JacobianStorage = nalgebra::VecStorage<f64, nalgebra::Dyn, nalgebra::Dyn>;
+    type ParameterStorage = nalgebra::VecStorage<f64, nalgebra::Dyn, nalgebra::U1>;
+
+    fn set_params(&mut self, p: &nalgebra::DVector<f64>) {
+        self.p.copy_from(p);
+    }
+
+    fn params(&self) -> nalgebra::DVector<f64> {
+        self.p.clone()
+    }
+
+    fn residuals(&self) -> Option<nalgebra::DVector<f64>> {
+        let mut out = nalgebra::DVector::zeros(self.problem.residual_count());
+        LeastSquares::residuals(self.problem, self.p.as_slice(), out.as_mut_slice()).ok()?;
+        Some(out)
+    }
+
+    fn jacobian(&self) -> Option<Matrix> {
+        let mut out = Matrix::zeros(
+            self.problem.residual_count(),
+            self.problem.parameter_count(),
+        );
+        LeastSquares::jacobian(self.problem, self.p.as_slice(), &mut out).ok()?;
+        Some(out)
+    }
+}
+
+/// Two programs with nothing in common but the method meet in the same minimum, and ours is nowhere above.
+#[test]
+fn agrees_with_the_crate_levenberg_marquardt() {
+    for name in [
+        "Misra1a", "Chwirut2", "Gauss1", "Kirby2", "Thurber", "Rat43", "MGH09",
+    ] {
+        let problem = one(name);
+        let rival = Rival {
+            problem: &problem,
+            p: nalgebra::DVector::from_column_slice(&problem.starts[1]),
+        };
+        let (rival, report) = levenberg_marquardt::LevenbergMarquardt::new().minimize(rival);
+        assert!(report.termination.was_successful(), "{name}");
+        let outcome = fit(&problem, 1);
+        assert!(
+            digits(&outcome.parameters, rival.p.as_slice()) >= 5.5,
+            "{name}: {:?} {:?}",
+            outcome.parameters,
+            rival.p
+        );
+        assert!(
+            outcome.cost <= report.objective_function * (1.0 + 1e-12),
+            "{name}"
+        );
+    }
+}
+
+/// Ridders' and central differences in place of the exact derivatives.
+#[test]
+fn differences_reach_the_certified_digits() {
+    for (differences, least) in [(Differences::Ridders, 9.0), (Differences::Central, 6.0)] {
+        for name in ["Misra1a", "Gauss1", "Rat43", "Roszman1", "Eckerle4"] {
+            let exact = one(name);
+            let problem = Differenced {
+                parameter_count: exact.parameter_count(),
+                residual_count: exact.residual_count(),
+                residuals: |p: &[f64], out: &mut [f64]| exact.residuals(p, out),
+                differences,
+                bounds: vec![],
+            };
+            let outcome = minimise(&problem, &exact.starts[1], &Options::default()).unwrap();
+            let got = digits(&outcome.parameters, &exact.certified);
+            assert!(got >= least, "{name} {differences:?}: {got}");
+        }
+    }
 }

@@ -20,13 +20,14 @@
 //! One iteration solves the damped linear problem
 //!
 //! ```text
-//!     minimise over s   |S s + z|^2 + mu |D s|^2      (More 1978, eq. 2.4; Marquardt 1963)
+//!     minimise over s   |S s + z|^2 + mu |D s|^2      (Marquardt 1963; More 1978, sections 3 to 5)
 //! ```
 //!
-//! by Householder reflections with column pivoting of the stacked matrix `[S D^-1; sqrt(mu) I]`, never through the normal equations, whose
-//! condition number is the square. Parameters that the step would carry through a bound are put on it and the rest is solved
-//! again. The gain ratio moves the damping (Nielsen 1999, eq. 2.5). An evaluation that fails, or that gives a number that is not
-//! finite, is a rejected step.
+//! by Householder reflections with column pivoting of the stacked matrix `[S D^-1; sqrt(mu) I]`, never through the normal
+//! equations, whose condition number is the square. mu is the one that gives the step the length `|D s|` of the trust region, or 0 where the
+//! full step is shorter; how much of the predicted saving came true moves that radius. Parameters that the step would carry through a
+//! bound are put on it and the rest is solved again. An evaluation that fails, or that gives a number that is not finite, is a
+//! rejected step.
 //!
 //! A minimiser that compares costs cannot place the parameters better than about the square root of the machine precision, because the cost
 //! is flat at its minimum. Therefore a converged search is followed by a *polish*: full Gauss-Newton steps, each kept only if the next
@@ -68,9 +69,10 @@
 //!
 //! # Sources
 //!
-//! - J. J. More, The Levenberg-Marquardt algorithm: implementation and theory, Lecture Notes in Mathematics 630 (1978): scaling.
-//! - H. B. Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, Technical University of Denmark: the update of mu.
-//! - J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed. (2006), chapters 10 and 16.7: least squares, projection on a box.
+//! - J. J. More, The Levenberg-Marquardt algorithm: implementation and theory, Lecture Notes in Mathematics 630 (1978) 105:
+//!   scaling, radius.
+//! - J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed. (2006), chapters 4, 10 and 16.7: trust
+//!   regions, least squares, projection on a box.
 //! - D. M. Bates, D. G. Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23
 //!   (1981) 179: the test of convergence.
 //! - G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. (2013), 5.1 and 5.4: reflections, column pivoting.
@@ -129,8 +131,8 @@ pub struct Options {
     pub step_tolerance: f64,
     /// Converged when a step was expected to save, and saved, at most this share of the cost.
     pub cost_tolerance: f64,
-    /// Start of mu, relative to the scaled columns, which have length one.
-    pub initial_damping: f64,
+    /// The longest first step, as a share of the scaled length `|D p|` of the start (of one, where that is zero).
+    pub initial_radius: f64,
     /// The most Gauss-Newton steps of the polish; 0 leaves it out.
     pub polish_limit: usize,
 }
@@ -143,7 +145,7 @@ impl Default for Options {
             gradient_tolerance: 1e-10,
             step_tolerance: 1e-12,
             cost_tolerance: 1e-15,
-            initial_damping: 1e-3,
+            initial_radius: 1.0,
             polish_limit: 60,
         }
     }
@@ -326,8 +328,8 @@ pub struct State {
     /// D.
     scale: Vec<f64>,
     damping: f64,
-    /// Nielsen's nu: the factor of the next increase of mu.
-    growth: f64,
+    /// The longest step, `|D s|`, that the linear model is trusted with.
+    radius: f64,
     phase: Phase,
     /// What the search would say if the polish adds nothing.
     search_reason: StopReason,
@@ -358,9 +360,14 @@ impl State {
         self.cost
     }
 
-    /// mu, relative to scaled columns.
+    /// mu of the last step, relative to scaled columns; 0 for a full Gauss-Newton step.
     pub fn damping(&self) -> f64 {
         self.damping
+    }
+
+    /// The longest step, `|D s|`, that the linear model is trusted with.
+    pub fn radius(&self) -> f64 {
+        self.radius
     }
 
     /// The largest `|g_j|` of the free parameters.
@@ -699,8 +706,8 @@ pub fn begin<P: LeastSquares + ?Sized>(
         factor: vec![0.0; n * n],
         projected: vec![0.0; n],
         scale: vec![0.0; n],
-        damping: options.initial_damping,
-        growth: 2.0,
+        damping: 0.0,
+        radius: 0.0,
         phase: Phase::Search,
         search_reason: StopReason::Stalled,
         resting: vec![Resting::Free; n],
@@ -722,6 +729,8 @@ pub fn begin<P: LeastSquares + ?Sized>(
     match evaluated {
         Some((cost, linear)) => {
             move_to(&mut state, start.to_vec(), cost, linear, options);
+            let size = scaled_norm(&state.scale, start);
+            state.radius = options.initial_radius * if size > 0.0 { size } else { 1.0 };
             search_ends(&mut state, options);
         }
         None => state.stop = Some(StopReason::InitialPointFailed),
@@ -829,10 +838,10 @@ fn check(n: usize, m: usize, start: &[f64], options: &Options) -> Result<(), Mis
             });
         }
     }
-    if !(options.initial_damping > 0.0 && options.initial_damping.is_finite()) {
+    if !(options.initial_radius > 0.0 && options.initial_radius.is_finite()) {
         return Err(Misuse::OptionRange {
-            name: "initial_damping",
-            value: options.initial_damping,
+            name: "initial_radius",
+            value: options.initial_radius,
             must: "above 0 and finite",
         });
     }
@@ -978,6 +987,11 @@ fn search_step<P: LeastSquares + ?Sized>(
         return;
     }
     state.iterations += 1;
+    if state.radius < f64::MIN_POSITIVE {
+        end_search(state, StopReason::Stalled, options);
+        return;
+    }
+    state.damping = damping_for(state);
     let trial = damped_trial(state, options);
     let step: Vec<f64> = (trial.iter().zip(&state.parameters))
         .map(|(t, p)| t - p)
@@ -991,31 +1005,27 @@ fn search_step<P: LeastSquares + ?Sized>(
         end_search(state, StopReason::Stalled, options);
         return;
     }
-    let mut kept = false;
+    // what a rejected step leaves of the radius
+    let mut gain = 0.0;
     if predicted > 0.0
         && let Some(cost) = evaluate_residuals(problem, &trial, state, workspace)
     {
         let saved = state.cost - cost;
-        let gain = saved / predicted;
+        gain = saved / predicted;
         let before = state.cost;
         if saved > 0.0
             && gain > 1e-4
             && let Some(linear) = linearise(problem, &trial, state, workspace)
         {
-            kept = true;
             state.accepted_steps += 1;
+            state.radius = radius_after(gain, length, state);
             move_to(state, trial, cost, linear, options);
-            // mu max(1/3, 1 - (2 gain - 1)^3)  (Nielsen 1999, eq. 2.5)
-            state.damping *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0);
-            state.damping = state.damping.max(1e-30);
-            state.growth = 2.0;
             let little = options.cost_tolerance * before;
-            if search_ends(state, options) {
-                return;
-            }
-            if saved <= little && predicted <= little && gain <= 2.0 {
+            if !search_ends(state, options) && saved <= little && predicted <= little && gain <= 2.0
+            {
                 end_search(state, StopReason::ConvergedByCost, options);
             }
+            return;
         } else if saved.abs() <= options.cost_tolerance * before
             && 0.5 * state.newton_reach_squared() <= options.cost_tolerance * before
         {
@@ -1023,13 +1033,66 @@ fn search_step<P: LeastSquares + ?Sized>(
             return;
         }
     }
-    if !kept {
-        state.damping *= state.growth;
-        state.growth *= 2.0;
-        if !state.damping.is_finite() || !state.growth.is_finite() {
-            end_search(state, StopReason::Stalled, options);
+    state.radius = radius_after(gain.min(0.0), length, state);
+}
+
+/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978, section 7; Nocedal, Wright 2006, alg. 4.1).
+fn radius_after(gain: f64, length: f64, state: &State) -> f64 {
+    if gain < 0.25 {
+        (if gain <= 0.0 { 0.25 } else { 0.5 }) * length.min(state.radius)
+    } else if gain > 0.75 || state.damping == 0.0 {
+        state.radius.max(2.0 * length)
+    } else {
+        state.radius
+    }
+}
+
+/// mu with `|D s(mu)| = radius` to a tenth, or 0 where the full step is shorter (More 1978, section 5).
+///
+/// With `S_F D^-1 = U diag(sigma) V^T` and `c = U^T z`,  `|D s(mu)|^2 = sum (sigma_i c_i / (sigma_i^2 + mu))^2`  falls in mu.
+fn damping_for(state: &State) -> f64 {
+    let n = state.parameters.len();
+    let free = free_of(&state.resting);
+    let radius = state.radius;
+    if free.is_empty() || state.newton_length <= 1.1 * radius {
+        return 0.0;
+    }
+    let scaled = scaled_columns(&state.factor, n, &free, &state.scale);
+    let a = Matrix::from_vec(n, free.len(), scaled);
+    let Some(svd) = a.try_svd(true, false, f64::EPSILON, 10_000) else {
+        return state.damping.max(1e-3) * 4.0;
+    };
+    let Some(u) = &svd.u else {
+        return state.damping.max(1e-3) * 4.0;
+    };
+    let parts: Vec<(f64, f64)> = (svd.singular_values.iter().enumerate())
+        .map(|(i, sigma)| (*sigma, dot(u.column(i).as_slice(), &state.projected)))
+        .collect();
+    let length = |mu: f64| {
+        let shares: Vec<f64> = parts.iter().map(|(s, c)| s * c / (s * s + mu)).collect();
+        norm(&shares)
+    };
+    // |D s(mu)| <= |S_F^T z| / mu
+    let steepest: Vec<f64> = parts.iter().map(|(s, c)| s * c).collect();
+    let (mut low, mut high): (f64, f64) = (0.0, (norm(&steepest) / radius).min(f64::MAX));
+    let mut mu = high;
+    for _ in 0..200 {
+        mu = if low > 0.0 {
+            low.sqrt() * high.sqrt()
+        } else {
+            high * 1e-3
+        };
+        let here = length(mu);
+        if (here - radius).abs() <= 0.1 * radius || mu < 1e-300 {
+            break;
+        }
+        if here > radius {
+            low = mu;
+        } else {
+            high = mu;
         }
     }
+    mu
 }
 
 impl State {

@@ -5,10 +5,12 @@
 
 use std::convert::Infallible;
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use deacal::fit::levenberg_marquardt::{
-    Differenced, Differences, LeastSquares, Matrix, Options, Outcome, minimise,
+    Differenced, Differences, LeastSquares, Matrix, NoCovariance, Options, Outcome, Resting,
+    StopReason, minimise, minimise_watched,
 };
 use num_dual::{Dual64, DualNum};
 
@@ -335,4 +337,329 @@ fn differences_reach_the_certified_digits() {
             assert!(got >= least, "{name} {differences:?}: {got}");
         }
     }
+}
+
+/// A problem made of closures with derivatives, for the small cases below.
+struct Small<R, J> {
+    n: usize,
+    m: usize,
+    r: R,
+    j: J,
+}
+
+impl<R, J> LeastSquares for Small<R, J>
+where
+    R: Fn(&[f64], &mut [f64]) -> Result<(), String>,
+    J: Fn(&[f64], &mut Matrix),
+{
+    type Error = String;
+
+    fn parameter_count(&self) -> usize {
+        self.n
+    }
+
+    fn residual_count(&self) -> usize {
+        self.m
+    }
+
+    fn residuals(&self, p: &[f64], out: &mut [f64]) -> Result<(), String> {
+        (self.r)(p, out)
+    }
+
+    fn jacobian(&self, p: &[f64], out: &mut Matrix) -> Result<(), String> {
+        (self.j)(p, out);
+        Ok(())
+    }
+}
+
+/// r = A p - b with correlated columns: its unbounded minimum is (2, -1), and with p_1 >= 0.5 it is p_0 = 7/5 by hand:
+/// A^T A = [[5, 2], [2, 1]], A^T b = (8, 3), 5 p_0 = 8 - 2 p_1.
+fn line() -> impl LeastSquares<Error = String> {
+    Small {
+        n: 2,
+        m: 2,
+        r: |p: &[f64], out: &mut [f64]| {
+            out[0] = p[0] - 2.0;
+            out[1] = 2.0 * p[0] + p[1] - 3.0;
+            Ok(())
+        },
+        j: |_: &[f64], out: &mut Matrix| {
+            out[(0, 0)] = 1.0;
+            out[(0, 1)] = 0.0;
+            out[(1, 0)] = 2.0;
+            out[(1, 1)] = 1.0;
+        },
+    }
+}
+
+fn bounded(bounds: &[[f64; 2]]) -> Options {
+    Options {
+        bounds: bounds.to_vec(),
+        ..Options::default()
+    }
+}
+
+const OPEN: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+#[test]
+fn a_minimum_on_a_bound_is_found_and_said() {
+    let free = minimise(&line(), &[5.0, 5.0], &Options::default()).unwrap();
+    assert!((free.parameters[0] - 2.0).abs() < 1e-14 && (free.parameters[1] + 1.0).abs() < 1e-14);
+    assert_eq!(free.resting, [Resting::Free, Resting::Free]);
+
+    for start in [[5.0, 5.0], [-30.0, 0.5], [1.4, 0.5], [1e6, 1e3]] {
+        let held = minimise(&line(), &start, &bounded(&[OPEN, [0.5, f64::INFINITY]])).unwrap();
+        assert!(held.reason.converged(), "{}", held.reason);
+        assert!((held.parameters[0] - 1.4).abs() < 1e-14, "{held:?}");
+        assert_eq!(held.parameters[1], 0.5);
+        assert_eq!(held.resting, [Resting::Free, Resting::Lower]);
+        // of the free one alone: 1/5; of the one at rest nothing is known
+        let covariance = held.covariance_unscaled().unwrap();
+        assert!((covariance[(0, 0)] - 0.2).abs() < 1e-15);
+        assert!(covariance[(1, 1)].is_nan() && covariance[(0, 1)].is_nan());
+    }
+
+    let fixed = minimise(&line(), &[3.0, -2.0], &bounded(&[[3.0, 3.0], OPEN])).unwrap();
+    assert!(fixed.reason.converged());
+    assert_eq!(fixed.parameters[0], 3.0);
+    assert!((fixed.parameters[1] + 3.0).abs() < 1e-14);
+    assert_eq!(fixed.resting, [Resting::Fixed, Resting::Free]);
+
+    // every parameter in a corner
+    let corner = minimise(&line(), &[0.0, 0.0], &bounded(&[[-1.0, 1.0], [-9.0, 0.5]])).unwrap();
+    assert!(corner.reason.converged(), "{}", corner.reason);
+    assert_eq!(corner.parameters, [1.0, 0.5]);
+    assert_eq!(corner.resting, [Resting::Upper, Resting::Upper]);
+}
+
+/// With bounds that exclude the certified value, the fit agrees with one in which that parameter is held there.
+#[test]
+fn a_nonlinear_minimum_on_a_bound_equals_the_fit_with_that_parameter_fixed() {
+    let problem = one("Rat43");
+    let mut bounds = vec![OPEN; 4];
+    bounds[3] = [1.4, 10.0];
+    let held = minimise(&problem, &[100.0, 10.0, 1.0, 1.5], &bounded(&bounds)).unwrap();
+    bounds[3] = [1.4, 1.4];
+    let fixed = minimise(&problem, &[700.0, 5.0, 0.75, 1.4], &bounded(&bounds)).unwrap();
+    assert_eq!(held.resting[3], Resting::Lower);
+    assert!(digits(&held.parameters, &fixed.parameters) >= 10.0);
+    assert!(held.cost > fit(&problem, 0).cost);
+
+    // bounds that do not bind change nothing about the minimum
+    let wide = vec![[1e-3, 1e4]; 4];
+    let inside = minimise(&problem, &problem.starts[0], &bounded(&wide)).unwrap();
+    assert!(digits(&inside.parameters, &problem.certified) >= 10.0);
+    assert!(inside.resting.iter().all(|r| *r == Resting::Free));
+}
+
+#[test]
+fn failed_evaluations_are_counted_and_survived() {
+    // ln p fails at p <= 0, where the first full step leads
+    let logarithm = |fails: fn(f64) -> Result<f64, String>| Small {
+        n: 1,
+        m: 1,
+        r: move |p: &[f64], out: &mut [f64]| {
+            out[0] = fails(p[0])?;
+            Ok(())
+        },
+        j: |p: &[f64], out: &mut Matrix| out[(0, 0)] = 1.0 / p[0],
+    };
+    let far = Options {
+        initial_radius: 100.0,
+        ..Options::default()
+    };
+    let said: fn(f64) -> Result<f64, String> = |p| {
+        if p > 0.0 {
+            Ok(p.ln())
+        } else {
+            Err(format!("no logarithm of {p}"))
+        }
+    };
+    let silent: fn(f64) -> Result<f64, String> = |p| Ok(p.ln());
+    for (kind, words) in [(said, "no logarithm of -"), (silent, "residual 0 is NaN")] {
+        let outcome = minimise(&logarithm(kind), &[10.0], &far).unwrap();
+        assert!(outcome.reason.converged());
+        assert!((outcome.parameters[0] - 1.0).abs() < 1e-15);
+        assert!(outcome.failed_evaluations > 0);
+        let failure = outcome.last_failure.unwrap();
+        assert!(failure.message.starts_with(words), "{}", failure.message);
+        assert!(failure.parameters[0] < 0.0);
+
+        let never = minimise(&logarithm(kind), &[-1.0], &far).unwrap();
+        assert_eq!(never.reason, StopReason::InitialPointFailed);
+        assert_eq!(never.parameters, [-1.0]);
+        assert_eq!(never.failed_evaluations, 1);
+        assert_eq!(never.covariance_unscaled(), Err(NoCovariance::NoJacobian));
+        assert!(never.scaled_singular_values().is_empty());
+    }
+}
+
+/// No number that a model may give makes the solver panic or run on.
+#[test]
+fn strange_numbers_end_in_an_outcome() {
+    let strange = [
+        0.0,
+        -0.0,
+        1.0,
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        f64::MIN_POSITIVE,
+        5e-324,
+        1e160,
+        1e-160,
+        1e300,
+    ];
+    let quick = Options {
+        iteration_limit: 50,
+        ..Options::default()
+    };
+    let mut outcomes = 0;
+    for a in strange {
+        for b in strange {
+            for scale in strange {
+                let problem = Small {
+                    n: 2,
+                    m: 3,
+                    r: |p: &[f64], out: &mut [f64]| {
+                        out.copy_from_slice(&[scale * (p[0] - 1.0), a, b * p[1]]);
+                        Ok(())
+                    },
+                    j: |p: &[f64], out: &mut Matrix| {
+                        out.copy_from_slice(&[scale, a, b, p[0], b, a * scale]);
+                    },
+                };
+                for options in [
+                    quick.clone(),
+                    Options {
+                        bounds: vec![[-1e300, 1e300], [0.0, 3.0]],
+                        ..quick.clone()
+                    },
+                ] {
+                    let outcome = minimise(&problem, &[0.5, 2.0], &options).unwrap();
+                    assert!(outcome.parameters.iter().all(|p| p.is_finite()));
+                    let _ = outcome.covariance_scaled_by_residual_variance();
+                    let _ = outcome.scaled_singular_values();
+                    outcomes += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(outcomes, 2 * strange.len().pow(3));
+}
+
+#[test]
+fn misuse_is_an_error_and_says_where() {
+    let said = |start: &[f64], options: &Options| {
+        minimise(&line(), start, options).unwrap_err().to_string()
+    };
+    let plain = Options::default();
+    assert_eq!(said(&[1.0], &plain), "start: 1 values for 2 parameters");
+    assert_eq!(
+        said(&[1.0, f64::NAN], &plain),
+        "parameter 1 starts at NaN, which is not finite"
+    );
+    assert_eq!(
+        said(&[1.0, 2.0], &bounded(&[OPEN])),
+        "bounds: 1 values for 2 parameters"
+    );
+    assert_eq!(
+        said(&[1.0, 2.0], &bounded(&[OPEN, [3.0, 4.0]])),
+        "parameter 1 starts at 2, outside its bounds 3 to 4"
+    );
+    for wrong in [
+        [2.0, 1.0],
+        [f64::NAN, 1.0],
+        [0.0, f64::NAN],
+        [f64::INFINITY; 2],
+    ] {
+        assert!(
+            said(&[1.0, 2.0], &bounded(&[wrong, OPEN])).starts_with("the bounds of parameter 0")
+        );
+    }
+    let negative = Options {
+        step_tolerance: -1.0,
+        ..Options::default()
+    };
+    assert!(said(&[1.0, 2.0], &negative).contains("step_tolerance"));
+    let radius = Options {
+        initial_radius: f64::NAN,
+        ..Options::default()
+    };
+    assert!(said(&[1.0, 2.0], &radius).contains("initial_radius"));
+}
+
+#[test]
+fn limit_and_stop_are_outcomes_that_keep_what_was_found() {
+    let problem = one("MGH17");
+    let short = Options {
+        iteration_limit: 5,
+        ..Options::default()
+    };
+    let outcome = minimise(&problem, &problem.starts[0], &short).unwrap();
+    assert_eq!(outcome.reason, StopReason::IterationLimit);
+    assert!(!outcome.reason.converged());
+    assert_eq!(outcome.iterations, 5);
+    let mut shown = vec![];
+    let stopped = minimise_watched(&problem, &problem.starts[0], &Options::default(), |state| {
+        shown.push(state.cost());
+        if shown.len() > 7 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })
+    .unwrap();
+    assert_eq!(stopped.reason, StopReason::StoppedByUser);
+    assert_eq!(stopped.iterations, 7);
+    assert_eq!(stopped.cost, *shown.last().unwrap());
+    assert!(stopped.cost < shown[0]);
+    // the search never climbs
+    assert!(shown.windows(2).all(|w| w[1] <= w[0]));
+}
+
+/// Two parameters that only their sum: one direction is open, and the covariance says which, instead of a number.
+#[test]
+fn what_the_residuals_do_not_see_is_said() {
+    let sum = Small {
+        n: 2,
+        m: 3,
+        r: |p: &[f64], out: &mut [f64]| {
+            for (i, r) in out.iter_mut().enumerate() {
+                *r = (p[0] + p[1]) * (i as f64 + 1.0) - 4.0 * (i as f64) - 3.0;
+            }
+            Ok(())
+        },
+        j: |_: &[f64], out: &mut Matrix| {
+            for i in 0..3 {
+                out[(i, 0)] = i as f64 + 1.0;
+                out[(i, 1)] = i as f64 + 1.0;
+            }
+        },
+    };
+    let outcome = minimise(&sum, &[1.0, 0.0], &Options::default()).unwrap();
+    assert!(outcome.reason.converged());
+    // sum (i+1)(4i+3) / sum (i+1)^2 = (3 + 14 + 33) / 14
+    assert!((outcome.parameters[0] + outcome.parameters[1] - 50.0 / 14.0).abs() < 1e-13);
+    let values = outcome.scaled_singular_values();
+    assert!((values[0] - 2f64.sqrt()).abs() < 1e-14 && values[1] < 1e-14);
+    assert!(matches!(
+        outcome.covariance_unscaled(),
+        Err(NoCovariance::RankDeficient {
+            rank: 1,
+            free: 2,
+            ..
+        })
+    ));
+    // two residuals for two parameters: the unscaled covariance exists, the scaled one cannot
+    let exact = minimise(&line(), &[0.0, 0.0], &Options::default()).unwrap();
+    assert!(exact.covariance_unscaled().is_ok());
+    assert_eq!(
+        exact.covariance_scaled_by_residual_variance(),
+        Err(NoCovariance::NoFreedom {
+            residuals: 2,
+            free: 2
+        })
+    );
 }

@@ -781,7 +781,7 @@ pub fn finish<P: LeastSquares + ?Sized>(problem: &P, state: &State) -> Outcome {
     }
 }
 
-fn check(n: usize, m: usize, start: &[f64], options: &Options) -> Result<(), Misuse> {
+pub(crate) fn check(n: usize, m: usize, start: &[f64], options: &Options) -> Result<(), Misuse> {
     if n == 0 || m == 0 {
         return Err(Misuse::Empty {
             parameters: n,

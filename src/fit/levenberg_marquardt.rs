@@ -117,6 +117,26 @@ pub trait LeastSquares {
     fn jacobian(&self, parameters: &[f64], out: &mut Matrix) -> Result<(), Self::Error>;
 }
 
+impl<P: LeastSquares + ?Sized> LeastSquares for &P {
+    type Error = P::Error;
+
+    fn parameter_count(&self) -> usize {
+        (**self).parameter_count()
+    }
+
+    fn residual_count(&self) -> usize {
+        (**self).residual_count()
+    }
+
+    fn residuals(&self, parameters: &[f64], out: &mut [f64]) -> Result<(), Self::Error> {
+        (**self).residuals(parameters, out)
+    }
+
+    fn jacobian(&self, parameters: &[f64], out: &mut Matrix) -> Result<(), Self::Error> {
+        (**self).jacobian(parameters, out)
+    }
+}
+
 /// What a search may be told. The defaults suit exact derivatives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Options {
@@ -451,7 +471,8 @@ impl Workspace {
     }
 }
 
-/// What a fit gave.
+/// What a fit gave. Where the start could not be evaluated, cost, gradient and offset are infinite; formats without
+/// infinities (JSON) write them as null.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// The parameters, n: the best that were found, whatever the reason.
@@ -943,21 +964,21 @@ fn move_to(state: &mut State, parameters: Vec<f64>, cost: f64, linear: Linear, o
     state.projected = linear.projected;
     let norms = column_norms(&state.factor, n);
     for (scale, norm) in state.scale.iter_mut().zip(&norms) {
-        // D_j never falls (More 1978, eq. 6.3)
+        // D_j never falls (More 1978, section 6)
         *scale = scale.max(*norm);
     }
     // g = S^T z
     let gradient: Vec<f64> = (0..n)
         .map(|j| dot(&state.factor[j * n..(j + 1) * n], &state.projected))
         .collect();
-    for j in 0..n {
+    for (j, g) in gradient.iter().enumerate() {
         let [lower, upper] = bound(options, j);
         let p = state.parameters[j];
         state.resting[j] = if lower == upper {
             Resting::Fixed
-        } else if p <= lower && gradient[j] > 0.0 {
+        } else if p <= lower && *g > 0.0 {
             Resting::Lower
-        } else if p >= upper && gradient[j] < 0.0 {
+        } else if p >= upper && *g < 0.0 {
             Resting::Upper
         } else {
             Resting::Free
@@ -1036,7 +1057,7 @@ fn search_step<P: LeastSquares + ?Sized>(
     state.radius = radius_after(gain.min(0.0), length, state);
 }
 
-/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978, section 7; Nocedal, Wright 2006, alg. 4.1).
+/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978, section 4; Nocedal, Wright 2006, algorithm 4.1).
 fn radius_after(gain: f64, length: f64, state: &State) -> f64 {
     if gain < 0.25 {
         (if gain <= 0.0 { 0.25 } else { 0.5 }) * length.min(state.radius)
@@ -1127,7 +1148,10 @@ fn convergence(state: &State, options: &Options) -> Option<StopReason> {
 /// From search to polish, or to the end.
 fn end_search(state: &mut State, reason: StopReason, options: &Options) {
     state.search_reason = reason;
-    if options.polish_limit > 0 && state.newton_length > 0.0 && state.cost > 0.0 {
+    // a full step that is long, or longer than the model is trusted, leads along what the residuals hardly see
+    let near = 1e-2 * scaled_norm(&state.scale, &state.parameters);
+    let trusted = state.newton_length <= near.max(state.radius);
+    if options.polish_limit > 0 && trusted && state.newton_length > 0.0 && state.cost > 0.0 {
         state.phase = Phase::Polish;
     } else {
         state.stop = Some(reason);
@@ -1184,28 +1208,12 @@ fn polish_step<P: LeastSquares + ?Sized>(
 fn damped_trial(state: &State, options: &Options) -> Vec<f64> {
     let n = state.parameters.len();
     let mut free = free_of(&state.resting);
-    let mut step = vec![0.0; n];
     let mut target = state.parameters.clone();
     // rhs = z + S_A s_A
     let mut rhs = state.projected.clone();
     while !free.is_empty() {
-        let k = free.len();
-        let rows = n + k;
-        // [S_F D^-1; sqrt(mu) I] u = -[rhs; 0],  s = D^-1 u
-        let scale: Vec<f64> = state.scale.clone();
-        let stacked = scaled_columns(&state.factor, n, &free, &scale);
-        let mut a = vec![0.0; rows * k];
-        for c in 0..k {
-            a[c * rows..c * rows + n].copy_from_slice(&stacked[c * n..(c + 1) * n]);
-            a[c * rows + n + c] = state.damping.sqrt();
-        }
-        let mut b = rhs.clone();
-        b.resize(rows, 0.0);
-        let pivots = triangularise(&mut a, rows, k, &mut b, true);
-        let solved = back_substitute(&a, rows, k, &b);
-        for (c, value) in pivots.iter().zip(&solved) {
-            let j = free[*c];
-            step[j] = -value / divisor(scale[j]);
+        let step = damped_solution(state, &free, &rhs);
+        for &j in &free {
             target[j] = state.parameters[j] + step[j];
         }
         let passing: Vec<usize> = (free.iter().copied())
@@ -1228,6 +1236,33 @@ fn damped_trial(state: &State, options: &Options) -> Vec<f64> {
         free.retain(|j| !passing.contains(j));
     }
     target
+}
+
+/// s of  `minimise |S_F s_F + rhs|^2 + mu |D s_F|^2`, n values, 0 for those that are not free.
+fn damped_solution(state: &State, free: &[usize], rhs: &[f64]) -> Vec<f64> {
+    let (n, k) = (state.parameters.len(), free.len());
+    if state.damping == 0.0 {
+        let norms = column_norms(&state.factor, n);
+        return gauss_newton(&state.factor, n, free, &norms, rhs).0;
+    }
+    let rows = n + k;
+    // [S_F D^-1; sqrt(mu) I] u = -[rhs; 0],  s = D^-1 u
+    let scaled = scaled_columns(&state.factor, n, free, &state.scale);
+    let mut a = vec![0.0; rows * k];
+    for c in 0..k {
+        a[c * rows..c * rows + n].copy_from_slice(&scaled[c * n..(c + 1) * n]);
+        a[c * rows + n + c] = state.damping.sqrt();
+    }
+    let mut b = rhs.to_vec();
+    b.resize(rows, 0.0);
+    let pivots = triangularise(&mut a, rows, k, &mut b, true);
+    let solved = back_substitute(&a, rows, k, &b);
+    let mut step = vec![0.0; n];
+    for (c, value) in pivots.iter().zip(&solved) {
+        let j = free[*c];
+        step[j] = -value / divisor(state.scale[j]);
+    }
+    step
 }
 
 /// The undamped step over the `free` parameters (0 elsewhere) and the length of z within their plane. Directions lost in rounding get
@@ -1394,7 +1429,8 @@ fn rank_of(r: &[f64], rows: usize, cols: usize) -> usize {
     if count == 0 {
         return 0;
     }
-    let least = f64::EPSILON * cols as f64 * diagonal(0);
+    // what the reflections of J leave in an empty place is a few roundings of its first column
+    let least = 10.0 * f64::EPSILON * cols as f64 * diagonal(0);
     (0..count).take_while(|&c| diagonal(c) > least).count()
 }
 
@@ -1460,13 +1496,13 @@ where
 
     fn jacobian(&self, parameters: &[f64], out: &mut Matrix) -> Result<(), E> {
         let mut at = parameters.to_vec();
-        for j in 0..parameters.len() {
+        for (j, p) in parameters.iter().enumerate() {
             let [lower, upper] =
                 (self.bounds.get(j).copied()).unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
             let column = match self.differences {
                 Differences::Central => {
                     // eps^(1/3): rounding and curvature weigh the same
-                    let h = f64::EPSILON.cbrt() * size_of_parameter(parameters[j]);
+                    let h = f64::EPSILON.cbrt() * size_of_parameter(*p);
                     self.difference(&mut at, j, h, lower, upper)?
                 }
                 Differences::Ridders => self.ridders(&mut at, j, lower, upper)?,
@@ -1578,6 +1614,82 @@ where
             self.difference(at, j, h.min(upper - p), p, upper)
         } else {
             self.difference(at, j, h.min(p - lower), lower, p)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `[[1, 4], [2, 5], [3, 6], [4, 9]]`, column after column.
+    const TALL: [f64; 8] = [1.0, 2.0, 3.0, 4.0, 4.0, 5.0, 6.0, 9.0];
+
+    #[test]
+    fn reflections_keep_the_gram_matrix_and_solve() {
+        for pivot in [false, true] {
+            let mut a = TALL;
+            // b = A (2, -1), so that the solution is known
+            let mut b = [-2.0, -1.0, 0.0, -1.0];
+            let order = triangularise(&mut a, 4, 2, &mut b, pivot);
+            assert_eq!(order, if pivot { [1, 0] } else { [0, 1] });
+            // R^T R = A^T A
+            assert!((a[0] * a[0] - if pivot { 158.0 } else { 30.0 }).abs() < 1e-12);
+            assert!((a[0] * a[4] - 68.0).abs() < 1e-12);
+            let x = back_substitute(&a, 4, 2, &b);
+            assert!((x[order[0]] - 2.0).abs() < 1e-14);
+            assert!((x[order[1]] + 1.0).abs() < 1e-14);
+            assert!(norm(&b[2..]) < 1e-14);
+        }
+    }
+
+    #[test]
+    fn lengths_survive_the_ends_of_the_range() {
+        assert!((norm(&[3e200, 4e200]) / 5e200 - 1.0).abs() < 1e-15);
+        assert!((norm(&[3e-200, 4e-200]) / 5e-200 - 1.0).abs() < 1e-15);
+        assert_eq!(norm(&[0.0, -0.0]), 0.0);
+        assert_eq!(norm(&[]), 0.0);
+        let many: Vec<f64> = (0..37).map(|i| i as f64).collect();
+        assert_eq!(dot(&many, &many), 16206.0);
+    }
+
+    /// Differences against the derivative by hand, inside the bounds and on them, where one side is closed.
+    #[test]
+    fn differences_agree_with_the_derivative_and_stay_within_bounds() {
+        for (differences, inside, on_bound) in [
+            (Differences::Central, 1e-9, 1e-8),
+            (Differences::Ridders, 1e-12, 1e-9),
+        ] {
+            let problem = Differenced {
+                parameter_count: 2,
+                residual_count: 2,
+                residuals: |p: &[f64], out: &mut [f64]| {
+                    if !(0.5..=2.0).contains(&p[0]) {
+                        return Err(format!("{} is outside", p[0]));
+                    }
+                    out[0] = p[0].exp() * p[1].sin();
+                    out[1] = p[0].ln();
+                    Ok(())
+                },
+                differences,
+                bounds: vec![[0.5, 2.0], [f64::NEG_INFINITY, f64::INFINITY]],
+            };
+            for (x, tolerance) in [(1.3, inside), (0.5, on_bound), (2.0, on_bound)] {
+                for y in [0.7, 0.0, -4.0] {
+                    let mut j = Matrix::zeros(2, 2);
+                    problem.jacobian(&[x, y], &mut j).unwrap();
+                    let exact = [[x.exp() * y.sin(), x.exp() * y.cos()], [1.0 / x, 0.0]];
+                    for (row, values) in exact.iter().enumerate() {
+                        for (column, value) in values.iter().enumerate() {
+                            let error = (j[(row, column)] - value).abs();
+                            assert!(
+                                error <= tolerance * x.exp(),
+                                "{differences:?} ({row}, {column}) at {x}, {y}: off by {error}"
+                            );
+                        }
+                    }
+                }
+            }
         }
     }
 }

@@ -273,11 +273,12 @@ impl Constants {
 #[derive(Clone, Debug)]
 struct State([[f64; LANES]; 13]);
 
-/// Stress over modulus of the lanes and its tangents.
-struct Stress<V> {
-    s: [V; 2],
-    s_t: [V; 2],
-    s_j: [V; 2],
+/// A pair of quantities (directions 1, 2) with tangents with respect to ln T and ln J.
+#[derive(Clone, Copy)]
+struct Tangent<V> {
+    value: [V; 2],
+    d_t: [V; 2],
+    d_j: [V; 2],
 }
 
 /// One block of nodes through one pack of lanes.
@@ -298,6 +299,14 @@ struct Block<'a> {
 #[inline(always)]
 fn load<S: Simd>(lanes: &[f64; LANES], at: usize) -> S::f64s {
     S::as_simd_f64s(&lanes[at..at + S::F64_LANES]).0[0]
+}
+
+#[inline(always)]
+fn pair<S: Simd>(state: &State, at: usize, group: usize) -> [S::f64s; 2] {
+    [
+        load::<S>(&state.0[at], group),
+        load::<S>(&state.0[at + 1], group),
+    ]
 }
 
 impl WithSimd for Block<'_> {
@@ -338,6 +347,158 @@ impl WithSimd for Block<'_> {
     }
 }
 
+/// Arithmetic on the lanes of one group. Everything here must be inlined into the function that was compiled for the machine's
+/// vectors; a closure that is not would run without them.
+#[derive(Clone, Copy)]
+struct Group<S: Simd> {
+    simd: S,
+    one: S::f64s,
+    two: S::f64s,
+    three: S::f64s,
+    inverse_j: S::f64s,
+    one_three_j: S::f64s,
+    rate: S::f64s,
+    third: S::f64s,
+}
+
+impl<S: Simd> Group<S> {
+    #[inline(always)]
+    fn splat(self, v: f64) -> S::f64s {
+        self.simd.splat_f64s(v)
+    }
+    #[inline(always)]
+    fn add(self, a: S::f64s, b: S::f64s) -> S::f64s {
+        self.simd.add_f64s(a, b)
+    }
+    #[inline(always)]
+    fn sub(self, a: S::f64s, b: S::f64s) -> S::f64s {
+        self.simd.sub_f64s(a, b)
+    }
+    #[inline(always)]
+    fn mul(self, a: S::f64s, b: S::f64s) -> S::f64s {
+        self.simd.mul_f64s(a, b)
+    }
+    /// a b + c
+    #[inline(always)]
+    fn fma(self, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+        self.simd.mul_add_e_f64s(a, b, c)
+    }
+    /// c - a b
+    #[inline(always)]
+    fn fnma(self, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+        self.simd.negate_mul_add_e_f64s(a, b, c)
+    }
+
+    /// Gent stress over modulus with its tangents, and A B D.
+    #[inline(always)]
+    fn stress(self, x: &Tangent<S::f64s>, lambda_squared: [f64; 2]) -> (Tangent<S::f64s>, S::f64s) {
+        let l = [self.splat(lambda_squared[0]), self.splat(lambda_squared[1])];
+        let [a, b] = [self.mul(l[0], x.value[0]), self.mul(l[1], x.value[1])];
+        let d_t = [self.mul(l[0], x.d_t[0]), self.mul(l[1], x.d_t[1])];
+        let d_j = [self.mul(l[0], x.d_j[0]), self.mul(l[1], x.d_j[1])];
+        let ab = self.mul(a, b);
+        // A B D = A B (1 + 3/J) - (A B (A + B) + 1)/J
+        let third_invariant = self.fma(ab, self.add(a, b), self.one);
+        let q = self.fnma(
+            self.inverse_j,
+            third_invariant,
+            self.mul(ab, self.one_three_j),
+        );
+        let inverse = self.simd.div_f64s(self.one, self.mul(ab, q));
+        let c = self.mul(q, inverse);
+        let inverse_d = self.mul(self.mul(ab, ab), inverse);
+        let s = [
+            self.mul(self.sub(a, c), inverse_d),
+            self.mul(self.sub(b, c), inverse_d),
+        ];
+        // (A + B + C - 3)/J = 1 - D
+        let stretched = self.mul(
+            self.inverse_j,
+            self.sub(self.add(self.add(a, b), c), self.three),
+        );
+        let c2 = self.mul(c, c);
+        let s_t = self.stress_tangent(d_t, a, b, c2, s, inverse_d);
+        let s_j = self.stress_tangent(d_j, a, b, c2, s, inverse_d);
+        // dD/d ln J has the explicit part 1 - D
+        let explicit = self.mul(stretched, inverse_d);
+        let s_j = [
+            self.fnma(s[0], explicit, s_j[0]),
+            self.fnma(s[1], explicit, s_j[1]),
+        ];
+        (
+            Tangent {
+                value: s,
+                d_t: s_t,
+                d_j: s_j,
+            },
+            q,
+        )
+    }
+
+    /// ds_i = (dX_i - dC - s_i dD)/D with dC = -C^2 (B dA + A dB), dD = -(dA + dB + dC)/J.
+    #[inline(always)]
+    fn stress_tangent(
+        self,
+        d: [S::f64s; 2],
+        a: S::f64s,
+        b: S::f64s,
+        c2: S::f64s,
+        s: [S::f64s; 2],
+        inverse_d: S::f64s,
+    ) -> [S::f64s; 2] {
+        let minus_d_c = self.mul(c2, self.fma(b, d[0], self.mul(a, d[1])));
+        let minus_d_d = self.mul(self.inverse_j, self.sub(self.add(d[0], d[1]), minus_d_c));
+        [
+            self.mul(
+                self.fma(s[0], minus_d_d, self.add(d[0], minus_d_c)),
+                inverse_d,
+            ),
+            self.mul(
+                self.fma(s[1], minus_d_d, self.add(d[1], minus_d_c)),
+                inverse_d,
+            ),
+        ]
+    }
+
+    /// N and its tangents.
+    #[inline(always)]
+    fn remainder(
+        self,
+        x: &Tangent<S::f64s>,
+        f: &Tangent<S::f64s>,
+        rest: [f64; 2],
+    ) -> Tangent<S::f64s> {
+        let mut out = *x;
+        for i in 0..2 {
+            let o = 1 - i;
+            let flow = self.sub(self.mul(self.two, f.value[i]), f.value[o]);
+            let third_x = self.mul(self.third, x.value[i]);
+            let away = self.sub(x.value[i], self.splat(rest[i]));
+            let value = self.fnma(third_x, flow, self.mul(self.rate, away));
+            let gain = self.fnma(self.third, flow, self.rate); // dN/dw at fixed stress
+            let flow_t = self.sub(self.mul(self.two, f.d_t[i]), f.d_t[o]);
+            let flow_j = self.sub(self.mul(self.two, f.d_j[i]), f.d_j[o]);
+            out.value[i] = value;
+            out.d_t[i] = self.sub(self.fnma(third_x, flow_t, self.mul(x.d_t[i], gain)), value);
+            out.d_j[i] = self.fnma(third_x, flow_j, self.mul(x.d_j[i], gain));
+        }
+        out
+    }
+
+    /// lever . f into a row.
+    #[inline(always)]
+    fn write(self, out: &mut [f64], f: &Tangent<S::f64s>, lever: [f64; 2]) {
+        let [l1, l2] = [self.splat(lever[0]), self.splat(lever[1])];
+        let width = S::F64_LANES;
+        let value = self.fma(l1, f.value[0], self.mul(l2, f.value[1]));
+        let d_t = self.fma(l1, f.d_t[0], self.mul(l2, f.d_t[1]));
+        let d_j = self.fma(l1, f.d_j[0], self.mul(l2, f.d_j[1]));
+        S::as_mut_simd_f64s(&mut out[..width]).0[0] = value;
+        S::as_mut_simd_f64s(&mut out[LANES..LANES + width]).0[0] = d_t;
+        S::as_mut_simd_f64s(&mut out[2 * LANES..2 * LANES + width]).0[0] = d_j;
+    }
+}
+
 /// The steps of one lane group along `nodes`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
@@ -355,166 +516,99 @@ fn advance<S: Simd>(
     row_width: usize,
     row_offset: usize,
 ) {
-    let splat = |v: f64| simd.splat_f64s(v);
-    let add = |a, b| simd.add_f64s(a, b);
-    let sub = |a, b| simd.sub_f64s(a, b);
-    let mul = |a, b| simd.mul_f64s(a, b);
-    let fma = |a, b, c| simd.mul_add_e_f64s(a, b, c);
-    let fnma = |a, b, c| simd.negate_mul_add_e_f64s(a, b, c); // c - a b
-    let one = splat(1.0);
-    let two = splat(2.0);
-    let three = splat(3.0);
-    let inverse_j = splat(inverse_locking);
-    let one_three_j = splat(1.0 + 3.0 * inverse_locking);
-    let rate = load::<S>(&k.rate, group);
-    let third = load::<S>(&k.third_rate, group);
+    let g = Group {
+        simd,
+        one: simd.splat_f64s(1.0),
+        two: simd.splat_f64s(2.0),
+        three: simd.splat_f64s(3.0),
+        inverse_j: simd.splat_f64s(inverse_locking),
+        one_three_j: simd.splat_f64s(1.0 + 3.0 * inverse_locking),
+        rate: load::<S>(&k.rate, group),
+        third: load::<S>(&k.third_rate, group),
+    };
     let decay = load::<S>(&k.decay, group);
     let d_decay = load::<S>(&k.d_decay, group);
-    let [w0, wm, w1] = [0, 1, 2].map(|i| load::<S>(&k.drive[i], group));
-    let [dw0, dwm, dw1] = [0, 1, 2].map(|i| load::<S>(&k.d_drive[i], group));
-    let [p1, p2] = [0, 1].map(|i| load::<S>(&k.stage[i], group));
-    let [dp1, dp2] = [0, 1].map(|i| load::<S>(&k.d_stage[i], group));
-
-    let mut x: [S::f64s; 2] = [0, 1].map(|i| load::<S>(&state.0[i], group));
-    let mut x_t: [S::f64s; 2] = [2, 3].map(|i| load::<S>(&state.0[i], group));
-    let mut x_j: [S::f64s; 2] = [4, 5].map(|i| load::<S>(&state.0[i], group));
-    let mut r: [S::f64s; 2] = [6, 7].map(|i| load::<S>(&state.0[i], group));
-    let mut r_t: [S::f64s; 2] = [8, 9].map(|i| load::<S>(&state.0[i], group));
-    let mut r_j: [S::f64s; 2] = [10, 11].map(|i| load::<S>(&state.0[i], group));
+    let w = [
+        load::<S>(&k.drive[0], group),
+        load::<S>(&k.drive[1], group),
+        load::<S>(&k.drive[2], group),
+    ];
+    let dw = [
+        load::<S>(&k.d_drive[0], group),
+        load::<S>(&k.d_drive[1], group),
+        load::<S>(&k.d_drive[2], group),
+    ];
+    let [p1, p2] = [load::<S>(&k.stage[0], group), load::<S>(&k.stage[1], group)];
+    let [dp1, dp2] = [
+        load::<S>(&k.d_stage[0], group),
+        load::<S>(&k.d_stage[1], group),
+    ];
+    let mut x = Tangent {
+        value: pair::<S>(state, 0, group),
+        d_t: pair::<S>(state, 2, group),
+        d_j: pair::<S>(state, 4, group),
+    };
+    let mut r = Tangent {
+        value: pair::<S>(state, 6, group),
+        d_t: pair::<S>(state, 8, group),
+        d_j: pair::<S>(state, 10, group),
+    };
     let mut least = load::<S>(&state.0[12], group);
-
-    // Gent stress over modulus, with tangents; also A B D.
-    let stress =
-        |x: [S::f64s; 2], x_t: [S::f64s; 2], x_j: [S::f64s; 2], lambda_squared: [f64; 2]| {
-            let l = [splat(lambda_squared[0]), splat(lambda_squared[1])];
-            let scaled = |x: [S::f64s; 2]| [mul(l[0], x[0]), mul(l[1], x[1])];
-            let ([a, b], x_t, x_j) = (scaled(x), scaled(x_t), scaled(x_j));
-            let ab = mul(a, b);
-            // A B D = A B (1 + 3/J) - (A B (A + B) + 1)/J
-            let q = fnma(inverse_j, fma(ab, add(a, b), one), mul(ab, one_three_j));
-            let inverse = simd.div_f64s(one, mul(ab, q));
-            let c = mul(q, inverse);
-            let inverse_d = mul(mul(ab, ab), inverse);
-            let s = [mul(sub(a, c), inverse_d), mul(sub(b, c), inverse_d)];
-            // (A + B + C - 3)/J = 1 - D
-            let stretched = mul(inverse_j, sub(add(add(a, b), c), three));
-            let minus_c2 = simd.neg_f64s(mul(c, c));
-            let tangent = |d: [S::f64s; 2]| {
-                let d_c = mul(minus_c2, fma(b, d[0], mul(a, d[1])));
-                let d_invariant = mul(inverse_j, add(add(d[0], d[1]), d_c)); // -dD
-                (d_c, d_invariant)
-            };
-            let (c_t, i_t) = tangent(x_t);
-            let (c_j, i_j) = tangent(x_j);
-            let i_j = sub(i_j, stretched); // the explicit part of -dD/d ln J
-            let apply = |d: S::f64s, d_c: S::f64s, i: S::f64s, s: S::f64s| {
-                mul(fma(s, i, sub(d, d_c)), inverse_d)
-            };
-            (
-                Stress {
-                    s,
-                    s_t: [apply(x_t[0], c_t, i_t, s[0]), apply(x_t[1], c_t, i_t, s[1])],
-                    s_j: [apply(x_j[0], c_j, i_j, s[0]), apply(x_j[1], c_j, i_j, s[1])],
-                },
-                q,
-            )
-        };
-    // N and its tangents.
-    let remainder = |x: [S::f64s; 2],
-                     x_t: [S::f64s; 2],
-                     x_j: [S::f64s; 2],
-                     f: &Stress<S::f64s>,
-                     rest: [f64; 2]| {
-        let part = |i: usize| {
-            let o = 1 - i;
-            let flow = sub(mul(two, f.s[i]), f.s[o]);
-            let third_x = mul(third, x[i]);
-            let value = fnma(third_x, flow, mul(rate, sub(x[i], splat(rest[i]))));
-            let gain = fnma(third, flow, rate); // dN/dw at fixed stress
-            let tangent = |d: S::f64s, si: S::f64s, so: S::f64s| {
-                fnma(third_x, sub(mul(two, si), so), mul(d, gain))
-            };
-            (
-                value,
-                sub(tangent(x_t[i], f.s_t[i], f.s_t[o]), value),
-                tangent(x_j[i], f.s_j[i], f.s_j[o]),
-            )
-        };
-        let (v0, t0, j0) = part(0);
-        let (v1, t1, j1) = part(1);
-        ([v0, v1], [t0, t1], [j0, j1])
-    };
     let width = S::F64_LANES;
-    let mut write = |row: usize, f: &Stress<S::f64s>, lever: [f64; 2]| {
-        let [l1, l2] = [splat(lever[0]), splat(lever[1])];
-        let at = row * row_width + row_offset + group;
-        let out = &mut rows[at..at + 2 * LANES + width];
-        let put = |out: &mut [f64], v: [S::f64s; 2]| {
-            S::as_mut_simd_f64s(out).0[0] = fma(l1, v[0], mul(l2, v[1]));
-        };
-        put(&mut out[..width], f.s);
-        put(&mut out[LANES..LANES + width], f.s_t);
-        put(&mut out[2 * LANES..2 * LANES + width], f.s_j);
-    };
 
-    let mut row = 0;
+    let mut row = row_offset + group;
     if first {
-        let (f, q) = stress(x, x_t, x_j, previous.lambda_squared);
+        let (f, q) = g.stress(&x, previous.lambda_squared);
         least = simd.min_f64s(least, q);
-        (r, r_t, r_j) = remainder(x, x_t, x_j, &f, previous.rest);
-        write(0, &f, previous.lever);
-        row = 1;
+        r = g.remainder(&x, &f, previous.rest);
+        g.write(&mut rows[row..row + 2 * LANES + width], &f, previous.lever);
+        row += row_width;
     }
     let mut before = previous.rest;
     let mut until_sample = stride;
     for node in nodes {
-        let mut next = [x[0]; 2];
-        let mut next_t = [x[0]; 2];
-        let mut next_j = [x[0]; 2];
+        let mut next = x;
         for i in 0..2 {
-            let (g0, gm, g1) = (
-                splat(before[i]),
-                splat(node.mid_rest[i]),
-                splat(node.rest[i]),
-            );
-            let drive = fma(w1, g1, fma(wm, gm, mul(w0, g0)));
-            let d_drive = fma(dw1, g1, fma(dwm, gm, mul(dw0, g0)));
-            next[i] = fma(p1, r[i], fma(decay, x[i], drive));
-            let explicit = fma(dp1, r[i], fma(d_decay, x[i], d_drive));
-            next_t[i] = fma(p1, r_t[i], fma(decay, x_t[i], explicit));
-            next_j[i] = fma(p1, r_j[i], mul(decay, x_j[i]));
+            let g0 = g.splat(before[i]);
+            let gm = g.splat(node.mid_rest[i]);
+            let g1 = g.splat(node.rest[i]);
+            let drive = g.fma(w[2], g1, g.fma(w[1], gm, g.mul(w[0], g0)));
+            let d_drive = g.fma(dw[2], g1, g.fma(dw[1], gm, g.mul(dw[0], g0)));
+            let explicit = g.fma(dp1, r.value[i], g.fma(d_decay, x.value[i], d_drive));
+            next.value[i] = g.fma(p1, r.value[i], g.fma(decay, x.value[i], drive));
+            next.d_t[i] = g.fma(p1, r.d_t[i], g.fma(decay, x.d_t[i], explicit));
+            next.d_j[i] = g.fma(p1, r.d_j[i], g.mul(decay, x.d_j[i]));
         }
-        let (f, _) = stress(next, next_t, next_j, node.lambda_squared);
-        let (g, g_t, g_j) = remainder(next, next_t, next_j, &f, node.rest);
+        let (f, _) = g.stress(&next, node.lambda_squared);
+        let end = g.remainder(&next, &f, node.rest);
         for i in 0..2 {
-            let change = sub(g[i], r[i]);
-            x[i] = fma(p2, change, next[i]);
-            x_t[i] = fma(p2, sub(g_t[i], r_t[i]), fma(dp2, change, next_t[i]));
-            x_j[i] = fma(p2, sub(g_j[i], r_j[i]), next_j[i]);
+            let change = g.sub(end.value[i], r.value[i]);
+            let d_t = g.sub(end.d_t[i], r.d_t[i]);
+            let d_j = g.sub(end.d_j[i], r.d_j[i]);
+            x.value[i] = g.fma(p2, change, next.value[i]);
+            x.d_t[i] = g.fma(p2, d_t, g.fma(dp2, change, next.d_t[i]));
+            x.d_j[i] = g.fma(p2, d_j, next.d_j[i]);
         }
-        let (f, q) = stress(x, x_t, x_j, node.lambda_squared);
+        let (f, q) = g.stress(&x, node.lambda_squared);
         least = simd.min_f64s(least, q);
-        (r, r_t, r_j) = remainder(x, x_t, x_j, &f, node.rest);
+        r = g.remainder(&x, &f, node.rest);
         until_sample -= 1;
         if until_sample == 0 {
-            write(row, &f, node.lever);
-            row += 1;
+            g.write(&mut rows[row..row + 2 * LANES + width], &f, node.lever);
+            row += row_width;
             until_sample = stride;
         }
         before = node.rest;
     }
-    let mut store = |i: usize, v: S::f64s| {
-        S::as_mut_simd_f64s(&mut state.0[i][group..group + width]).0[0] = v;
-    };
-    for i in 0..2 {
-        store(i, x[i]);
-        store(2 + i, x_t[i]);
-        store(4 + i, x_j[i]);
-        store(6 + i, r[i]);
-        store(8 + i, r_t[i]);
-        store(10 + i, r_j[i]);
+    for (at, v) in [x.value, x.d_t, x.d_j, r.value, r.d_t, r.d_j]
+        .into_iter()
+        .enumerate()
+    {
+        for i in 0..2 {
+            S::as_mut_simd_f64s(&mut state.0[2 * at + i][group..group + width]).0[0] = v[i];
+        }
     }
-    store(12, least);
+    S::as_mut_simd_f64s(&mut state.0[12][group..group + width]).0[0] = least;
 }
 
 /// A pass along a history, block by block, so that nothing of the recording's length is held.

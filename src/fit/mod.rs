@@ -1,4 +1,6 @@
 //! The room `fit`.
 
 pub mod argmin_adapter;
+pub mod bounded;
 pub mod levenberg_marquardt;
+pub mod separable;

@@ -1,0 +1,433 @@
+//! Separable nonlinear least squares: variable projection (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10:413) with Kaufman's
+//! Jacobian, from Gram matrices alone.
+//!
+//! ```text
+//! minimise over eta, beta:  |B(eta) beta - d(eta)|^2 + priors,   within bounds
+//! ```
+//!
+//! At each eta the linear beta is the exact minimiser within its bounds; the reduced problem in eta is solved by
+//! Levenberg-Marquardt steps on J'PJ, where P projects out the free columns of B. One evaluation a step.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::bounded::bounded_least_squares;
+use crate::residual::{Normal, SeparableResidual};
+
+/// What is known of a parameter beforehand: a normal density, as one more residual.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Prior {
+    /// Its middle.
+    pub mean: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+}
+
+/// One unknown of the fit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Unknown {
+    /// Where it starts (linear unknowns: only where the data do not tell).
+    pub start: f64,
+    /// Smallest value.
+    pub lower: f64,
+    /// Largest value; equal to `lower` when it is fixed.
+    pub upper: f64,
+    /// What is known beforehand.
+    pub prior: Option<Prior>,
+}
+
+impl Unknown {
+    /// Free between bounds, nothing known beforehand.
+    pub fn free(start: f64, lower: f64, upper: f64) -> Self {
+        Unknown {
+            start,
+            lower,
+            upper,
+            prior: None,
+        }
+    }
+
+    /// Fixed at a value.
+    pub fn fixed(value: f64) -> Self {
+        Self::free(value, value, value)
+    }
+
+    /// Whether it cannot move.
+    pub fn is_fixed(&self) -> bool {
+        self.lower == self.upper
+    }
+
+    fn penalty(&self, x: f64) -> f64 {
+        self.prior.map_or(0.0, |p| ((x - p.mean) / p.sd).powi(2))
+    }
+
+    /// Weight of the prior as a residual row, and its gradient at x.
+    fn pull(&self, x: f64) -> (f64, f64) {
+        self.prior.map_or((0.0, 0.0), |p| {
+            let weight = 1.0 / (p.sd * p.sd);
+            (weight, weight * (x - p.mean))
+        })
+    }
+}
+
+/// When to stop.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Options {
+    /// Evaluations that are allowed.
+    pub evaluations: usize,
+    /// Converged when a step promises less than this share of the cost.
+    pub cost_tolerance: f64,
+    /// Converged when no unknown moves more than this in a step.
+    pub step_tolerance: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            evaluations: 100,
+            cost_tolerance: 1e-9,
+            step_tolerance: 1e-7,
+        }
+    }
+}
+
+/// Why a separable fit ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Ended {
+    /// No step promises a relevant improvement.
+    Converged,
+    /// No parameter moves any more.
+    StepTooSmall,
+    /// Every trial was worse, down to tiny steps.
+    Stalled,
+    /// The allowed evaluations were used.
+    EvaluationLimit,
+    /// The start itself could not be evaluated.
+    StartFailed,
+    /// The caller asked to stop.
+    Stopped,
+}
+
+impl Ended {
+    /// Whether the result is a minimum as far as the fit can tell.
+    pub fn converged(self) -> bool {
+        matches!(self, Ended::Converged | Ended::StepTooSmall)
+    }
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Ended::Converged => "converged: no step promises a relevant improvement",
+            Ended::StepTooSmall => "converged: no parameter moves any more",
+            Ended::Stalled => "stalled: every trial step was worse, down to tiny ones",
+            Ended::EvaluationLimit => "not converged: the allowed number of evaluations was used",
+            Ended::StartFailed => "failed: the model has no value at the start",
+            Ended::Stopped => "stopped on request",
+        }
+    }
+}
+
+/// Where a separable fit stands: everything that another step needs, so that it can be saved and resumed.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct State {
+    /// Nonlinear unknowns.
+    pub eta: Vec<f64>,
+    /// Linear unknowns.
+    pub beta: Vec<f64>,
+    /// Which linear unknowns are off their bounds.
+    pub beta_free: Vec<bool>,
+    /// Sum of squares with the priors; infinite before the first evaluation.
+    pub cost: f64,
+    /// Sum of squares of the data alone.
+    pub data_cost: f64,
+    /// Number of residuals.
+    pub rows: usize,
+    /// Evaluations so far, failed ones included.
+    pub evaluations: usize,
+    /// Evaluations that failed.
+    pub failed: usize,
+    /// What the last failed one said.
+    pub failure: Option<String>,
+    /// Accepted steps.
+    pub iterations: usize,
+    /// Set when it has ended.
+    pub ended: Option<Ended>,
+    damping: f64,
+    growth: f64,
+    /// Gram matrix of [J | B | r] at (eta, beta), row by row.
+    gram: Vec<f64>,
+}
+
+impl State {
+    /// The state before the first evaluation, with the nonlinear unknowns at `eta`.
+    pub fn at(eta: &[f64], nonlinear: &[Unknown], linear: &[Unknown]) -> Self {
+        State {
+            eta: eta
+                .iter()
+                .zip(nonlinear)
+                .map(|(x, u)| x.clamp(u.lower, u.upper))
+                .collect(),
+            beta: linear.iter().map(|u| u.start).collect(),
+            beta_free: linear.iter().map(|u| !u.is_fixed()).collect(),
+            cost: f64::INFINITY,
+            data_cost: f64::INFINITY,
+            rows: 0,
+            evaluations: 0,
+            failed: 0,
+            failure: None,
+            iterations: 0,
+            ended: None,
+            damping: 1e-3,
+            growth: 2.0,
+            gram: Vec::new(),
+        }
+    }
+
+    /// Gram matrix of [d r/d eta | B | r] at the parameters.
+    pub fn gram(&self) -> DMatrix<f64> {
+        let size = self.eta.len() + self.beta.len() + 1;
+        DMatrix::from_row_slice(size, size, &self.gram)
+    }
+}
+
+/// What an evaluation says at its own best beta.
+struct Solved {
+    beta: Vec<f64>,
+    free: Vec<bool>,
+    gram: DMatrix<f64>,
+    data_cost: f64,
+    cost: f64,
+}
+
+fn solve_linear(normal: &Normal, eta: &[f64], nonlinear: &[Unknown], linear: &[Unknown]) -> Solved {
+    let m = linear.len();
+    let last = normal.gram.nrows() - 1;
+    let mut g = normal.gram.view((0, 0), (m, m)).into_owned();
+    let reference = DVector::from_column_slice(&normal.reference);
+    // r = r_ref + B (beta - beta_ref)
+    let mut b = &g * &reference - normal.gram.view((0, last), (m, 1));
+    for (i, u) in linear.iter().enumerate() {
+        if let Some(p) = u.prior {
+            let weight = 1.0 / (p.sd * p.sd);
+            g[(i, i)] += weight;
+            b[i] += weight * p.mean;
+        }
+    }
+    let lower: Vec<f64> = linear.iter().map(|u| u.lower).collect();
+    let upper: Vec<f64> = linear.iter().map(|u| u.upper).collect();
+    let (beta, free) = bounded_least_squares(
+        &g,
+        &b.column(0).into_owned(),
+        &lower,
+        &upper,
+        &normal.reference,
+    );
+    let beta = beta.as_slice().to_vec();
+    let gram = normal.at(eta.len(), &beta);
+    let data_cost = gram[(gram.nrows() - 1, gram.nrows() - 1)].max(0.0);
+    let priors = eta
+        .iter()
+        .zip(nonlinear)
+        .chain(beta.iter().zip(linear))
+        .map(|(x, u)| u.penalty(*x))
+        .sum::<f64>();
+    Solved {
+        beta,
+        free,
+        gram,
+        data_cost,
+        cost: data_cost + priors,
+    }
+}
+
+fn evaluate<P: SeparableResidual>(
+    problem: &P,
+    eta: &[f64],
+    state: &mut State,
+    nonlinear: &[Unknown],
+    linear: &[Unknown],
+) -> Option<Solved> {
+    state.evaluations += 1;
+    match problem.evaluate(eta, &state.beta) {
+        Ok(normal) => {
+            state.rows = normal.rows;
+            let solved = solve_linear(&normal, eta, nonlinear, linear);
+            if solved.cost.is_finite() {
+                return Some(solved);
+            }
+            state.failure = Some("the sum of squares is not a finite number".into());
+        }
+        Err(error) => state.failure = Some(error.to_string()),
+    }
+    state.failed += 1;
+    None
+}
+
+fn accept(state: &mut State, eta: Vec<f64>, solved: Solved) {
+    state.eta = eta;
+    state.beta = solved.beta;
+    state.beta_free = solved.free;
+    state.cost = solved.cost;
+    state.data_cost = solved.data_cost;
+    state.gram = solved.gram.transpose().as_slice().to_vec();
+}
+
+/// One step: one evaluation, accepted or not. Sets [`State::ended`] when there is nothing left to do.
+pub fn advance<P: SeparableResidual>(
+    problem: &P,
+    nonlinear: &[Unknown],
+    linear: &[Unknown],
+    options: &Options,
+    state: &mut State,
+) {
+    if state.ended.is_some() {
+        return;
+    }
+    if state.gram.is_empty() {
+        let eta = state.eta.clone();
+        match evaluate(problem, &eta, state, nonlinear, linear) {
+            Some(solved) => accept(state, eta, solved),
+            None => state.ended = Some(Ended::StartFailed),
+        }
+        return;
+    }
+    let n = nonlinear.len();
+    let gram = state.gram();
+    let (reduced, gradient) = reduced_system(&gram, state, nonlinear, linear);
+    // An unknown at a bound that wants to go further out stays there.
+    let moving: Vec<usize> = (0..n)
+        .filter(|&i| {
+            let u = &nonlinear[i];
+            let outwards = (state.eta[i] <= u.lower && gradient[i] > 0.0)
+                || (state.eta[i] >= u.upper && gradient[i] < 0.0);
+            !u.is_fixed() && !outwards
+        })
+        .collect();
+    if moving.is_empty() {
+        state.ended = Some(Ended::Converged);
+        return;
+    }
+    let k = moving.len();
+    let h = DMatrix::from_fn(k, k, |i, j| reduced[(moving[i], moving[j])]);
+    let g = DVector::from_fn(k, |i, _| gradient[moving[i]]);
+    let largest = (0..k).map(|i| h[(i, i)]).fold(0.0, f64::max);
+    let mut damped = h.clone();
+    for i in 0..k {
+        damped[(i, i)] += state.damping * h[(i, i)].max(1e-12 * largest) + f64::MIN_POSITIVE;
+    }
+    let Some(step) = damped.cholesky().map(|c| c.solve(&-&g)) else {
+        worsen(state);
+        return;
+    };
+    let mut eta = state.eta.clone();
+    let mut taken = DVector::zeros(k);
+    for (j, &i) in moving.iter().enumerate() {
+        eta[i] = (eta[i] + step[j]).clamp(nonlinear[i].lower, nonlinear[i].upper);
+        taken[j] = eta[i] - state.eta[i];
+    }
+    let promised = -(2.0 * g.dot(&taken) + (taken.transpose() * &h * &taken)[(0, 0)]);
+    let undamped = h
+        .clone()
+        .cholesky()
+        .map_or(f64::INFINITY, |c| g.dot(&c.solve(&g)));
+    if undamped.min(promised.max(0.0)) <= options.cost_tolerance * state.cost {
+        let small = undamped <= options.cost_tolerance * state.cost || state.damping < 1e-2;
+        if small {
+            state.ended = Some(Ended::Converged);
+            return;
+        }
+    }
+    if taken.amax() <= options.step_tolerance {
+        state.ended = Some(Ended::StepTooSmall);
+        return;
+    }
+    if state.evaluations >= options.evaluations {
+        state.ended = Some(Ended::EvaluationLimit);
+        return;
+    }
+    match evaluate(problem, &eta, state, nonlinear, linear) {
+        Some(solved) if solved.cost < state.cost => {
+            // Nielsen's rule: trust grows with the share of the promise that was kept.
+            let kept = (state.cost - solved.cost) / promised.max(f64::MIN_POSITIVE);
+            state.damping =
+                (state.damping * (1.0 - (2.0 * kept - 1.0).powi(3)).clamp(0.1, 2.0)).max(1e-12);
+            state.growth = 2.0;
+            state.iterations += 1;
+            accept(state, eta, solved);
+        }
+        _ => worsen(state),
+    }
+}
+
+fn worsen(state: &mut State) {
+    state.damping *= state.growth;
+    state.growth *= 2.0;
+    if state.damping > 1e10 {
+        state.ended = Some(Ended::Stalled);
+    }
+}
+
+/// J'PJ and J'Pr with the priors, where P projects out the free columns of B.
+fn reduced_system(
+    gram: &DMatrix<f64>,
+    state: &State,
+    nonlinear: &[Unknown],
+    linear: &[Unknown],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let n = nonlinear.len();
+    let last = gram.nrows() - 1;
+    let free: Vec<usize> = (0..linear.len()).filter(|&i| state.beta_free[i]).collect();
+    let mut h = gram.view((0, 0), (n, n)).into_owned();
+    let mut g = DVector::from_fn(n, |i, _| gram[(i, last)]);
+    if !free.is_empty() {
+        let m = free.len();
+        let scale: Vec<f64> = free
+            .iter()
+            .map(|&i| {
+                1.0 / (gram[(n + i, n + i)] + linear[i].pull(0.0).0)
+                    .sqrt()
+                    .max(f64::MIN_POSITIVE)
+            })
+            .collect();
+        let mut b = DMatrix::from_fn(m, m, |i, j| {
+            scale[i] * scale[j] * gram[(n + free[i], n + free[j])]
+        });
+        for i in 0..m {
+            b[(i, i)] += scale[i] * scale[i] * linear[free[i]].pull(0.0).0 + 1e-13;
+        }
+        let cross = DMatrix::from_fn(m, n, |i, j| scale[i] * gram[(n + free[i], j)]);
+        let residual = DVector::from_fn(m, |i, _| {
+            let pull = linear[free[i]].pull(state.beta[free[i]]).1;
+            scale[i] * (gram[(n + free[i], last)] + pull)
+        });
+        if let Some(c) = b.cholesky() {
+            h -= cross.tr_mul(&c.solve(&cross));
+            g -= cross.tr_mul(&c.solve(&residual));
+        }
+    }
+    for (i, u) in nonlinear.iter().enumerate() {
+        let (weight, slope) = u.pull(state.eta[i]);
+        h[(i, i)] += weight;
+        g[i] += slope;
+    }
+    (h, g)
+}
+
+/// Runs a fit from `eta` to its end. `watch` is called after every evaluation and stops the fit when it says so.
+pub fn minimise<P: SeparableResidual>(
+    problem: &P,
+    nonlinear: &[Unknown],
+    linear: &[Unknown],
+    eta: &[f64],
+    options: &Options,
+    mut watch: impl FnMut(&State) -> std::ops::ControlFlow<()>,
+) -> State {
+    let mut state = State::at(eta, nonlinear, linear);
+    while state.ended.is_none() {
+        advance(problem, nonlinear, linear, options, &mut state);
+        if state.ended.is_none() && watch(&state).is_break() {
+            state.ended = Some(Ended::Stopped);
+        }
+    }
+    state
+}

@@ -1,0 +1,105 @@
+//! The residual's own low-pass: one symmetric (zero-phase) filter for the recorded and the predicted side alike, kept at every
+//! few samples, so that what is kept is nearly independent. Filtering both sides alike leaves no bias, which filtering the
+//! motion alone would.
+
+/// Filter and kept samples for one sampling step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Decimation {
+    /// Taps on one side of the middle one.
+    pub half: usize,
+    /// One sample in so many is kept.
+    pub every: usize,
+    /// 2 half + 1 weights that sum to one.
+    pub weights: Vec<f64>,
+}
+
+/// Cutoff of the filter, Hz: the robot moves below it, and the capture noise above it says nothing.
+const CUTOFF_HZ: f64 = 5.0;
+/// Half length of the filter, s: also what is left out at both ends.
+const HALF_S: f64 = 0.32;
+/// Distance of the kept samples, s.
+const KEEP_S: f64 = 0.08;
+
+impl Decimation {
+    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at 5 Hz; none where the rate is
+    /// too low for one.
+    pub fn new(step_s: f64) -> Self {
+        let half = (HALF_S / step_s).round() as usize;
+        let every = ((KEEP_S / step_s).round() as usize).max(1);
+        if every == 1 {
+            return Decimation {
+                half: 0,
+                every,
+                weights: vec![1.0],
+            };
+        }
+        let pi = std::f64::consts::PI;
+        let mut weights: Vec<f64> = (0..=2 * half)
+            .map(|i| {
+                let x = i as f64 - half as f64;
+                let window = 0.54 + 0.46 * (pi * x / (half as f64 + 1.0)).cos();
+                let angle = 2.0 * pi * CUTOFF_HZ * step_s * x;
+                let sinc = if x == 0.0 { 1.0 } else { angle.sin() / angle };
+                window * sinc
+            })
+            .collect();
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
+        Decimation {
+            half,
+            every,
+            weights,
+        }
+    }
+
+    /// Middles of the kept windows among `samples`: those in which every sample is `usable`.
+    pub fn centres(&self, usable: &[bool]) -> Vec<usize> {
+        let n = usable.len();
+        let mut bad = vec![0usize; n + 1];
+        for i in 0..n {
+            bad[i + 1] = bad[i] + usize::from(!usable[i]);
+        }
+        (self.half..n.saturating_sub(self.half))
+            .step_by(self.every)
+            .filter(|&c| bad[c + self.half + 1] == bad[c - self.half])
+            .collect()
+    }
+
+    /// The filtered value of `signal` at `centre`.
+    pub fn apply(&self, centre: usize, signal: impl Fn(usize) -> f64) -> f64 {
+        let first = centre - self.half;
+        self.weights
+            .iter()
+            .enumerate()
+            .map(|(t, w)| w * signal(first + t))
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_slow_motion_and_stops_fast_noise() {
+        let d = Decimation::new(0.01);
+        let gain = |f: f64| {
+            d.apply(500, |i| {
+                (2.0 * std::f64::consts::PI * f * (i as f64 - 500.0) * 0.01).cos()
+            })
+        };
+        assert!((gain(0.0) - 1.0).abs() < 1e-12);
+        assert!((gain(1.0) - 1.0).abs() < 3e-3, "{}", gain(1.0));
+        assert!((gain(5.0) - 0.5).abs() < 0.02, "{}", gain(5.0));
+        assert!(gain(8.0).abs() < 0.02 && gain(20.0).abs() < 5e-3);
+    }
+
+    #[test]
+    fn windows_with_an_unusable_sample_are_left_out() {
+        let d = Decimation::new(0.01);
+        let mut usable = vec![true; 400];
+        assert_eq!(d.centres(&usable)[0], 32);
+        usable[200] = false;
+        assert!(d.centres(&usable).iter().all(|&c| c.abs_diff(200) > 32));
+    }
+}

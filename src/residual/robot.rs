@@ -1,0 +1,782 @@
+//! The residual of robot recordings: one fused pass a chain, and the noise that the capture puts into it.
+
+use nalgebra::{DMatrix, Matrix3};
+use pulp::Arch;
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use rayon::prelude::*;
+
+use super::gram::{PAD, add_rows, filter_rows};
+use super::{Decimation, Normal, SeparableResidual, Slope};
+use crate::dataset::{Dataset, OffsetSource};
+use crate::film::Locked;
+use crate::film::kernel::{LANES, Pass, ROW, Shape};
+use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Unreachable};
+
+/// Samples of one kernel block.
+const BLOCK: usize = 128;
+/// Tracks that are drawn from the capture's uncertainty to see what it does to the residual.
+const REPLICATES: usize = 12;
+/// Reach of the average of the noise covariance on both sides of a kept sample, s.
+const COVARIANCE_REACH_S: f64 = 0.6;
+/// Length of a block of the noise scores, s: long against the correlation of the residual's noise.
+const SCORE_BLOCK_S: f64 = 4.0;
+/// How far a free clock offset may wander from where it starts, s.
+pub(crate) const OFFSET_REACH_S: f64 = 0.25;
+
+/// Where the parameters stand in eta and beta.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Layout {
+    /// Viscoelastic branches: eta holds ln T_1 .. ln T_n, ln J, then the free offsets; beta n + 1 moduli, then nodes.
+    pub branches: usize,
+    /// Nodes of the forearm torque curve.
+    pub nodes: usize,
+    /// Numbers of the recordings whose clock offset is free, in the order of their place in eta.
+    pub free_offsets: Vec<usize>,
+}
+
+impl Layout {
+    /// Length of eta.
+    pub fn nonlinear(&self) -> usize {
+        self.branches + 1 + self.free_offsets.len()
+    }
+
+    /// Length of beta.
+    pub fn linear(&self) -> usize {
+        self.branches + 1 + self.nodes
+    }
+}
+
+/// One recording, worked out as far as it does not depend on the parameters.
+struct Prepared<'a> {
+    dataset: &'a Dataset,
+    mechanics: Mechanics,
+    decimation: Decimation,
+    centres: Vec<usize>,
+    /// Filtered load of each kept sample and chain, N m.
+    load: Vec<[f64; 3]>,
+    /// Filtered forearm columns: kept sample, chain, node.
+    forearm: Vec<f64>,
+    /// Filtered 1/2 C' phi^2 and its derivative with respect to the offset, at a fixed offset.
+    maxwell: Option<(Vec<[f64; 3]>, Vec<[f64; 3]>)>,
+    /// Lower triangle of the inverse Cholesky factor of the noise covariance at each kept sample: 11, 21, 22, 31, 32, 33.
+    whitening: Vec<[f64; 6]>,
+    /// Weight of a kept sample in a robust fit.
+    robust: Vec<f64>,
+    /// Whitened residual changes of the replicates: replicate, kept sample, chain.
+    errors: Vec<Vec<f64>>,
+}
+
+/// Residual of several robot recordings that share film and forearms.
+pub struct RobotResidual<'a> {
+    robot: &'a Robot,
+    recordings: Vec<Prepared<'a>>,
+    layout: Layout,
+    arch: Arch,
+    forearm: ForearmTorque,
+}
+
+/// Predicted against commanded voltage of one recording.
+#[derive(Debug, Clone)]
+pub struct VoltageError {
+    /// Predicted phi^2 at each frame and chain, V^2; NaN where out of reach.
+    pub predicted_squared_v2: Vec<[f64; 3]>,
+    /// Commanded voltage at each frame and chain, V.
+    pub command_v: Vec<[f64; 3]>,
+    /// Standard deviation of the predicted voltage from the noise of the capture, V (phi^2 < 0 counts as 0 V).
+    pub sd_v: Vec<[f64; 3]>,
+    /// Frames that count: captured, not within 0.3 s of an end, in reach, with a known voltage.
+    pub counts: Vec<bool>,
+}
+
+/// Left out at both ends of a recording where errors in volts are counted, s.
+const EDGE_S: f64 = 0.3;
+
+/// phi of phi^2, with phi^2 < 0 as 0 V.
+pub(crate) fn root_v(squared: f64) -> f64 {
+    squared.max(0.0).sqrt()
+}
+
+impl Prepared<'_> {
+    fn phi_squared(&self, offset_s: f64, chain: usize) -> (Vec<f64>, Vec<f64>) {
+        let d = self.dataset;
+        d.voltage
+            .squared(chain, d.start_s + offset_s, d.step_s, d.samples())
+    }
+
+    /// Filtered Maxwell torque and its derivative with respect to the clock offset.
+    fn maxwell_at(&self, offset_s: f64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+        let mut value = vec![[0.0; 3]; self.centres.len()];
+        let mut slope = value.clone();
+        for k in 0..3 {
+            let (squared, change) = self.phi_squared(offset_s, k);
+            let c = &self.mechanics.chains[k].half_capacitance_slope;
+            for (j, &centre) in self.centres.iter().enumerate() {
+                value[j][k] = self.decimation.apply(centre, |i| c[i] * squared[i]);
+                slope[j][k] = self.decimation.apply(centre, |i| c[i] * change[i]);
+            }
+        }
+        (value, slope)
+    }
+}
+
+impl<'a> RobotResidual<'a> {
+    /// Prepares `datasets` of `robot` for films with `branches` branches and a forearm curve on the nodes of `forearm`.
+    ///
+    /// Without noise weights every torque counts alike (in units of 1e-4 N m) until [`RobotResidual::weigh`] is called.
+    ///
+    /// # Errors
+    /// The number of the recording and the first pose that the mechanism cannot take, when more than one frame in twenty of a recording
+    /// is out of reach.
+    pub fn new(
+        robot: &'a Robot,
+        datasets: &[&'a Dataset],
+        branches: usize,
+        forearm: &ForearmTorque,
+    ) -> Result<Self, (usize, usize, Unreachable)> {
+        let nodes = forearm.nodes_rad().len();
+        let recordings = datasets
+            .par_iter()
+            .enumerate()
+            .map(|(number, dataset)| {
+                let mechanics =
+                    Mechanics::new(robot, &dataset.track()).map_err(|(i, e)| (number, i, e))?;
+                let lost: Vec<&(usize, Unreachable)> = mechanics
+                    .unreachable
+                    .iter()
+                    .filter(|(i, _)| dataset.usable[*i])
+                    .collect();
+                if lost.len() * 20 > dataset.samples() {
+                    return Err((number, lost[0].0, lost[0].1));
+                }
+                Ok(prepare(dataset, mechanics, forearm, nodes))
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let free_offsets = datasets
+            .iter()
+            .enumerate()
+            .filter(|(_, d)| d.offset_source == OffsetSource::Free)
+            .map(|(i, _)| i)
+            .collect();
+        Ok(RobotResidual {
+            robot,
+            recordings,
+            layout: Layout {
+                branches,
+                nodes,
+                free_offsets,
+            },
+            arch: Arch::new(),
+            forearm: forearm.clone(),
+        })
+    }
+
+    /// Where the parameters stand.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// The recordings.
+    pub fn datasets(&self) -> impl Iterator<Item = &'a Dataset> + '_ {
+        self.recordings.iter().map(|r| r.dataset)
+    }
+
+    /// The balance along a recording.
+    pub fn mechanics(&self, recording: usize) -> &Mechanics {
+        &self.recordings[recording].mechanics
+    }
+
+    /// Kept samples of all recordings, over all chains: the number of residuals.
+    pub fn rows(&self) -> usize {
+        self.recordings.iter().map(|r| 3 * r.centres.len()).sum()
+    }
+
+    /// Clock offset of a recording at eta, s.
+    pub fn offset_s(&self, recording: usize, eta: &[f64]) -> f64 {
+        match self
+            .layout
+            .free_offsets
+            .iter()
+            .position(|&r| r == recording)
+        {
+            Some(place) => eta[self.layout.branches + 1 + place],
+            None => self.recordings[recording].dataset.offset_s,
+        }
+    }
+
+    /// Film and forearm at eta, beta.
+    pub fn parameters(&self, eta: &[f64], beta: &[f64]) -> Parameters {
+        let n = self.layout.branches;
+        Parameters {
+            film: crate::film::Film {
+                mu_pa: beta[..=n].to_vec(),
+                relaxation_time_s: eta[..n].iter().map(|t| t.exp()).collect(),
+                locking: eta[n].exp(),
+            },
+            forearm: self.forearm.with_torques(&beta[n + 1..]),
+        }
+    }
+
+    /// Columns of a row: springs, nodes, d/d ln T, d/d ln J, d/d offset, residual; padded.
+    fn width(&self) -> usize {
+        let s = self.layout.branches + 1;
+        (s + self.layout.nodes + (s - 1) + s + 2).next_multiple_of(PAD)
+    }
+
+    /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has three rows.
+    fn for_each_block(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        reference: &[f64],
+        mut each: impl FnMut(usize, &[f64]),
+    ) -> Result<(), Locked> {
+        let r = &self.recordings[recording];
+        let n = self.layout.branches;
+        let springs = n + 1;
+        let nodes = self.layout.nodes;
+        let relaxation: Vec<f64> = eta[..n].iter().map(|t| t.exp()).collect();
+        let shape = Shape {
+            relaxation_time_s: &relaxation,
+            locking: eta[n].exp(),
+        };
+        let computed;
+        let (maxwell, maxwell_slope) = match &r.maxwell {
+            Some(fixed) => fixed,
+            None => {
+                computed = r.maxwell_at(self.offset_s(recording, eta));
+                &computed
+            }
+        };
+        let film_width = ROW * shape.packs();
+        let taps = 2 * r.decimation.half + 1;
+        let mut passes: Vec<Pass> = (0..3)
+            .map(|k| Pass::new(&r.mechanics.chains[k].history, shape))
+            .collect();
+        // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`.
+        let mut held: Vec<Vec<f64>> = vec![vec![0.0; (taps + BLOCK) * film_width]; 3];
+        let (mut held_from, mut held_count) = (0usize, 0usize);
+        let width = self.width();
+        let mut filtered: Vec<Vec<f64>> = vec![Vec::new(); 3];
+        let mut first = Vec::new();
+        let mut rows = Vec::new();
+        let mut next_kept = 0;
+        let (node_at, t_at) = (springs, springs + nodes);
+        let (j_at, offset_at) = (t_at + n, t_at + n + springs);
+        let last = offset_at + 1;
+        while next_kept < r.centres.len() {
+            // Forget what no window needs any more, then run the kernel for one more block.
+            let keep_from = (r.centres[next_kept] - r.decimation.half)
+                .max(held_from)
+                .min(held_from + held_count);
+            let drop = keep_from - held_from;
+            let mut produced = 0;
+            for (pass, held) in passes.iter_mut().zip(&mut held) {
+                held.copy_within(drop * film_width..held_count * film_width, 0);
+                let at = (held_count - drop) * film_width;
+                let end = (at + BLOCK * film_width).min(held.len());
+                produced = pass.next_block(&mut held[at..end])?;
+            }
+            held_from = keep_from;
+            held_count = held_count - drop + produced;
+            if produced == 0 {
+                break;
+            }
+            first.clear();
+            while let Some(&centre) = r.centres.get(next_kept + first.len()) {
+                if centre + r.decimation.half >= held_from + held_count {
+                    break;
+                }
+                first.push(centre - r.decimation.half - held_from);
+            }
+            if first.is_empty() {
+                continue;
+            }
+            for k in 0..3 {
+                filtered[k].resize(first.len() * film_width, 0.0);
+                filter_rows(
+                    self.arch,
+                    &r.decimation.weights,
+                    &held[k],
+                    film_width,
+                    &first,
+                    &mut filtered[k],
+                );
+            }
+            rows.clear();
+            rows.resize(3 * first.len() * width, 0.0);
+            for j in 0..first.len() {
+                let kept = next_kept + j;
+                let block = &mut rows[3 * j * width..3 * (j + 1) * width];
+                for k in 0..3 {
+                    let row = &mut block[k * width..(k + 1) * width];
+                    let film = &filtered[k][j * film_width..(j + 1) * film_width];
+                    for (pack, film) in film.chunks_exact(ROW).enumerate() {
+                        let here = (springs - pack * LANES).min(LANES);
+                        let at = pack * LANES;
+                        row[at..at + here].copy_from_slice(&film[..here]);
+                        row[j_at + at..j_at + at + here]
+                            .copy_from_slice(&film[2 * LANES..2 * LANES + here]);
+                        let skip = usize::from(pack == 0); // the equilibrium spring has no T
+                        row[t_at + at + skip - 1..t_at + at + here - 1]
+                            .copy_from_slice(&film[LANES + skip..LANES + here]);
+                    }
+                    let at = (3 * kept + k) * nodes;
+                    row[node_at..node_at + nodes].copy_from_slice(&r.forearm[at..at + nodes]);
+                    row[offset_at] = -maxwell_slope[kept][k];
+                    let needed: f64 = row[..t_at].iter().zip(reference).map(|(b, x)| b * x).sum();
+                    row[last] = needed + r.load[kept][k] - maxwell[kept][k];
+                }
+                // Whitening mixes the three chains of a sample.
+                let w = &r.whitening[kept];
+                let scale = r.robust[kept];
+                let (row0, rest) = block.split_at_mut(width);
+                let (row1, row2) = rest.split_at_mut(width);
+                for c in 0..=last {
+                    let (a, b, d) = (row0[c], row1[c], row2[c]);
+                    row0[c] = scale * w[0] * a;
+                    row1[c] = scale * (w[1] * a + w[2] * b);
+                    row2[c] = scale * (w[3] * a + w[4] * b + w[5] * d);
+                }
+            }
+            each(next_kept, &rows);
+            next_kept += first.len();
+        }
+        Ok(())
+    }
+
+    /// Gram matrix of one recording, columns as in [`RobotResidual::width`].
+    fn gram(&self, recording: usize, eta: &[f64], reference: &[f64]) -> Result<Vec<f64>, Locked> {
+        let width = self.width();
+        let mut gram = vec![0.0; width * width];
+        self.for_each_block(recording, eta, reference, |_, rows| {
+            add_rows(self.arch, rows, width, &mut gram);
+        })?;
+        Ok(gram)
+    }
+
+    fn slopes(&self) -> Vec<Slope> {
+        let n = self.layout.branches;
+        let relaxation = (0..n).map(|i| (i, Some(i + 1)));
+        let locking = (0..=n).map(|i| (n, Some(i)));
+        let offset = (0..self.layout.free_offsets.len()).map(|i| (n + 1 + i, None));
+        relaxation
+            .chain(locking)
+            .chain(offset)
+            .map(|(nonlinear, linear)| Slope { nonlinear, linear })
+            .collect()
+    }
+
+    /// Column of a recording's rows for each column of the whole; `None` where it is zero.
+    fn columns(&self, recording: usize) -> Vec<Option<usize>> {
+        let s = self.layout.branches + 1;
+        let own = s + self.layout.nodes + (s - 1) + s;
+        let offsets = self
+            .layout
+            .free_offsets
+            .iter()
+            .map(|&r| (r == recording).then_some(own));
+        (0..own)
+            .map(Some)
+            .chain(offsets)
+            .chain([Some(own + 1)])
+            .collect()
+    }
+
+    /// Squared whitened residual of each kept sample at the parameters, over its three chains: what a robust loss looks at.
+    fn squares(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Vec<f64>, Locked> {
+        let width = self.width();
+        let last = 2 * self.layout.branches + 2 + self.layout.branches + self.layout.nodes + 1;
+        let mut out = vec![0.0; self.recordings[recording].centres.len()];
+        self.for_each_block(recording, eta, beta, |first, rows| {
+            for (i, row) in rows.chunks_exact(width).enumerate() {
+                out[first + i / 3] += row[last] * row[last];
+            }
+        })?;
+        Ok(out)
+    }
+
+    /// Sets Huber weights: a kept sample whose whitened residual (rms over its chains) exceeds `limit` counts as
+    /// limit/residual.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn robustify(&mut self, eta: &[f64], beta: &[f64], limit: f64) -> Result<(), Locked> {
+        for r in 0..self.recordings.len() {
+            self.recordings[r].robust.fill(1.0);
+            let squares = self.squares(r, eta, beta)?;
+            for (weight, square) in self.recordings[r].robust.iter_mut().zip(squares) {
+                let size = (square / 3.0).sqrt();
+                if size > limit {
+                    *weight = (limit / size).sqrt();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Torque error (needed minus made, N m) of each frame and chain of one recording along `mechanics`.
+    fn torque_error(
+        &self,
+        mechanics: &Mechanics,
+        parameters: &Parameters,
+        phi_squared: &[Vec<f64>; 3],
+    ) -> Result<[Vec<f64>; 3], Locked> {
+        let needed = mechanics.needed_torque_n_m(parameters)?;
+        Ok([0, 1, 2].map(|k| {
+            (0..mechanics.samples())
+                .map(|i| {
+                    needed[k][i].iter().sum::<f64>()
+                        - mechanics.chains[k].half_capacitance_slope[i] * phi_squared[k][i]
+                })
+                .collect()
+        }))
+    }
+
+    /// Changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open.
+    fn replicate_errors(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<[Vec<f64>; 3]>, Locked> {
+        let r = &self.recordings[recording];
+        let parameters = self.parameters(eta, beta);
+        let offset = self.offset_s(recording, eta);
+        let phi = [0, 1, 2].map(|k| r.phi_squared(offset, k).0);
+        let base = self.torque_error(&r.mechanics, &parameters, &phi)?;
+        (0..REPLICATES)
+            .into_par_iter()
+            .map(|m| {
+                let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + m as u64);
+                generator.set_stream(recording as u64);
+                let track = r.dataset.drawn_track(&mut generator);
+                let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
+                    return Ok(base.clone().map(|v| vec![0.0; v.len()]));
+                };
+                let mut error = self.torque_error(&mechanics, &parameters, &phi)?;
+                for k in 0..3 {
+                    for (e, b) in error[k].iter_mut().zip(&base[k]) {
+                        *e -= b;
+                    }
+                    for (i, _) in mechanics.unreachable.iter().chain(&r.mechanics.unreachable) {
+                        error[k][*i] = 0.0;
+                    }
+                }
+                Ok(error)
+            })
+            .collect()
+    }
+
+    /// Sets the weights to what the noise of capture and voltage makes of the residual at these parameters (the noise gain
+    /// depends on the film, so a fit calls this again where it ends). Returns the error of the predicted voltage that
+    /// this noise alone makes, recording by recording.
+    ///
+    /// Replicate tracks are drawn from the smoother's posterior and go through kinematics, film history and filter; at
+    /// each kept sample the 3 x 3 covariance is that of the replicates within 0.6 s.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {
+        for number in 0..self.recordings.len() {
+            let errors = self.replicate_errors(number, eta, beta)?;
+            let offset = self.offset_s(number, eta);
+            let r = &mut self.recordings[number];
+            let kept = r.centres.len();
+            let filtered: Vec<Vec<f64>> = errors
+                .par_iter()
+                .map(|e| {
+                    let mut out = vec![0.0; 3 * kept];
+                    for (j, &c) in r.centres.iter().enumerate() {
+                        for k in 0..3 {
+                            out[3 * j + k] = r.decimation.apply(c, |i| e[k][i]);
+                        }
+                    }
+                    out
+                })
+                .collect();
+            let energy: f64 = r.decimation.weights.iter().map(|w| w * w).sum();
+            let resolution = resolution_v(&r.dataset.voltage);
+            let reach = (COVARIANCE_REACH_S / (r.dataset.step_s * r.decimation.every as f64))
+                .round() as usize;
+            let outer: Vec<Matrix3<f64>> = (0..kept)
+                .map(|j| {
+                    let mut sum = Matrix3::zeros();
+                    for e in &filtered {
+                        let e = nalgebra::Vector3::from_column_slice(&e[3 * j..3 * j + 3]);
+                        sum += e * e.transpose();
+                    }
+                    sum / filtered.len() as f64
+                })
+                .collect();
+            let mut largest = 0.0_f64;
+            for (j, &centre) in r.centres.iter().enumerate() {
+                let window = &outer[j.saturating_sub(reach)..(j + reach + 1).min(kept)];
+                let mut covariance: Matrix3<f64> =
+                    window.iter().sum::<Matrix3<f64>>() / window.len() as f64;
+                for k in 0..3 {
+                    let slope = r.mechanics.chains[k].half_capacitance_slope[centre];
+                    let phi = r.dataset.command_v(k, centre, offset);
+                    let quantum = 2.0 * slope * phi * resolution[k] / 12f64.sqrt();
+                    covariance[(k, k)] += quantum * quantum * energy;
+                }
+                largest = largest.max(covariance.trace());
+                // A still chain may have next to no noise: never below a millionth of the largest anywhere.
+                for k in 0..3 {
+                    covariance[(k, k)] += 1e-6 * largest + 1e-24;
+                }
+                let l = covariance.cholesky().map_or(Matrix3::identity(), |c| c.l());
+                let inverse = l.try_inverse().unwrap_or(Matrix3::identity());
+                r.whitening[j] = [
+                    inverse[(0, 0)],
+                    inverse[(1, 0)],
+                    inverse[(1, 1)],
+                    inverse[(2, 0)],
+                    inverse[(2, 1)],
+                    inverse[(2, 2)],
+                ];
+            }
+            r.errors = filtered;
+            for errors in &mut r.errors {
+                for (e, w) in errors.chunks_exact_mut(3).zip(&r.whitening) {
+                    let (a, b, d) = (e[0], e[1], e[2]);
+                    e[0] = w[0] * a;
+                    e[1] = w[1] * a + w[2] * b;
+                    e[2] = w[3] * a + w[4] * b + w[5] * d;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Mean square of the whitened residual that the noise alone makes (1 when the weights are right), after
+    /// [`RobotResidual::weigh`].
+    pub fn noise_mean_square(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for e in self.recordings.iter().flat_map(|r| &r.errors).flatten() {
+            sum += e * e;
+            count += 1.0;
+        }
+        sum / f64::max(count, 1.0)
+    }
+
+    /// Covariance of the scores X'e, where X = [d r/d eta | B] at the parameters and e the noise of the residual: from the
+    /// replicates, in blocks longer than the noise's memory. Together with the inverse of X'X it gives a covariance of
+    /// the parameters that holds for correlated noise.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
+        let (nonlinear, linear) = (self.layout.nonlinear(), self.layout.linear());
+        let size = nonlinear + linear;
+        let slopes = self.slopes();
+        let width = self.width();
+        let mut covariance = DMatrix::zeros(size, size);
+        for (number, r) in self.recordings.iter().enumerate() {
+            let columns = self.columns(number);
+            let per_block =
+                (SCORE_BLOCK_S / (r.dataset.step_s * r.decimation.every as f64)).ceil() as usize;
+            let blocks = r.centres.len().div_ceil(per_block);
+            let mut scores = vec![DMatrix::<f64>::zeros(size, r.errors.len()); blocks];
+            let mut x = vec![0.0; size];
+            self.for_each_block(number, eta, beta, |first, rows| {
+                for (i, row) in rows.chunks_exact(width).enumerate() {
+                    let kept = first + i / 3;
+                    x.fill(0.0);
+                    for (s, slope) in slopes.iter().enumerate() {
+                        if let Some(c) = columns[linear + s] {
+                            x[slope.nonlinear] += slope.linear.map_or(1.0, |b| beta[b]) * row[c];
+                        }
+                    }
+                    x[nonlinear..].copy_from_slice(&row[..linear]);
+                    let scale = r.robust[kept];
+                    for (m, errors) in r.errors.iter().enumerate() {
+                        let e = scale * errors[3 * kept + i % 3];
+                        let mut column = scores[kept / per_block].column_mut(m);
+                        for (s, x) in column.iter_mut().zip(&x) {
+                            *s += x * e;
+                        }
+                    }
+                }
+            })?;
+            for block in &scores {
+                covariance += block * block.transpose() / r.errors.len().max(1) as f64;
+            }
+        }
+        Ok(covariance)
+    }
+
+    /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn voltage_error(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<VoltageError, Locked> {
+        let r = &self.recordings[recording];
+        let parameters = self.parameters(eta, beta);
+        let offset = self.offset_s(recording, eta);
+        let errors = self.replicate_errors(recording, eta, beta)?;
+        let predicted = r.mechanics.phi_squared_v2(&parameters)?;
+        let n = r.dataset.samples();
+        let edge = (EDGE_S / r.dataset.step_s).round() as usize;
+        let mut reached = vec![true; n];
+        for (i, _) in &r.mechanics.unreachable {
+            reached[*i] = false;
+        }
+        let mut out = VoltageError {
+            predicted_squared_v2: predicted,
+            command_v: Vec::with_capacity(n),
+            sd_v: Vec::with_capacity(n),
+            counts: (0..n)
+                .map(|i| {
+                    reached[i]
+                        && r.dataset.captured(i)
+                        && i >= edge
+                        && i + edge < n
+                        && r.dataset.has_voltage(i, offset)
+                })
+                .collect(),
+        };
+        for i in 0..n {
+            out.command_v
+                .push([0, 1, 2].map(|k| r.dataset.command_v(k, i, offset)));
+            out.sd_v.push([0, 1, 2].map(|k| {
+                let slope = r.mechanics.chains[k].half_capacitance_slope[i];
+                let squared = out.predicted_squared_v2[i][k];
+                let at = root_v(squared);
+                let sum: f64 = errors
+                    .iter()
+                    .map(|e| (root_v(squared + e[k][i] / slope) - at).powi(2))
+                    .sum();
+                (sum / errors.len() as f64).sqrt()
+            }));
+        }
+        Ok(out)
+    }
+}
+
+impl SeparableResidual for RobotResidual<'_> {
+    type Error = Locked;
+
+    fn evaluate(&self, eta: &[f64], reference: &[f64]) -> Result<Normal, Locked> {
+        let slopes = self.slopes();
+        let linear = self.layout.linear();
+        let size = linear + slopes.len() + 1;
+        let width = self.width();
+        let grams: Vec<Vec<f64>> = if self.recordings.len() == 1 {
+            vec![self.gram(0, eta, reference)?]
+        } else {
+            (0..self.recordings.len())
+                .into_par_iter()
+                .map(|r| self.gram(r, eta, reference))
+                .collect::<Result<_, _>>()?
+        };
+        let mut gram = DMatrix::zeros(size, size);
+        for (number, own) in grams.iter().enumerate() {
+            let columns = self.columns(number);
+            for i in 0..size {
+                for j in 0..=i {
+                    if let (Some(a), Some(b)) = (columns[i], columns[j]) {
+                        let value = own[a.max(b) * width + a.min(b)];
+                        gram[(i, j)] += value;
+                        if i != j {
+                            gram[(j, i)] += value;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(Normal {
+            gram,
+            slopes,
+            reference: reference.to_vec(),
+            rows: self.rows(),
+        })
+    }
+}
+
+/// Finest step between values of each channel, V: the resolution of the recorded voltage.
+fn resolution_v(voltage: &crate::dataset::Voltage) -> [f64; 3] {
+    [0, 1, 2].map(|k| {
+        let mut values: Vec<f64> = voltage.channels_v()[k].iter().copied().step_by(7).collect();
+        values.sort_by(f64::total_cmp);
+        values
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .filter(|d| *d > 1e-9)
+            .fold(f64::INFINITY, f64::min)
+            .min(100.0)
+    })
+}
+
+fn prepare<'a>(
+    dataset: &'a Dataset,
+    mechanics: Mechanics,
+    forearm: &ForearmTorque,
+    nodes: usize,
+) -> Prepared<'a> {
+    let decimation = Decimation::new(dataset.step_s);
+    let free = dataset.offset_source == OffsetSource::Free;
+    let margin = if free { OFFSET_REACH_S } else { 0.0 };
+    let mut usable = dataset.usable.clone();
+    for (i, usable) in usable.iter_mut().enumerate() {
+        let known = |shift: f64| dataset.has_voltage(i, dataset.offset_s + shift);
+        *usable = *usable && known(margin) && known(-margin);
+    }
+    for (i, _) in &mechanics.unreachable {
+        usable[*i] = false;
+    }
+    let centres = decimation.centres(&usable);
+    let load = centres
+        .iter()
+        .map(|&c| [0, 1, 2].map(|k| decimation.apply(c, |i| mechanics.chains[k].load(i))))
+        .collect();
+    // Forearm columns: lever of chain j on lozenge k times the spline's basis at theta_FA_j, filtered.
+    let n = dataset.samples();
+    let mut basis = vec![0.0; 3 * n * nodes];
+    for i in 0..n {
+        for j in 0..3 {
+            let at = (3 * i + j) * nodes;
+            forearm.basis(
+                mechanics.chains[j].theta_fa_rad[i],
+                &mut basis[at..at + nodes],
+            );
+        }
+    }
+    let mut columns = vec![0.0; 3 * centres.len() * nodes];
+    for (j, &centre) in centres.iter().enumerate() {
+        for (t, w) in decimation.weights.iter().enumerate() {
+            let i = centre - decimation.half + t;
+            for k in 0..3 {
+                let out = &mut columns[(3 * j + k) * nodes..(3 * j + k + 1) * nodes];
+                for (source, lever) in mechanics.chains[k].forearm_lever[i].iter().enumerate() {
+                    let from = &basis[(3 * i + source) * nodes..(3 * i + source + 1) * nodes];
+                    for (o, b) in out.iter_mut().zip(from) {
+                        *o += w * lever * b;
+                    }
+                }
+            }
+        }
+    }
+    let kept = centres.len();
+    let mut prepared = Prepared {
+        dataset,
+        mechanics,
+        decimation,
+        centres,
+        load,
+        forearm: columns,
+        maxwell: None,
+        whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
+        robust: vec![1.0; kept],
+        errors: Vec::new(),
+    };
+    if !free {
+        prepared.maxwell = Some(prepared.maxwell_at(dataset.offset_s));
+    }
+    prepared
+}

@@ -8,7 +8,8 @@ mod robot;
 mod statistics;
 
 pub use outcome::{
-    AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection, WorstPlace,
+    AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
+    WorstPlace,
 };
 pub use robot::{Request, Stage, calibrate_robot, validate_robot};
 pub use statistics::Uncertainty;
@@ -35,7 +36,9 @@ pub enum Error {
         what: String,
     },
     /// A recording whose poses the mechanism cannot take.
-    #[error("recording `{recording}`, frame at {time_s:.3} s: {why}; check the rig's lengths, base_position_mm, end_effector_offset_mm and rotation_deg")]
+    #[error(
+        "recording `{recording}`, frame at {time_s:.3} s: {why}; check the rig's lengths, base_position_mm, end_effector_offset_mm and rotation_deg"
+    )]
     Unreachable {
         /// Recording.
         recording: String,

@@ -13,3 +13,4 @@ mod robot;
 pub use decimate::Decimation;
 pub use normal::{Normal, SeparableResidual, Slope};
 pub use robot::{Layout, RobotResidual, VoltageError};
+pub(crate) use robot::{OFFSET_REACH_S, root_v};

@@ -406,6 +406,28 @@ fn columns_are_found_or_the_others_are_listed() {
 }
 
 #[test]
+fn rows_of_a_frame_number_alone_and_rows_that_were_cut() {
+    for (rows, frames) in [
+        ("98,0,1,2,3\n99\n100,\n101,0\n", vec![98, 99, 100, 101]),
+        // cut inside the frame number, after it, and inside the row
+        ("98,0,1,2,3\n9", vec![98]),
+        ("98,0,1,2,3\n99,", vec![98]),
+        ("98,0,1,2,3\n99,0,1,-", vec![98]),
+        ("98,0,1,2,3\n99,0,1,2,3", vec![98, 99]),
+    ] {
+        let capture = read(format!("{NEXUS}{rows}")).unwrap();
+        assert_eq!(capture.sections[0].frames, frames, "{rows:?}");
+        assert_eq!(capture.sections[0].columns[2].values.len(), frames.len());
+    }
+}
+
+#[test]
+fn trailing_delimiters_may_come_and_go() {
+    let capture = read("t_s,u_V,\n0,1,\n1,2\n2,3,,\n").unwrap();
+    assert_eq!(capture.sections[0].columns[1].values, [1.0, 2.0, 3.0]);
+}
+
+#[test]
 fn a_cut_file_and_a_missing_last_newline() {
     let capture = read("t_s,u_V\n0,1\n1,2").unwrap();
     assert_eq!(capture.sections[0].rows(), 2);

@@ -403,6 +403,13 @@ impl<'a> Table<'a> {
                     .collect()
             }
         };
+        // a row reaches the last column of numbers and the last one asked for; texts and empty cells after it may be left out
+        let last_number = layout.numeric.iter().rposition(|n| *n);
+        let needed = wanted
+            .iter()
+            .max()
+            .max(last_number.as_ref())
+            .map_or(1, |i| i + 1);
         let units: &[String] = layout.header.as_ref().map_or(&[], |h| &h.units);
         let mut slots = vec![None; named];
         let mut columns = Vec::new();
@@ -437,7 +444,7 @@ impl<'a> Table<'a> {
                 ..Section::default()
             },
             delimiter: layout.delimiter,
-            width: layout.width,
+            width: needed,
             named,
             slots,
             numbers,
@@ -503,7 +510,7 @@ impl<'a> Table<'a> {
         Err(failed.unwrap_or_else(|| {
             Error::new(ErrorKind::CellCount, path, format!("found {count} cells"))
                 .at_line(number)
-                .expected(format!("{} as in the first row of data", self.width))
+                .expected(format!("{} or more as in the other rows", self.width))
                 .action("a row was cut; complete or delete it")
         }))
     }

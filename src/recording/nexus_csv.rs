@@ -271,8 +271,10 @@ impl Pass<'_> {
             let mut frame = f64::NAN;
             let mut sub_frame = f64::NAN;
             let mut trouble = None;
+            let mut frame_only = true;
             for (i, cell) in Cells::new(lines.line(), header.delimiter).enumerate() {
                 width_found += 1;
+                frame_only &= i < 2 || cell.bytes.is_empty();
                 if i >= width {
                     if !cell.bytes.is_empty() {
                         trouble = Some((i, None));
@@ -304,7 +306,8 @@ impl Pass<'_> {
                 }
             }
             let number = lines.number();
-            let short = width_found < width && width_found > 1;
+            // a row of the frame number alone is whole, unless it is where the file was cut
+            let short = width_found < width && !(frame_only && lines.ended_with_newline());
             if (short || trouble.is_some()) && !lines.ended_with_newline() {
                 for column in &mut section.columns {
                     column.values.truncate(section.frames.len());

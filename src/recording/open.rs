@@ -1047,7 +1047,8 @@ fn volts(
             } else {
                 "V or kV"
             };
-            return Err(no_unit(&table.path, column, expected));
+            return Err(no_unit(&table.path, column, expected)
+                .action("name a column in that unit, or record the voltage in it"));
         }
         if column.values.iter().all(|v| v.is_nan()) {
             return Err(Error::new(

@@ -1,0 +1,1138 @@
+//! Reads the files that a manifest names, and puts what is asked for together.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use super::capture::{
+    Capture, Column, ColumnRef, Note, ReadOptions, RowLines, Section, read_file_as, without_subject,
+};
+use super::error::{Error, ErrorKind, quote, suggestion};
+use super::manifest::{
+    AxisCoordinate, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
+    CouponManifest, FileRef, Kind, Manifest, MonitorManifest, MotionManifest, VoltageManifest,
+    missing_rig,
+};
+use super::rig::Rig;
+use super::{
+    Marker, OpenOptions, RawAxis, RawBench, RawColumn, RawCoordinate, RawCoupon, RawElongation,
+    RawLoad, RawMonitor, RawMotion, RawVoltage, Recording, Role, Source,
+};
+use crate::units::{Dimension, Unit};
+
+impl Recording {
+    /// Opens a `recording.toml`, or the folder that has one, and reads every file it names.
+    ///
+    /// # Errors
+    /// See [`ErrorKind`]; the first thing wrong is reported.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        Self::open_with(path, &OpenOptions::default())
+    }
+
+    /// As [`Recording::open`], with options.
+    ///
+    /// # Errors
+    /// See [`ErrorKind`]; the first thing wrong is reported.
+    pub fn open_with(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
+        let path = if path.is_dir() {
+            let inside = path.join("recording.toml");
+            if !inside.exists() {
+                return Err(Error::new(
+                    ErrorKind::NotFound,
+                    path,
+                    "the folder has no recording.toml",
+                )
+                .action("name a folder with a recording.toml, or the file itself"));
+            }
+            inside
+        } else {
+            path.to_owned()
+        };
+        let dir = path.parent().unwrap_or(Path::new("")).to_owned();
+        let manifest = Manifest::read(&path)?;
+        let mut reader = Reader {
+            dir: &dir,
+            sources: Vec::new(),
+            notes: Vec::new(),
+        };
+        reader.source(&path, Role::Manifest, "toml")?;
+
+        let rig_path = options
+            .rig
+            .clone()
+            .or_else(|| manifest.rig.as_ref().map(|rig| dir.join(rig)));
+        let rig = match &rig_path {
+            Some(rig_path) => {
+                let rig = Rig::read(rig_path)?;
+                let fits = match manifest.kind {
+                    Kind::Robot => matches!(rig, Rig::Robot(_)),
+                    Kind::FilmSample => matches!(rig, Rig::FilmSample(_)),
+                    _ => true,
+                };
+                if !fits {
+                    return Err(Error::new(
+                        ErrorKind::BadValue,
+                        rig_path,
+                        "the rig is of another kind",
+                    )
+                    .at_key("[rig] kind")
+                    .expected(format!(
+                        "\"{}\" as {}",
+                        manifest.kind.name(),
+                        path.display()
+                    ))
+                    .action("name the right rig file under [recording] rig"));
+                }
+                reader.source(rig_path, Role::Rig, "toml")?;
+                Some(rig)
+            }
+            None if matches!(manifest.kind, Kind::Robot | Kind::FilmSample) => {
+                return Err(missing_rig(&path, manifest.kind));
+            }
+            None => None,
+        };
+
+        let motion = manifest
+            .motion
+            .as_ref()
+            .map(|m| reader.motion(m))
+            .transpose()?;
+        let voltage = manifest
+            .voltage
+            .as_ref()
+            .map(|v| reader.voltage(v))
+            .transpose()?;
+        let monitor = match (&manifest.monitor, &voltage) {
+            (Some(m), Some(v)) => Some(reader.monitor(m, v.unit)?),
+            _ => None,
+        };
+        let coupon = manifest
+            .coupon
+            .as_ref()
+            .map(|c| reader.coupon(c))
+            .transpose()?;
+        let bench = manifest
+            .bench
+            .as_ref()
+            .map(|b| reader.bench(b))
+            .transpose()?;
+        let axis = manifest.axis.as_ref().map(|a| reader.axis(a)).transpose()?;
+        let Reader { sources, notes, .. } = reader;
+        Ok(Recording {
+            manifest,
+            rig,
+            rig_path,
+            path,
+            dir,
+            motion,
+            voltage,
+            monitor,
+            coupon,
+            bench,
+            axis,
+            sources,
+            notes,
+        })
+    }
+}
+
+/// SHA-256 of a file, hexadecimal.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn sha256(path: &Path) -> Result<String, Error> {
+    use std::fmt::Write;
+    let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0; 64 * 1024];
+    loop {
+        let read = file.read(&mut buffer).map_err(|e| Error::io(path, e))?;
+        if read == 0 {
+            break;
+        }
+        hasher.update(&buffer[..read]);
+    }
+    Ok(hasher
+        .finalize()
+        .iter()
+        .fold(String::new(), |mut hex, byte| {
+            let _ = write!(hex, "{byte:02x}");
+            hex
+        }))
+}
+
+/// Columns of one section, with the time of their rows.
+struct Table {
+    path: PathBuf,
+    time_s: Option<Vec<f64>>,
+    columns: Vec<Column>,
+    lines: RowLines,
+}
+
+/// Reads the files of one recording.
+struct Reader<'a> {
+    dir: &'a Path,
+    sources: Vec<Source>,
+    notes: Vec<Note>,
+}
+
+impl Reader<'_> {
+    fn source(&mut self, path: &Path, role: Role, format: &str) -> Result<(), Error> {
+        self.sources.push(Source {
+            path: path.to_owned(),
+            role,
+            sha256: sha256(path)?,
+            format: format.to_owned(),
+        });
+        Ok(())
+    }
+
+    /// Reads a file; `columns` are those that will be used, where only some are.
+    fn capture(
+        &mut self,
+        source: &FileRef,
+        role: Role,
+        columns: Option<Vec<ColumnRef>>,
+    ) -> Result<(PathBuf, Capture), Error> {
+        let path = self.dir.join(&source.file);
+        let options = ReadOptions {
+            encoding: source.encoding.clone(),
+            columns,
+        };
+        let mut capture = read_file_as(&path, source.format.as_deref(), &options)?;
+        self.source(&path, role, capture.format)?;
+        self.notes.append(&mut capture.notes);
+        Ok((path, capture))
+    }
+
+    /// Reads columns that share a clock.
+    fn table(
+        &mut self,
+        source: &FileRef,
+        role: Role,
+        clock: &Clock,
+        wanted: &[&ColumnRef],
+    ) -> Result<Table, Error> {
+        let mut asked: Vec<ColumnRef> = wanted.iter().map(|c| (*c).clone()).collect();
+        if let Clock::Column { column, .. } = clock {
+            asked.push(column.clone());
+        }
+        let (path, mut capture) = self.capture(source, role, Some(asked.clone()))?;
+        let mut places = asked
+            .iter()
+            .map(|column| capture.find_column(&path, column))
+            .collect::<Result<Vec<_>, _>>()?;
+        let index = places.first().map_or(0, |p| p.0);
+        if places.iter().any(|p| p.0 != index) {
+            return Err(Error::new(
+                ErrorKind::Ambiguous,
+                &path,
+                format!("the columns of [{}] are in several sections", role.name()),
+            )
+            .action("name columns of one section: they share a clock"));
+        }
+        let Some(section) = capture.sections.get_mut(index) else {
+            return Err(Error::new(
+                ErrorKind::NoData,
+                &path,
+                "the file has no section",
+            ));
+        };
+        let time_s = match clock {
+            Clock::Own => section.times_s(),
+            #[allow(clippy::cast_precision_loss)]
+            Clock::Rate { rate_hz } => {
+                Some((0..section.rows()).map(|i| i as f64 / rate_hz).collect())
+            }
+            Clock::Column { unit, .. } => {
+                let (_, place) = places.pop().unwrap_or_default();
+                Some(self.seconds(&path, role, &section.columns[place], *unit)?)
+            }
+        };
+        let columns = places
+            .iter()
+            .enumerate()
+            .map(|(i, (_, c))| {
+                if places[i + 1..].iter().any(|(_, later)| later == c) {
+                    section.columns[*c].clone()
+                } else {
+                    Column {
+                        values: std::mem::take(&mut section.columns[*c].values),
+                        ..section.columns[*c].clone()
+                    }
+                }
+            })
+            .collect();
+        Ok(Table {
+            path,
+            time_s,
+            columns,
+            lines: std::mem::take(&mut section.lines),
+        })
+    }
+
+    /// A time column in seconds.
+    fn seconds(
+        &mut self,
+        path: &Path,
+        role: Role,
+        column: &Column,
+        declared: Option<&'static Unit>,
+    ) -> Result<Vec<f64>, Error> {
+        let unit = match unit_of(path, column, declared, Dimension::Time)? {
+            Some(unit) => unit,
+            None if ["t", "time"]
+                .iter()
+                .any(|n| column.axis.eq_ignore_ascii_case(n)) =>
+            {
+                self.notes.push(Note::warning(
+                    path,
+                    format!("column {} has no unit; taken as seconds", column.title()),
+                ));
+                return Ok(column.values.clone());
+            }
+            None => {
+                let key = match role {
+                    Role::Motion | Role::Voltage | Role::Monitor => "time_unit = \"s\"",
+                    _ => "units = { time = \"s\" }",
+                };
+                return Err(no_unit(path, column, "s, ms or us").action(format!(
+                    "add `{key}` under [{}] in the recording.toml",
+                    role.name()
+                )));
+            }
+        };
+        Ok(column.values.iter().map(|t| t * unit.to_si).collect())
+    }
+
+    fn voltage(&mut self, m: &VoltageManifest) -> Result<RawVoltage, Error> {
+        let wanted: Vec<&ColumnRef> = m.channels.iter().collect();
+        let table = self.table(&m.source, Role::Voltage, &m.clock, &wanted)?;
+        let time_s = rising_time(&table, Role::Voltage)?;
+        let unit = volts(&table, &table.columns, m.unit, m.scale)?;
+        let Some(unit) = unit else {
+            let column = &table.columns[0];
+            return Err(no_unit(&table.path, column, "V or kV")
+                .action("add `unit = \"kV\"` (or \"V\") under [voltage] in the recording.toml"));
+        };
+        self.check_size(&table, unit, m.scale);
+        Ok(RawVoltage {
+            time_s,
+            labels: table.columns.iter().map(Column::title).collect(),
+            channels: table.columns.into_iter().map(|c| c.values).collect(),
+            unit,
+            scale: m.scale,
+            hold_previous: m.hold_previous,
+        })
+    }
+
+    /// Says when the voltages look a thousand times too small or too large.
+    fn check_size(&mut self, table: &Table, unit: &Unit, scale: Option<f64>) {
+        let largest = table
+            .columns
+            .iter()
+            .flat_map(|c| &c.values)
+            .fold(0.0_f64, |m, v| m.max(v.abs()))
+            * unit.to_si
+            * scale.unwrap_or(1.0).abs();
+        if largest > 0.0 && largest < 20.0 {
+            self.notes.push(Note::warning(
+                &table.path,
+                format!("the largest voltage is {largest} V: is the unit kV, or a scale missing?"),
+            ));
+        } else if largest > 50_000.0 {
+            self.notes.push(Note::warning(
+                &table.path,
+                format!(
+                    "the largest voltage is {} kV: is the unit V?",
+                    largest / 1000.0
+                ),
+            ));
+        }
+    }
+
+    fn monitor(
+        &mut self,
+        m: &MonitorManifest,
+        voltage_unit: &'static Unit,
+    ) -> Result<RawMonitor, Error> {
+        let wanted: Vec<&ColumnRef> = m.channels.iter().chain(&m.current).collect();
+        let mut table = self.table(&m.source, Role::Monitor, &m.clock, &wanted)?;
+        let time_s = rising_time(&table, Role::Monitor)?;
+        let currents = table.columns.split_off(m.channels.len());
+        let unit = volts(&table, &table.columns, m.unit, m.scale)?.unwrap_or(voltage_unit);
+        let mut current = Vec::new();
+        for column in currents {
+            current.push(raw(
+                &table.path,
+                column,
+                m.current_unit,
+                Dimension::Current,
+                "current_unit = \"mA\"",
+            )?);
+        }
+        Ok(RawMonitor {
+            time_s,
+            channels: table.columns.into_iter().map(|c| c.values).collect(),
+            unit,
+            scale: m.scale,
+            current,
+        })
+    }
+
+    fn coupon(&mut self, m: &CouponManifest) -> Result<RawCoupon, Error> {
+        let far = match &m.elongation {
+            CouponElongation::Displacement { displacement, .. } => displacement,
+            CouponElongation::Stretch(stretch) => stretch,
+        };
+        let hard = match &m.load {
+            CouponLoad::Force { force, .. } => force,
+            CouponLoad::NominalStress(stress) => stress,
+        };
+        let table = self.table(
+            &m.source,
+            Role::Coupon,
+            &m.clock,
+            &[&far.column, &hard.column],
+        )?;
+        let mut time_steps_back = Vec::new();
+        if let Some(time_s) = &table.time_s {
+            complete(&table, time_s)?;
+            time_steps_back = (1..time_s.len())
+                .filter(|i| time_s[*i] <= time_s[i - 1])
+                .collect();
+            if let Some(first) = time_steps_back.first() {
+                self.notes.push(
+                    Note::warning(
+                        &table.path,
+                        format!(
+                            "time does not rise in {} rows, here from {} s to {} s",
+                            time_steps_back.len(),
+                            time_s[first - 1],
+                            time_s[*first]
+                        ),
+                    )
+                    .at_line(table.lines.line(*first)),
+                );
+            }
+        }
+        let Table {
+            path,
+            time_s,
+            columns,
+            ..
+        } = table;
+        let (far_column, hard_column) = pair(&path, columns)?;
+        let elongation = match &m.elongation {
+            CouponElongation::Displacement { gauge_mm, .. } => RawElongation::Displacement {
+                displacement: raw(
+                    &path,
+                    far_column,
+                    far.unit,
+                    Dimension::Length,
+                    "units = { displacement = \"mm\" }",
+                )?,
+                gauge_mm: *gauge_mm,
+            },
+            CouponElongation::Stretch(_) => {
+                // a stretch is a pure number: no unit is the rule
+                let unit = far.unit.or_else(|| Unit::parse("1"));
+                RawElongation::Stretch(raw(
+                    &path,
+                    far_column,
+                    unit,
+                    Dimension::Ratio,
+                    "units = { stretch = \"1\" }",
+                )?)
+            }
+        };
+        let load = match &m.load {
+            CouponLoad::Force {
+                width_mm,
+                thickness_mm,
+                ..
+            } => RawLoad::Force {
+                force: raw(
+                    &path,
+                    hard_column,
+                    hard.unit,
+                    Dimension::Force,
+                    "units = { force = \"N\" }",
+                )?,
+                width_mm: *width_mm,
+                thickness_mm: *thickness_mm,
+            },
+            CouponLoad::NominalStress(_) => RawLoad::NominalStress(raw(
+                &path,
+                hard_column,
+                hard.unit,
+                Dimension::Stress,
+                "units = { nominal_stress = \"kPa\" }",
+            )?),
+        };
+        Ok(RawCoupon {
+            mode: m.mode,
+            time_s,
+            time_steps_back,
+            elongation,
+            load,
+        })
+    }
+
+    fn bench(&mut self, m: &BenchManifest) -> Result<RawBench, Error> {
+        let table = self.table(
+            &m.source,
+            Role::Bench,
+            &m.clock,
+            &[&m.angle.column, &m.torque.column],
+        )?;
+        let time_s = match table.time_s {
+            Some(_) => Some(rising_time(&table, Role::Bench)?),
+            None => None,
+        };
+        let (angle, torque) = pair(&table.path, table.columns)?;
+        Ok(RawBench {
+            time_s,
+            angle: raw(
+                &table.path,
+                angle,
+                m.angle.unit,
+                Dimension::Angle,
+                "units = { angle = \"rad\" }",
+            )?,
+            torque: raw(
+                &table.path,
+                torque,
+                m.torque.unit,
+                Dimension::Torque,
+                "units = { torque = \"N m\" }",
+            )?,
+        })
+    }
+
+    fn axis(&mut self, m: &AxisManifest) -> Result<RawAxis, Error> {
+        let moved = match &m.coordinate {
+            AxisCoordinate::Position(q) | AxisCoordinate::Velocity(q) => q,
+        };
+        let mut wanted = vec![&moved.column, &m.input];
+        wanted.extend(m.load.as_ref().map(|l| &l.column));
+        let mut table = self.table(&m.source, Role::Axis, &m.clock, &wanted)?;
+        let time_s = rising_time(&table, Role::Axis)?;
+        let path = table.path.clone();
+        let load = match (&m.load, table.columns.len()) {
+            (Some(load), 3) => table.columns.pop().map(|c| (load, c)),
+            _ => None,
+        };
+        let (coordinate, input) = pair(&path, table.columns)?;
+        // an axis may slide or turn: the unit says which
+        let turns = |unit: Option<&Unit>, column: &Column, turning: Dimension| {
+            unit.or_else(|| Unit::parse(&column.unit))
+                .is_some_and(|u| u.dimension == turning)
+        };
+        let either = |unit, column: &Column, sliding, turning| {
+            if turns(unit, column, turning) {
+                turning
+            } else {
+                sliding
+            }
+        };
+        let coordinate = match &m.coordinate {
+            AxisCoordinate::Position(q) => {
+                let d = either(q.unit, &coordinate, Dimension::Length, Dimension::Angle);
+                RawCoordinate::Position(raw(
+                    &path,
+                    coordinate,
+                    q.unit,
+                    d,
+                    "units = { position = \"m\" }",
+                )?)
+            }
+            AxisCoordinate::Velocity(q) => {
+                let d = either(
+                    q.unit,
+                    &coordinate,
+                    Dimension::Velocity,
+                    Dimension::AngularVelocity,
+                );
+                RawCoordinate::Velocity(raw(
+                    &path,
+                    coordinate,
+                    q.unit,
+                    d,
+                    "units = { velocity = \"m/s\" }",
+                )?)
+            }
+        };
+        let load = match load {
+            Some((q, column)) => {
+                let d = either(q.unit, &column, Dimension::Force, Dimension::Torque);
+                Some(raw(&path, column, q.unit, d, "units = { load = \"N\" }")?)
+            }
+            None => None,
+        };
+        let header_unit = Unit::parse(&input.unit);
+        let declared = m.input_unit.as_deref().and_then(Unit::parse);
+        if let (Some(header), Some(declared)) = (header_unit, declared)
+            && header != declared
+        {
+            return Err(contradiction(&path, &input, declared));
+        }
+        let input_unit = m.input_unit.clone().unwrap_or_else(|| input.unit.clone());
+        Ok(RawAxis {
+            time_s,
+            coordinate,
+            input: RawColumn {
+                label: input.title(),
+                unit: declared.or(header_unit),
+                values: input.values,
+            },
+            input_unit,
+            load,
+        })
+    }
+
+    fn motion(&mut self, m: &MotionManifest) -> Result<RawMotion, Error> {
+        let (path, capture) = self.capture(&m.source, Role::Motion, None)?;
+        let all = markers(&capture);
+        let end = pick(&path, &all, &m.end_effector, None)?;
+        let base = match &m.base {
+            Some(label) => Some(pick(&path, &all, label, Some(end.section))?),
+            None => None,
+        };
+        let section = &capture.sections[end.section];
+        let unit = positions_unit(&path, section, end, m.unit)?;
+        if let Some(base) = base
+            && positions_unit(&path, section, base, m.unit)? != unit
+        {
+            return Err(Error::new(
+                ErrorKind::WrongUnit,
+                &path,
+                format!("{} and {} are in different units", end.label, base.label),
+            )
+            .expected("one unit for both markers"));
+        }
+
+        let clock = self.motion_clock(&path, section, &m.clock)?;
+        let gather = |marker: &MarkerColumns| {
+            let mut xyz = vec![[f64::NAN; 3]; clock.time_s.len()];
+            for (row, at) in clock.places.iter().enumerate() {
+                for (value, column) in xyz[*at].iter_mut().zip(marker.columns) {
+                    *value = section.columns[column].values[row];
+                }
+            }
+            Marker {
+                label: marker.label.clone(),
+                xyz,
+            }
+        };
+        let end_effector = gather(end);
+        let base = base.map(gather);
+        for marker in std::iter::once(&end_effector).chain(&base) {
+            self.check_marker(&path, marker)?;
+        }
+        Ok(RawMotion {
+            rate_hz: clock.rate_hz,
+            first_frame: clock.first_frame,
+            time_s: clock.time_s,
+            unit,
+            end_effector,
+            base,
+        })
+    }
+
+    /// Refuses a marker that was never seen, and says how often it was not.
+    fn check_marker(&mut self, path: &Path, marker: &Marker) -> Result<(), Error> {
+        let samples = marker.xyz.len();
+        let whole = marker
+            .xyz
+            .iter()
+            .filter(|p| p.iter().all(|v| v.is_finite()))
+            .count();
+        let part = marker
+            .xyz
+            .iter()
+            .filter(|p| p.iter().any(|v| v.is_nan()) && p.iter().any(|v| v.is_finite()))
+            .count();
+        if whole == 0 {
+            return Err(Error::new(
+                ErrorKind::MissingThroughout,
+                path,
+                format!(
+                    "marker {} has no position in any of {samples} samples",
+                    quote(&marker.label)
+                ),
+            )
+            .action(
+                "name a marker that was seen, or label it in the capture software and export again",
+            ));
+        }
+        let zeros = marker.xyz.iter().filter(|p| **p == [0.0; 3]).count();
+        let runs = marker
+            .xyz
+            .iter()
+            .fold((0usize, false), |(runs, inside), p| {
+                let missing = p.iter().any(|v| v.is_nan());
+                (runs + usize::from(missing && !inside), missing)
+            })
+            .0;
+        self.notes.push(Note::info(
+            path,
+            format!(
+                "marker {}: {whole} of {samples} samples, {runs} gaps",
+                quote(&marker.label)
+            ),
+        ));
+        if part > 0 {
+            self.notes.push(Note::warning(
+                path,
+                format!(
+                    "marker {}: {part} samples have some coordinates and not others",
+                    quote(&marker.label)
+                ),
+            ));
+        }
+        if zeros > 0 {
+            self.notes.push(Note::warning(
+                path,
+                format!(
+                    "marker {}: {zeros} samples are exactly 0, 0, 0; some exports write gaps so",
+                    quote(&marker.label)
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    fn motion_clock(
+        &mut self,
+        path: &Path,
+        section: &Section,
+        clock: &Clock,
+    ) -> Result<MotionClock, Error> {
+        if !section.frames.is_empty() && !matches!(clock, Clock::Column { .. }) {
+            let mut rate_hz = section.rate_hz.unwrap_or(f64::NAN);
+            if let Clock::Rate { rate_hz: declared } = clock {
+                if rate_hz != *declared {
+                    self.notes.push(Note::warning(
+                        path,
+                        format!("the file says {rate_hz} Hz; the manifest's {declared} Hz is used"),
+                    ));
+                }
+                rate_hz = *declared;
+            }
+            return frame_clock(path, section, rate_hz);
+        }
+        let time_s = match clock {
+            Clock::Column { column, unit } => {
+                let capture = Capture {
+                    format: "",
+                    sections: vec![section.clone()],
+                    notes: Vec::new(),
+                };
+                let (_, place) = capture.find_column(path, column)?;
+                self.seconds(path, Role::Motion, &section.columns[place], *unit)?
+            }
+            #[allow(clippy::cast_precision_loss)]
+            Clock::Rate { rate_hz } => (0..section.rows()).map(|i| i as f64 / rate_hz).collect(),
+            Clock::Own => section.stamps_s.clone().ok_or_else(|| {
+                Error::new(
+                    ErrorKind::MissingKey,
+                    path,
+                    "a plain table has no clock of its own",
+                )
+                .at_key("[motion] time")
+                .action("add `time = ...` (a column) or `rate_hz = ...` under [motion]")
+            })?,
+        };
+        let table = Table {
+            path: path.to_owned(),
+            time_s: Some(time_s),
+            columns: Vec::new(),
+            lines: section.lines.clone(),
+        };
+        let time_s = rising_time(&table, Role::Motion)?;
+        let mut steps: Vec<f64> = time_s.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        let rate_hz = match (clock, steps.get(steps.len() / 2)) {
+            (Clock::Rate { rate_hz }, _) => *rate_hz,
+            (_, Some(step)) => 1.0 / step,
+            (_, None) => {
+                return Err(
+                    Error::new(ErrorKind::NoData, path, "the motion has a single sample")
+                        .expected("at least two"),
+                );
+            }
+        };
+        Ok(MotionClock {
+            rate_hz,
+            first_frame: None,
+            places: (0..time_s.len()).collect(),
+            time_s,
+        })
+    }
+}
+
+/// The samples of a motion, and where each row of the file goes.
+struct MotionClock {
+    rate_hz: f64,
+    first_frame: Option<i64>,
+    time_s: Vec<f64>,
+    places: Vec<usize>,
+}
+
+/// Samples without a hole from the first frame to the last: time (frame - 1)/rate.
+fn frame_clock(path: &Path, section: &Section, rate_hz: f64) -> Result<MotionClock, Error> {
+    let first = section.sample_index(0);
+    let mut places = Vec::with_capacity(section.rows());
+    let most = section.rows().saturating_mul(10).saturating_add(100_000);
+    for row in 0..section.rows() {
+        let place =
+            usize::try_from(section.sample_index(row).saturating_sub(first)).unwrap_or(usize::MAX);
+        if place > most {
+            return Err(Error::new(
+                ErrorKind::TimeOrder,
+                path,
+                format!(
+                    "frame {} follows frame {}",
+                    section.frames[row],
+                    section.frames[row.saturating_sub(1)]
+                ),
+            )
+            .at_line(section.lines.line(row))
+            .at_column(1)
+            .expected("frame numbers that go on")
+            .action("a frame number is wrong; correct it or export the trial again"));
+        }
+        places.push(place);
+    }
+    let samples = places.last().map_or(0, |p| p + 1);
+    #[allow(clippy::cast_precision_loss)]
+    let time_s = (0..samples)
+        .map(|i| first.saturating_add(i64::try_from(i).unwrap_or(0)) as f64 / rate_hz)
+        .collect();
+    Ok(MotionClock {
+        rate_hz,
+        first_frame: Some(first.saturating_add(1)),
+        time_s,
+        places,
+    })
+}
+
+/// A marker in a file: its columns X, Y, Z.
+struct MarkerColumns {
+    label: String,
+    section: usize,
+    columns: [usize; 3],
+}
+
+/// Every group with X, Y, Z (or TX, TY, TZ) in a length, and in a plain table every trio `EE_x, EE_y, EE_z`.
+fn markers(capture: &Capture) -> Vec<MarkerColumns> {
+    let mut found = Vec::new();
+    for (s, section) in capture.sections.iter().enumerate() {
+        for group in &section.groups {
+            let at = |axis: &str| {
+                group
+                    .columns
+                    .clone()
+                    .find(|c| section.columns[*c].axis.eq_ignore_ascii_case(axis))
+            };
+            let trio = |x, y, z| Some([at(x)?, at(y)?, at(z)?]);
+            let Some(columns) = trio("X", "Y", "Z").or_else(|| trio("TX", "TY", "TZ")) else {
+                continue;
+            };
+            let unit = &section.columns[columns[0]].unit;
+            if unit.is_empty()
+                || Unit::parse(unit).is_some_and(|u| u.dimension == Dimension::Length)
+            {
+                let label = group
+                    .name
+                    .strip_prefix("Global Angle (Quaternion) ")
+                    .or_else(|| group.name.strip_prefix("Global Angle "))
+                    .unwrap_or(&group.name);
+                found.push(MarkerColumns {
+                    label: label.to_owned(),
+                    section: s,
+                    columns,
+                });
+            }
+        }
+        if section.groups.is_empty() {
+            let parts: Vec<Option<(&str, char)>> = section
+                .columns
+                .iter()
+                .map(|c| coordinate(&c.axis))
+                .collect();
+            for (x, part) in parts.iter().enumerate() {
+                let Some((label, 'x')) = part else { continue };
+                let other = |axis| parts.iter().position(|p| *p == Some((*label, axis)));
+                if let (Some(y), Some(z)) = (other('y'), other('z')) {
+                    found.push(MarkerColumns {
+                        label: (*label).to_owned(),
+                        section: s,
+                        columns: [x, y, z],
+                    });
+                }
+            }
+        }
+    }
+    found
+}
+
+/// `EE_x_mm`, `EE:X (mm)`, `EE.x` are coordinate x of EE.
+fn coordinate(header: &str) -> Option<(&str, char)> {
+    let mut name = header.trim();
+    for open in [" (", " [", "(", "["] {
+        if let Some((stem, _)) = name.split_once(open) {
+            name = stem.trim_end();
+        }
+    }
+    if let Some((stem, unit)) = name.rsplit_once('_')
+        && Unit::parse(unit).is_some_and(|u| u.dimension == Dimension::Length)
+    {
+        name = stem;
+    }
+    let axis = name.chars().next_back()?;
+    let label = name[..name.len() - axis.len_utf8()].trim_end_matches(['_', ':', '.', ' ', '-']);
+    let separated = name.len() > label.len() + 1;
+    let axis = axis.to_ascii_lowercase();
+    (matches!(axis, 'x' | 'y' | 'z') && (separated || label.is_empty())).then_some((label, axis))
+}
+
+/// The marker with a label: exactly, or the only one called so under any subject.
+fn pick<'a>(
+    path: &Path,
+    all: &'a [MarkerColumns],
+    label: &str,
+    section: Option<usize>,
+) -> Result<&'a MarkerColumns, Error> {
+    let inside = |m: &&MarkerColumns| section.is_none_or(|s| m.section == s);
+    let exact: Vec<_> = all
+        .iter()
+        .filter(inside)
+        .filter(|m| m.label == label)
+        .collect();
+    let hits = if exact.is_empty() {
+        all.iter()
+            .filter(inside)
+            .filter(|m| without_subject(&m.label) == label)
+            .collect()
+    } else {
+        exact
+    };
+    match hits.as_slice() {
+        [marker] => Ok(marker),
+        [] => {
+            let mut labels: Vec<&str> = all
+                .iter()
+                .filter(inside)
+                .map(|m| m.label.as_str())
+                .collect();
+            labels.dedup();
+            Err(Error::new(
+                ErrorKind::UnknownMarker,
+                path,
+                format!("no marker is called {}", quote(label)),
+            )
+            .action(suggestion(label, &labels)))
+        }
+        several => Err(Error::new(
+            ErrorKind::Ambiguous,
+            path,
+            format!("{} markers are called {}", several.len(), quote(label)),
+        )
+        .action(format!(
+            "write the subject too: {}",
+            several
+                .iter()
+                .map(|m| m.label.as_str())
+                .collect::<Vec<_>>()
+                .join(", ")
+        ))),
+    }
+}
+
+fn positions_unit(
+    path: &Path,
+    section: &Section,
+    marker: &MarkerColumns,
+    declared: Option<&'static Unit>,
+) -> Result<&'static Unit, Error> {
+    let mut unit: Option<&'static Unit> = None;
+    for column in marker.columns.map(|c| &section.columns[c]) {
+        let found = unit_of(path, column, declared, Dimension::Length)?.ok_or_else(|| {
+            no_unit(path, column, "mm, cm or m")
+                .action("add `unit = \"mm\"` under [motion] in the recording.toml")
+        })?;
+        if unit.is_some_and(|u| u != found) {
+            return Err(Error::new(
+                ErrorKind::WrongUnit,
+                path,
+                format!(
+                    "the coordinates of {} are in different units",
+                    quote(&marker.label)
+                ),
+            )
+            .expected("one unit"));
+        }
+        unit = Some(found);
+    }
+    unit.ok_or_else(|| Error::new(ErrorKind::WrongUnit, path, "no unit"))
+}
+
+/// The unit of a column: declared, or from the header; both must agree where both are there.
+fn unit_of(
+    path: &Path,
+    column: &Column,
+    declared: Option<&'static Unit>,
+    dimension: Dimension,
+) -> Result<Option<&'static Unit>, Error> {
+    match (Unit::parse(&column.unit), declared) {
+        (Some(header), Some(declared)) if header != declared => {
+            Err(contradiction(path, column, declared))
+        }
+        (_, Some(declared)) => Ok(Some(declared)),
+        (Some(header), None) if header.dimension == dimension => Ok(Some(header)),
+        (None, None) if column.unit.is_empty() => Ok(None),
+        (_, None) => Err(no_unit(path, column, &Unit::symbols(dimension).join(", "))),
+    }
+}
+
+fn contradiction(path: &Path, column: &Column, declared: &Unit) -> Error {
+    Error::new(
+        ErrorKind::WrongUnit,
+        path,
+        format!(
+            "column {} is in {} by its header",
+            quote(&column.title()),
+            column.unit
+        ),
+    )
+    .at_column(column.number)
+    .expected(format!("{} as the recording.toml says", declared.symbol))
+    .action("correct the unit in the recording.toml, or name another column")
+}
+
+fn no_unit(path: &Path, column: &Column, expected: &str) -> Error {
+    let found = if column.unit.is_empty() {
+        format!("column {} has no unit", quote(&column.title()))
+    } else {
+        format!(
+            "column {} is in {}",
+            quote(&column.title()),
+            quote(&column.unit)
+        )
+    };
+    Error::new(ErrorKind::WrongUnit, path, found)
+        .at_column(column.number)
+        .expected(expected)
+}
+
+/// V or kV for all of some columns; `None` if neither manifest nor header says.
+fn volts(
+    table: &Table,
+    columns: &[Column],
+    declared: Option<&'static Unit>,
+    scale: Option<f64>,
+) -> Result<Option<&'static Unit>, Error> {
+    let mut unit: Option<&'static Unit> = None;
+    for column in columns {
+        let found = unit_of(&table.path, column, declared, Dimension::Voltage)?;
+        if found.is_some_and(|u| !matches!(u.symbol, "V" | "kV"))
+            || (scale.is_some() && found.is_some_and(|u| u.symbol != "V"))
+        {
+            let expected = if scale.is_some() {
+                "V, which `scale` multiplies"
+            } else {
+                "V or kV"
+            };
+            return Err(no_unit(&table.path, column, expected)
+                .action("name a column in that unit, or record the voltage in it"));
+        }
+        if column.values.iter().all(|v| v.is_nan()) {
+            return Err(Error::new(
+                ErrorKind::MissingThroughout,
+                &table.path,
+                format!("column {} is empty throughout", quote(&column.title())),
+            )
+            .at_column(column.number)
+            .action("name the column that holds the voltage"));
+        }
+        if let (Some(a), Some(b)) = (unit, found)
+            && a != b
+        {
+            return Err(no_unit(
+                &table.path,
+                column,
+                &format!("{} as the channels before it", a.symbol),
+            ));
+        }
+        unit = unit.or(found);
+    }
+    Ok(unit)
+}
+
+/// A column with its unit, which has to be known.
+fn raw(
+    path: &Path,
+    column: Column,
+    declared: Option<&'static Unit>,
+    dimension: Dimension,
+    key: &str,
+) -> Result<RawColumn, Error> {
+    let unit = unit_of(path, &column, declared, dimension)?.ok_or_else(|| {
+        no_unit(path, &column, &Unit::symbols(dimension).join(", "))
+            .action(format!("add `{key}` to the recording.toml"))
+    })?;
+    Ok(RawColumn {
+        label: column.title(),
+        unit: Some(unit),
+        values: column.values,
+    })
+}
+
+/// The two columns that were asked for.
+fn pair(path: &Path, columns: Vec<Column>) -> Result<(Column, Column), Error> {
+    <[Column; 2]>::try_from(columns)
+        .map(|[a, b]| (a, b))
+        .map_err(|_| Error::new(ErrorKind::UnknownColumn, path, "two columns are needed"))
+}
+
+/// Every time is there.
+fn complete(table: &Table, time_s: &[f64]) -> Result<(), Error> {
+    match time_s.iter().position(|t| !t.is_finite()) {
+        Some(row) => Err(
+            Error::new(ErrorKind::BadNumber, &table.path, "the time is missing")
+                .at_line(table.lines.line(row))
+                .expected("a time in every row")
+                .action("complete the cell or delete the row"),
+        ),
+        None => Ok(()),
+    }
+}
+
+/// The times of a table, which have to be there and rise strictly.
+fn rising_time(table: &Table, role: Role) -> Result<Vec<f64>, Error> {
+    let Some(time_s) = &table.time_s else {
+        return Err(Error::new(
+            ErrorKind::MissingKey,
+            &table.path,
+            "the table has no clock of its own",
+        )
+        .at_key(format!("[{}] time", role.name()))
+        .action("add `time = ...` (a column) or `rate_hz = ...` to the recording.toml"));
+    };
+    complete(table, time_s)?;
+    match (1..time_s.len()).find(|i| time_s[*i] <= time_s[i - 1]) {
+        Some(row) => Err(Error::new(
+            ErrorKind::TimeOrder,
+            &table.path,
+            format!("time {} s follows {} s", time_s[row], time_s[row - 1]),
+        )
+        .at_line(table.lines.line(row))
+        .expected("time that rises from row to row")
+        .action("split the file where the clock was set back, or delete the repeated rows")),
+        None => Ok(time_s.clone()),
+    }
+}

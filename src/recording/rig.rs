@@ -1,0 +1,277 @@
+//! `rig.toml`: the geometry and the masses that the user knows, in the units of the file.
+
+use std::path::Path;
+
+use super::error::Error;
+use super::keys::{Document, Keys};
+
+/// A rig file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Rig {
+    /// `kind = "robot"`.
+    Robot(RobotRig),
+    /// `kind = "film-sample"`.
+    FilmSample(FilmSampleRig),
+}
+
+/// A delta robot moved by dielectric-elastomer actuators through stroke-amplifying four-bars.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotRig {
+    /// Its name.
+    pub id: String,
+    /// `[delta]`.
+    pub delta: Delta,
+    /// `[sam]`.
+    pub sam: Sam,
+    /// `[actuator]`.
+    pub actuator: Actuator,
+    /// `[film]`.
+    pub film: RobotFilm,
+    /// `[mass]`.
+    pub mass: RobotMass,
+}
+
+/// `[delta]`: the parallel mechanism.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Delta {
+    /// Centre of the base to each bicep pivot, mm.
+    pub l_ch_mm: f64,
+    /// Centre of the end effector to each forearm joint, mm.
+    pub l_end_mm: f64,
+    /// Bicep length, mm.
+    pub q_mm: f64,
+    /// Forearm length, mm.
+    pub n0_mm: f64,
+    /// Bicep to input link of the amplifier, degrees.
+    pub omega_deg: f64,
+    /// Mounting angle of the amplifier, degrees.
+    pub alpha_deg: f64,
+}
+
+/// `[sam]`: the stroke-amplifying four-bar.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sam {
+    /// Ground link, mm.
+    pub a_mm: f64,
+    /// Link on the bicep, mm.
+    pub b_mm: f64,
+    /// Coupler, mm.
+    pub c_mm: f64,
+    /// Link on the lozenge, mm.
+    pub d_mm: f64,
+}
+
+/// `[actuator]`: the lozenge that carries the film.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Actuator {
+    /// Side of the lozenge, mm.
+    pub l_dea_mm: f64,
+    /// theta_DEA = dea_offset - theta_SAM, degrees.
+    pub dea_offset_deg: f64,
+    /// Films in parallel on one lozenge.
+    pub films: u32,
+}
+
+/// `[film]` of a robot: unstretched, electrodes included in the thickness.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(non_snake_case)]
+pub struct RobotFilm {
+    /// Length along direction 1, mm.
+    pub L1_mm: f64,
+    /// Length along direction 2, mm.
+    pub L2_mm: f64,
+    /// Thickness, mm.
+    pub L3_mm: f64,
+    /// Relative permittivity, if known; a parameter file's value wins over it.
+    pub eps_r: Option<f64>,
+}
+
+/// `[mass]` of a robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotMass {
+    /// End effector with forearms and marker, g.
+    pub m_g: f64,
+    /// Point mass at each bicep tip, g.
+    pub m_bc_g: f64,
+}
+
+/// A film sample that hangs and carries a weight.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(non_snake_case)]
+pub struct FilmSampleRig {
+    /// Its name.
+    pub id: String,
+    /// Direction 2, sides free, mm.
+    pub width_mm: f64,
+    /// Direction 1, vertical, mm.
+    pub length_mm: f64,
+    /// Rim without electrode, all round, mm.
+    pub margin_mm: f64,
+    /// Films in parallel.
+    pub films: u32,
+    /// Thickness, mm.
+    pub L3_mm: f64,
+    /// Relative permittivity, if known; a parameter file's value wins over it.
+    pub eps_r: Option<f64>,
+    /// Mass on the free end, g.
+    pub m_g: f64,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum RigKind {
+    Robot,
+    FilmSample,
+}
+
+impl Rig {
+    /// Reads a rig file.
+    ///
+    /// # Errors
+    /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type or cannot be.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        Self::from_document(&Document::read(path)?)
+    }
+
+    /// Reads the text of a rig file; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`Rig::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
+        Self::from_document(&Document::new(path, text.to_owned()))
+    }
+
+    fn from_document(document: &Document) -> Result<Self, Error> {
+        let root = document.parse()?;
+        let every: &[&str] = &["rig", "delta", "sam", "actuator", "sample", "film", "mass"];
+        let top = Keys::top(document, &root, every)?;
+        let rig = top.need_table("rig", &["id", "kind"], "a rig file begins with [rig]")?;
+        let kinds = [
+            ("robot", RigKind::Robot),
+            ("film-sample", RigKind::FilmSample),
+        ];
+        let kind = rig
+            .choice("kind", &kinds)?
+            .ok_or_else(|| rig.missing("kind", "add `kind = \"robot\"` or \"film-sample\""))?;
+        let id = rig.need("id")?;
+        match kind {
+            RigKind::Robot => {
+                let known = &["rig", "delta", "sam", "actuator", "film", "mass"];
+                let top = Keys::top(document, &root, known)?;
+                robot(&top, id).map(Rig::Robot)
+            }
+            RigKind::FilmSample => {
+                let top = Keys::top(document, &root, &["rig", "sample", "film", "mass"])?;
+                film_sample(&top, id).map(Rig::FilmSample)
+            }
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        match self {
+            Rig::Robot(rig) => &rig.id,
+            Rig::FilmSample(rig) => &rig.id,
+        }
+    }
+}
+
+/// Films in parallel: 1 unless the file says otherwise.
+fn films(keys: &Keys<'_>) -> Result<u32, Error> {
+    match keys.get::<i64>("films")? {
+        None => Ok(1),
+        Some(n) => u32::try_from(n).ok().filter(|n| *n > 0).ok_or_else(|| {
+            keys.bad("films", format!("found {n}"))
+                .expected("a whole number above 0")
+        }),
+    }
+}
+
+fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
+    const WHY: &str = "a robot's rig file has [delta], [sam], [actuator], [film] and [mass]";
+    let keys = &[
+        "l_ch_mm",
+        "l_end_mm",
+        "q_mm",
+        "n0_mm",
+        "omega_deg",
+        "alpha_deg",
+    ];
+    let t = top.need_table("delta", keys, WHY)?;
+    let delta = Delta {
+        l_ch_mm: t.need_positive("l_ch_mm")?,
+        l_end_mm: t.need_positive("l_end_mm")?,
+        q_mm: t.need_positive("q_mm")?,
+        n0_mm: t.need_positive("n0_mm")?,
+        omega_deg: t.need("omega_deg")?,
+        alpha_deg: t.need("alpha_deg")?,
+    };
+    let t = top.need_table("sam", &["a_mm", "b_mm", "c_mm", "d_mm"], WHY)?;
+    let sam = Sam {
+        a_mm: t.need_positive("a_mm")?,
+        b_mm: t.need_positive("b_mm")?,
+        c_mm: t.need_positive("c_mm")?,
+        d_mm: t.need_positive("d_mm")?,
+    };
+    let t = top.need_table("actuator", &["l_dea_mm", "dea_offset_deg", "films"], WHY)?;
+    let actuator = Actuator {
+        l_dea_mm: t.need_positive("l_dea_mm")?,
+        dea_offset_deg: t.need("dea_offset_deg")?,
+        films: films(&t)?,
+    };
+    let t = top.need_table("film", &["L1_mm", "L2_mm", "L3_mm", "eps_r"], WHY)?;
+    let film = RobotFilm {
+        L1_mm: t.need_positive("L1_mm")?,
+        L2_mm: t.need_positive("L2_mm")?,
+        L3_mm: t.need_positive("L3_mm")?,
+        eps_r: t.positive("eps_r")?,
+    };
+    let t = top.need_table("mass", &["m_g", "m_bc_g"], WHY)?;
+    let mass = RobotMass {
+        m_g: t.need_not_negative("m_g")?,
+        m_bc_g: t.need_not_negative("m_bc_g")?,
+    };
+    Ok(RobotRig {
+        id,
+        delta,
+        sam,
+        actuator,
+        film,
+        mass,
+    })
+}
+
+fn film_sample(top: &Keys<'_>, id: String) -> Result<FilmSampleRig, Error> {
+    const WHY: &str = "a film sample's rig file has [sample], [film] and [mass]";
+    let t = top.need_table(
+        "sample",
+        &["width_mm", "length_mm", "margin_mm", "films"],
+        WHY,
+    )?;
+    let width_mm = t.need_positive("width_mm")?;
+    let length_mm = t.need_positive("length_mm")?;
+    let margin_mm = match t.has("margin_mm") {
+        true => t.need_not_negative("margin_mm")?,
+        false => 0.0,
+    };
+    if 2.0 * margin_mm >= width_mm.min(length_mm) {
+        return Err(t
+            .bad("margin_mm", format!("found {margin_mm}"))
+            .expected(format!("less than half of {} mm", width_mm.min(length_mm)))
+            .action("the margin on both sides leaves no electrode"));
+    }
+    let films = films(&t)?;
+    let t = top.need_table("film", &["L3_mm", "eps_r"], WHY)?;
+    let (thickness_mm, eps_r) = (t.need_positive("L3_mm")?, t.positive("eps_r")?);
+    let t = top.need_table("mass", &["m_g"], WHY)?;
+    Ok(FilmSampleRig {
+        id,
+        width_mm,
+        length_mm,
+        margin_mm,
+        films,
+        L3_mm: thickness_mm,
+        eps_r,
+        m_g: t.need_not_negative("m_g")?,
+    })
+}

@@ -1,0 +1,110 @@
+//! No bytes make a reader panic: random ones, and files with random damage.
+
+use std::io::Write;
+use std::path::Path;
+
+use deacal::recording::{ColumnRef, Manifest, ReadOptions, Rig, importers, read_file};
+use proptest::prelude::*;
+
+const NEXUS: &[u8] = include_bytes!("data/recording/padded.csv");
+const SEMICOLON: &[u8] = include_bytes!("data/recording/semicolon.csv");
+const MOTION: &[u8] = include_bytes!("data/recording/robot/motion.csv");
+const VOLTAGE: &[u8] = include_bytes!("data/recording/robot/voltage.csv");
+const GBK: &[u8] = include_bytes!("data/recording/gbk.csv");
+const MANIFEST: &[u8] = include_bytes!("data/recording/robot/recording.toml");
+const RIG: &[u8] = include_bytes!("data/recording/robot/rig.toml");
+
+/// Every importer, with and without columns asked for, in several encodings: an answer or an error, never a panic. Each
+/// column has as many values as the section has rows.
+fn all_importers(bytes: &[u8]) {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(bytes).unwrap();
+    let options = [
+        (None, None),
+        (None, Some(vec![ColumnRef::Number(1), ColumnRef::Number(3)])),
+        (Some("gbk"), Some(vec![ColumnRef::Name("X".to_owned())])),
+        (Some("utf-16le"), None),
+    ];
+    let mut check = |capture: deacal::recording::Capture| {
+        for section in &capture.sections {
+            for column in &section.columns {
+                assert_eq!(column.values.len(), section.rows());
+                assert!(column.values.iter().all(|v| !v.is_infinite()));
+            }
+            assert_eq!(section.lines.len(), section.rows());
+            let _ = section.times_s();
+        }
+    };
+    let _ = read_file(file.path()).map(&mut check);
+    for importer in importers() {
+        importer.recognises(bytes, file.path());
+        for (encoding, columns) in &options {
+            let options = ReadOptions {
+                encoding: encoding.map(str::to_owned),
+                columns: columns.clone(),
+            };
+            let _ = importer.read(file.path(), &options).map(&mut check);
+        }
+    }
+}
+
+/// A file with some bytes changed, put in or taken out.
+fn damaged(original: &'static [u8]) -> impl Strategy<Value = Vec<u8>> {
+    let byte = prop_oneof![
+        any::<u8>(),
+        proptest::sample::select(b"\n\r,;\t \".-0123456789eENXFd=[]{}".to_vec())
+    ];
+    let edit = (any::<proptest::sample::Index>(), 0..3u8, byte);
+    proptest::collection::vec(edit, 0..12).prop_map(move |edits| {
+        let mut bytes = original.to_vec();
+        for (at, what, byte) in edits {
+            let i = at.index(bytes.len().max(1));
+            match what {
+                0 if i < bytes.len() => bytes[i] = byte,
+                1 if i < bytes.len() => drop(bytes.remove(i)),
+                _ => bytes.insert(i.min(bytes.len()), byte),
+            }
+        }
+        bytes
+    })
+}
+
+fn a_file() -> impl Strategy<Value = Vec<u8>> {
+    prop_oneof![
+        damaged(NEXUS),
+        damaged(SEMICOLON),
+        damaged(MOTION),
+        damaged(VOLTAGE),
+        damaged(GBK),
+        proptest::collection::vec(any::<u8>(), 0..600),
+        "[-+0-9.,;\t \n\"eE]{0,300}".prop_map(String::into_bytes),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn importers_answer(bytes in a_file()) {
+        all_importers(&bytes);
+    }
+
+    #[test]
+    fn manifests_answer(bytes in prop_oneof![damaged(MANIFEST), damaged(RIG), proptest::collection::vec(any::<u8>(), 0..300)]) {
+        let text = String::from_utf8_lossy(&bytes);
+        for e in [
+            Manifest::parse(Path::new("recording.toml"), &text).err(),
+            Rig::parse(Path::new("rig.toml"), &text).err(),
+        ].into_iter().flatten() {
+            prop_assert!(!e.to_string().contains('\n'), "{e}");
+        }
+    }
+
+    #[test]
+    fn recordings_answer(motion in damaged(MOTION), voltage in damaged(VOLTAGE)) {
+        let dir = tempfile::tempdir().unwrap();
+        let monitor: &[u8] = include_bytes!("data/recording/robot/monitor.csv");
+        for (name, bytes) in [("recording.toml", MANIFEST), ("rig.toml", RIG), ("motion.csv", &motion), ("voltage.csv", &voltage), ("monitor.csv", monitor)] {
+            std::fs::write(dir.path().join(name), bytes).unwrap();
+        }
+        let _ = deacal::recording::Recording::open(dir.path());
+    }
+}

@@ -2,6 +2,7 @@
 //! writes down every choice it made in a [`Plan`], which can be given back to make the same choices again.
 
 mod plan;
+mod robot;
 pub mod smoother;
 mod voltage;
 
@@ -105,6 +106,14 @@ pub enum Error {
         /// Recording.
         id: String,
         /// What is missing.
+        what: String,
+    },
+    /// A recording that is not what is asked for.
+    #[error("recording `{id}`: {what}")]
+    Unsuitable {
+        /// Recording.
+        id: String,
+        /// Why.
         what: String,
     },
     /// Voltage and motion share no time.

@@ -326,16 +326,10 @@ pub fn advance<P: SeparableResidual>(
         taken[j] = eta[i] - state.eta[i];
     }
     let promised = -(2.0 * g.dot(&taken) + (taken.transpose() * &h * &taken)[(0, 0)]);
-    let undamped = h
-        .clone()
-        .cholesky()
-        .map_or(f64::INFINITY, |c| g.dot(&c.solve(&g)));
-    if undamped.min(promised.max(0.0)) <= options.cost_tolerance * state.cost {
-        let small = undamped <= options.cost_tolerance * state.cost || state.damping < 1e-2;
-        if small {
-            state.ended = Some(Ended::Converged);
-            return;
-        }
+    // A heavily damped step promises little anywhere: only a nearly free one tells that the minimum is here.
+    if promised <= options.cost_tolerance * state.cost && state.damping < 1e-2 {
+        state.ended = Some(Ended::Converged);
+        return;
     }
     if taken.amax() <= options.step_tolerance {
         state.ended = Some(Ended::StepTooSmall);
@@ -403,6 +397,27 @@ fn reduced_system(
         if let Some(c) = b.cholesky() {
             h -= cross.tr_mul(&c.solve(&cross));
             g -= cross.tr_mul(&c.solve(&residual));
+        }
+    }
+    // What the projection leaves is positive semidefinite; rounding may have left a negative direction, which says nothing.
+    let scale: Vec<f64> = (0..n)
+        .map(|i| {
+            if gram[(i, i)] > 0.0 {
+                gram[(i, i)].sqrt()
+            } else {
+                1.0
+            }
+        })
+        .collect();
+    let scaled = DMatrix::from_fn(n, n, |i, j| {
+        0.5 * (h[(i, j)] + h[(j, i)]) / (scale[i] * scale[j])
+    });
+    let mut eigen = scaled.symmetric_eigen();
+    eigen.eigenvalues.apply(|v| *v = v.max(0.0));
+    let clean = eigen.recompose();
+    for i in 0..n {
+        for j in 0..n {
+            h[(i, j)] = clean[(i, j)] * scale[i] * scale[j];
         }
     }
     for (i, u) in nonlinear.iter().enumerate() {

@@ -77,13 +77,13 @@ fn main() {
     });
     let limit = OPERATIONS / peak;
     let kernel = best(60, || {
-        let mut rows = vec![0.0; 128 * ROW];
-        for k in 0..3 {
-            let shape = Shape {
-                relaxation_time_s: &film.relaxation_time_s,
-                locking: film.locking,
-            };
-            let mut pass = Pass::new(&residual.mechanics(0).chains[k].history, shape);
+        let mut rows = vec![0.0; 64 * ROW];
+        let shape = Shape {
+            relaxation_time_s: &film.relaxation_time_s,
+            locking: film.locking,
+        };
+        for chain in &residual.mechanics(0).chains {
+            let mut pass = Pass::new(&chain.history, shape);
             while pass.next_block(&mut rows).expect("no locking") > 0 {
                 black_box(&rows);
             }
@@ -134,23 +134,6 @@ fn main() {
     };
     let mut weighed = RobotResidual::new(&robot, &[&dataset], 6, &forearm).expect("in reach");
     weighed.weigh(&eta, &beta).expect("no locking");
-    let e = weighed.voltage_error(0, &eta, &beta).expect("no locking");
-    let mut lowest = [f64::INFINITY; 3];
-    let mut worst = 0.0_f64;
-    for i in 0..dataset.samples() {
-        for k in 0..3 {
-            lowest[k] = lowest[k].min(e.command_v[i][k]);
-            if e.counts[i] {
-                worst = worst
-                    .max((e.predicted_squared_v2[i][k].max(0.0).sqrt() - e.command_v[i][k]).abs());
-            }
-        }
-    }
-    println!(
-        "lowest {lowest:?} worst {worst} noise {} {:?}",
-        weighed.noise_mean_square(),
-        dataset.axes.iter().map(|a| a.choice).collect::<Vec<_>>()
-    );
     let fit = |start: &[f64]| {
         minimise(&weighed, &nonlinear, &linear, start, &options, |_| {
             ControlFlow::Continue(())

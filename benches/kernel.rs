@@ -128,10 +128,7 @@ fn main() {
         .collect();
     let mut linear = vec![Unknown::free(1e5, 0.0, 1e9); 7];
     linear.extend([Unknown::fixed(0.0); 7]);
-    let options = Options {
-        cost_tolerance: 1e-7,
-        ..Options::default()
-    };
+    let options = Options::default();
     let mut weighed = RobotResidual::new(&robot, &[&dataset], 6, &forearm).expect("in reach");
     weighed.weigh(&eta, &beta).expect("no locking");
     let fit = |start: &[f64]| {

@@ -295,10 +295,7 @@ pub fn calibrate_robot(
         );
         return Err(Error::NothingToFit(what));
     }
-    let options = Options {
-        cost_tolerance: 1e-7,
-        ..Options::default()
-    };
+    let options = Options::default();
     // Several starts, equal weights.
     let starts = starts(nonlinear, request);
     let mut states: Vec<(String, State)> = starts

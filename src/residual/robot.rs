@@ -226,7 +226,7 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has three rows.
-    fn for_each_block(
+    pub fn for_each_block(
         &self,
         recording: usize,
         eta: &[f64],
@@ -392,7 +392,7 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Squared whitened residual of each kept sample at the parameters, over its three chains: what a robust loss looks at.
-    fn squares(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Vec<f64>, Locked> {
+    pub fn squares(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Vec<f64>, Locked> {
         let width = self.width();
         let last = 2 * self.layout.branches + 2 + self.layout.branches + self.layout.nodes + 1;
         let mut out = vec![0.0; self.recordings[recording].centres.len()];

@@ -43,3 +43,6 @@ pub struct Parameters {
     /// Spring-back torque of the forearms.
     pub forearm: ForearmTorque,
 }
+
+mod sample;
+pub use sample::HangingSample;

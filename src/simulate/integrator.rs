@@ -159,6 +159,8 @@ pub struct State<const D: usize> {
     pub w: Vec<Pack>,
     /// Further states.
     pub z: Vec<f64>,
+    /// Algebraic unknowns, solved for afresh at each time; here as a guess.
+    pub y: Vec<f64>,
 }
 
 /// Derivatives at one time.
@@ -170,6 +172,8 @@ pub struct Rates<const D: usize> {
     pub w: Vec<Pack>,
     /// z'.
     pub z: Vec<f64>,
+    /// Algebraic unknowns: a guess on entry, the solution on return.
+    pub y: Vec<f64>,
 }
 
 /// Where an implicit stage starts and how it is weighed.
@@ -211,7 +215,7 @@ pub trait System<const D: usize> {
         state: &State<D>,
         rates: &mut Rates<D>,
     ) -> Result<[f64; QUADRATURES], Trouble<Self::Error>>;
-    /// Solves a stage: on entry `state.w`, `state.z` and `a` hold a guess, on return the solution. Returns the powers of the quadratures.
+    /// Solves a stage: on entry `state.w`, `state.z`, `state.y` and `a` hold a guess, on return the solution. Returns the powers of the quadratures.
     ///
     /// # Errors
     /// As [`Trouble`] says.
@@ -291,6 +295,7 @@ pub struct Integrator<const D: usize> {
     v: [[f64; D]; STAGES],
     w: Vec<Rates0>,
     z: Vec<Vec<f64>>,
+    y: Vec<Vec<f64>>,
     power: [[f64; QUADRATURES]; STAGES],
     /// Integrals of the powers since the start.
     pub quadratures: [f64; QUADRATURES],
@@ -333,12 +338,14 @@ impl<const D: usize> Integrator<D> {
             v: [[0.0; D]; STAGES],
             w: vec![zero.clone(); STAGES],
             z: vec![vec![0.0; nz]; STAGES],
+            y: vec![state.y.clone(); STAGES],
             power: [[0.0; QUADRATURES]; STAGES],
             quadratures: [0.0; QUADRATURES],
             rates: Rates {
                 a: [0.0; D],
                 w: zero.clone(),
                 z: vec![0.0; nz],
+                y: state.y.clone(),
             },
             zero,
             last_error: 1.0,
@@ -354,6 +361,7 @@ impl<const D: usize> Integrator<D> {
 
     /// Takes the rates at the current time, just after a jump of the inputs.
     fn restart<S: System<D>>(&mut self, system: &mut S) -> Result<(), S::Error> {
+        self.rates.y.copy_from_slice(&self.state.y);
         let trouble = system.rates(self.t_s, Side::After, &self.state, &mut self.rates);
         let power = match trouble {
             Ok(power) => power,
@@ -364,6 +372,7 @@ impl<const D: usize> Integrator<D> {
         self.v[0] = self.state.v;
         self.w[0].copy_from_slice(&self.rates.w);
         self.z[0].copy_from_slice(&self.rates.z);
+        self.y[0].copy_from_slice(&self.rates.y);
         self.power[0] = power;
         self.slope = [0.0; D];
         Ok(())
@@ -393,6 +402,7 @@ impl<const D: usize> Integrator<D> {
             out.v = self.state.v;
             out.w.copy_from_slice(&self.state.w);
             out.z.copy_from_slice(&self.state.z);
+            out.y.copy_from_slice(&self.state.y);
             return;
         }
         let s = 1.0 - (self.t_s - t_s) / h;
@@ -428,6 +438,9 @@ impl<const D: usize> Integrator<D> {
                         + weights[3] * self.w[0][p][i][n];
                 }
             }
+        }
+        for (i, out) in out.y.iter_mut().enumerate() {
+            *out = (1.0 - s) * self.y[STAGES - 1][i] + s * self.y[0][i];
         }
         for (i, out) in out.z.iter_mut().enumerate() {
             *out = weights[0] * self.previous.z[i]
@@ -472,6 +485,9 @@ impl<const D: usize> Integrator<D> {
                     a[i] = (0..s).map(|j| guess[j] * self.a[j][i]).sum();
                 }
             }
+            for i in 0..self.trial.y.len() {
+                self.trial.y[i] = (0..s).map(|j| guess[j] * self.y[j][i]).sum();
+            }
             for (g, gamma) in weights.iter_mut().zip(&guess[..s]) {
                 *g = weight * gamma;
             }
@@ -489,6 +505,7 @@ impl<const D: usize> Integrator<D> {
             self.power[s] = system.stage(&stage, &mut self.trial, &mut a)?;
             self.a[s] = a;
             self.v[s] = self.trial.v;
+            self.y[s].copy_from_slice(&self.trial.y);
             let inverse = 1.0 / weight;
             for ((rate, w), star) in self.w[s].iter_mut().zip(&self.trial.w).zip(&self.star.w) {
                 for i in 0..2 {
@@ -577,6 +594,7 @@ impl<const D: usize> Integrator<D> {
                     self.last_s = h;
                     self.w.swap(0, STAGES - 1);
                     self.z.swap(0, STAGES - 1);
+                    self.y.swap(0, STAGES - 1);
                     self.a.swap(0, STAGES - 1);
                     self.v.swap(0, STAGES - 1);
                     self.power.swap(0, STAGES - 1);

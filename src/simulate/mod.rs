@@ -4,6 +4,7 @@
 //! | what | where |
 //! |---|---|
 //! | forward dynamics of the robot, phi_k(t) to u(t) | [`motion`], [`rest`] |
+//! | hanging film sample, both ways | [`sample_motion`], [`sample_phi_squared_v2`], [`sample_rest`] |
 //! | what else acts on the robot | [`Addition`] |
 //! | voltages and payload over time | [`Voltage`], [`Sampled`], [`Payload`] |
 
@@ -11,11 +12,16 @@ mod addition;
 mod branches;
 mod integrator;
 mod robot;
+mod sample;
 mod voltage;
 
 pub use addition::{Action, Addition, Situation};
 pub use integrator::Effort;
 pub use robot::{Energy, Motion, Options, Rest, Start, motion, rest};
+pub use sample::{
+    SampleMotion, SampleOptions, SampleRest, SampleTrack, Stretches, sample_motion,
+    sample_phi_squared_v2, sample_rest,
+};
 pub use voltage::{Hold, Payload, Sampled, Side, Smooth, Voltage};
 
 use crate::film::Locked;
@@ -84,6 +90,27 @@ pub enum Error {
         chain: usize,
         /// Spring, invariant and time.
         place: Locked,
+    },
+    /// A part of a film sample reaches its locking stretch.
+    #[error("{part} of the sample: {place}")]
+    LockedPart {
+        /// Which part.
+        part: &'static str,
+        /// Spring, invariant and time.
+        place: Locked,
+    },
+    /// A film sample gives way under voltage and load (pull-in).
+    #[error(
+        "at {at_s:.4} s the sample gives way at a length of {:.3} mm: its stiffness is {stiffness_n_m:.3} N/m",
+        length_m * 1e3
+    )]
+    SampleUnstable {
+        /// Time, s.
+        at_s: f64,
+        /// Length of the sample, m.
+        length_m: f64,
+        /// Stiffness at the end, N/m.
+        stiffness_n_m: f64,
     },
     /// A voltage above what is allowed.
     #[error(

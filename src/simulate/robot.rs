@@ -1219,6 +1219,7 @@ pub fn motion(
         v,
         w: vec![[[1.0; LANES]; 2]; 3 * n],
         z: vec![0.0; plant.states],
+        y: Vec::new(),
     };
     for k in 0..3 {
         let own = &mut state.w[k * n..(k + 1) * n];
@@ -1246,6 +1247,7 @@ pub fn motion(
         a: [0.0; 3],
         w: state.w.clone(),
         z: state.z.clone(),
+        y: Vec::new(),
     };
     let mut out = Motion {
         start_s: t0,
@@ -1261,7 +1263,6 @@ pub fn motion(
     };
     let end = t0 + (samples - 1) as f64 * options.sample_step_s;
     let mut integrator = Integrator::start(&mut plant, t0, state, control)?;
-    let mut charged = 0.0; // 1/2 C phi^2 that arrived by jumps
     for i in 0..samples {
         let t = t0 + i as f64 * options.sample_step_s;
         while integrator.time_s() < t {
@@ -1290,11 +1291,10 @@ pub fn motion(
     out.effort = integrator.effort;
     let after = stored(&plant, end, integrator.state(), Side::Before)?;
     let rise = [0, 1, 2, 3, 4].map(|i| after[i] - before[i]);
-    charged += rise[0];
     let [maxwell, heat, added] = integrator.quadratures;
     let e = &mut out.energy;
     e.maxwell_j = maxwell;
-    e.electrical_j = charged + maxwell;
+    e.electrical_j = rise[0] + maxwell;
     e.electrostatic_j = rise[0];
     e.elastic_j = rise[1];
     e.forearm_j = rise[2];

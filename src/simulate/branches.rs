@@ -146,9 +146,17 @@ impl<V: Copy> Sums<V> {
 
     #[inline(always)]
     fn total<S: Simd<f64s = V>>(self, simd: S) -> Response {
+        // Written out: a closure handed to `map` would not be compiled for the vector unit.
+        let [s1, s2] = self.sigma;
+        let [t11, t12, t21, t22] = self.tangent;
         Response {
-            sigma: self.sigma.map(|v| simd.reduce_sum_f64s(v)),
-            tangent: self.tangent.map(|v| simd.reduce_sum_f64s(v)),
+            sigma: [simd.reduce_sum_f64s(s1), simd.reduce_sum_f64s(s2)],
+            tangent: [
+                simd.reduce_sum_f64s(t11),
+                simd.reduce_sum_f64s(t12),
+                simd.reduce_sum_f64s(t21),
+                simd.reduce_sum_f64s(t22),
+            ],
             dissipation: simd.reduce_sum_f64s(self.dissipation),
             least: simd.reduce_min_f64s(self.least),
             correction: simd.reduce_max_f64s(self.correction),
@@ -172,7 +180,10 @@ impl WithSimd for Explicit<'_> {
         let inverse_locking = 1.0 / self.springs.locking;
         let mul = |a, b| simd.mul_f64s(a, b);
         let fma = |a, b, c| simd.mul_add_e_f64s(a, b, c);
-        let l = self.lambda_squared.map(|l| simd.splat_f64s(l));
+        let l = [
+            simd.splat_f64s(self.lambda_squared[0]),
+            simd.splat_f64s(self.lambda_squared[1]),
+        ];
         let two = simd.splat_f64s(2.0);
         let half = simd.splat_f64s(0.5);
         let mut sums = Sums::zero(simd);
@@ -230,7 +241,10 @@ impl WithSimd for Implicit<'_> {
         let sub = |a, b| simd.sub_f64s(a, b);
         let fma = |a, b, c| simd.mul_add_e_f64s(a, b, c);
         let fnma = |a, b, c| simd.negate_mul_add_e_f64s(a, b, c); // c - a b
-        let l = self.lambda_squared.map(|l| simd.splat_f64s(l));
+        let l = [
+            simd.splat_f64s(self.lambda_squared[0]),
+            simd.splat_f64s(self.lambda_squared[1]),
+        ];
         let weight = simd.splat_f64s(self.weight);
         let (one, two) = (simd.splat_f64s(1.0), simd.splat_f64s(2.0));
         let half = simd.splat_f64s(0.5);
@@ -291,9 +305,10 @@ impl WithSimd for Implicit<'_> {
                     fma(g.s12, e11, mul(g.s22, q21)),
                     fma(g.s12, q12, mul(g.s22, e22)),
                 );
-                for (sum, t) in sums.tangent.iter_mut().zip([t11, t12, t21, t22]) {
-                    *sum = fma(mu, t, *sum);
-                }
+                sums.tangent[0] = fma(mu, t11, sums.tangent[0]);
+                sums.tangent[1] = fma(mu, t12, sums.tangent[1]);
+                sums.tangent[2] = fma(mu, t21, sums.tangent[2]);
+                sums.tangent[3] = fma(mu, t22, sums.tangent[3]);
                 let heat = mul(mul(mu, half), mul(third, fma(g.s1, f1, mul(g.s2, f2))));
                 sums.dissipation = add(sums.dissipation, heat);
                 sums.least = simd.min_f64s(sums.least, g.q);
@@ -319,7 +334,10 @@ impl WithSimd for Follow<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
         let fma = |a, b, c| simd.mul_add_e_f64s(a, b, c);
-        let d = self.increment.map(|d| simd.splat_f64s(d));
+        let d = [
+            simd.splat_f64s(self.increment[0]),
+            simd.splat_f64s(self.increment[1]),
+        ];
         let mut largest = simd.splat_f64s(0.0);
         for (w, e) in self.w.iter_mut().zip(self.elimination) {
             let mut at = 0;

@@ -303,7 +303,6 @@ pub struct Integrator<const D: usize> {
     trial: State<D>,
     rates: Rates<D>,
     zero: Vec<Pack>,
-    last_error: f64,
     slope: [f64; D],
     /// Length of the last step, s.
     last_s: f64,
@@ -348,7 +347,6 @@ impl<const D: usize> Integrator<D> {
                 y: state.y.clone(),
             },
             zero,
-            last_error: 1.0,
             slope: [0.0; D],
             last_s: 0.0,
             broken: false,
@@ -560,6 +558,7 @@ impl<const D: usize> Integrator<D> {
         }
         let limit = system.next_break_s(self.t_s).min(end_s);
         let mut blocked = None;
+        let mut tries = 0;
         loop {
             let mut h = self.step_s.min(self.control.longest_s);
             let left = limit - self.t_s;
@@ -572,11 +571,9 @@ impl<const D: usize> Integrator<D> {
             let outcome = self.attempt(system, h);
             match outcome {
                 Ok(error) if error <= 1.0 => {
-                    // PI controller; the estimate is of fourth order.
-                    let error = error.max(1e-4);
-                    let factor = 0.9 * error.powf(-0.7 / 5.0) * self.last_error.powf(0.4 / 5.0);
-                    self.last_error = error;
-                    let next = h * factor.clamp(0.2, 5.0);
+                    // The estimate is of fourth order.
+                    let most = if tries == 0 { 5.0 } else { 1.0 };
+                    let next = h * (0.9 * error.max(1e-5).powf(-0.2)).clamp(0.2, most);
                     // A step cut short by a limit does not shorten the next one.
                     self.step_s = if last { next.max(self.step_s) } else { next };
                     let t = if last { limit } else { self.t_s + h };
@@ -614,6 +611,7 @@ impl<const D: usize> Integrator<D> {
                 Err(Trouble::Diverged) => self.step_s = 0.3 * h,
             }
             self.effort.rejected += 1;
+            tries += 1;
             if self.step_s < self.control.shortest_s {
                 return Err(match blocked {
                     Some(e) => e,

@@ -6,16 +6,23 @@
 //! | forward dynamics of the robot, phi_k(t) to u(t) | [`motion`], [`rest`] |
 //! | hanging film sample, both ways | [`sample_motion`], [`sample_phi_squared_v2`], [`sample_rest`] |
 //! | what else acts on the robot | [`Addition`] |
+//! | built-in drives, a circle through the inverse model | [`Drive`], [`Circle`], [`flip_polarity`] |
+//! | the files of a recording, with noise and a seed | [`mod@write`] |
 //! | voltages and payload over time | [`Voltage`], [`Sampled`], [`Payload`] |
+
+#![allow(clippy::needless_range_loop)] // indices are those of the equations
 
 mod addition;
 mod branches;
+mod drive;
 mod integrator;
 mod robot;
 mod sample;
 mod voltage;
+pub mod write;
 
 pub use addition::{Action, Addition, Situation};
+pub use drive::{Circle, DEFAULT_RATE_HZ, Drive, PlannedDrive, flip_polarity};
 pub use integrator::Effort;
 pub use robot::{Energy, Motion, Options, Rest, Start, motion, rest};
 pub use sample::{

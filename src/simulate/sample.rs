@@ -26,6 +26,8 @@ const SIDE_2: usize = 2;
 const END_1: usize = 3;
 const END_2: usize = 4;
 const ITERATIONS: usize = 15;
+/// Increment of ln lambda below which one more Newton iteration would change nothing of note.
+const QUADRATIC: f64 = 1e-8;
 
 /// Stretches of the parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -171,7 +173,7 @@ impl Hanging {
             scale: Scale {
                 x: tolerance_m,
                 v: 50.0 * tolerance_m,
-                w: 2.0 * tolerance_m / sample.length_m,
+                w: 0.2 * tolerance_m / sample.length_m,
             },
             elimination: vec![Elimination::ZERO; 3 * packs],
             scratch: vec![[[0.0; LANES]; 2]; 3 * packs],
@@ -329,7 +331,6 @@ impl System<1> for Forward<'_> {
         rates: &mut Rates<1>,
     ) -> Result<[f64; QUADRATURES], Trouble<Error>> {
         let phi = self.voltage.phi_v(t_s, side)[0];
-        let mut last = f64::INFINITY;
         for _ in 0..30 {
             let films = self
                 .hanging
@@ -343,13 +344,13 @@ impl System<1> for Forward<'_> {
             let [da, de, d] = self.increments(&parts, &rates.y, state.x[0], rates.a[0], 0.0);
             rates.a[0] += d;
             let (_, size) = Hanging::advance(&parts, &mut rates.y, da, de);
-            if size < 1e-13 || (size < 1e-10 && size >= 0.5 * last) {
+            // Newton's iteration converges quadratically: what is left is the square of this.
+            if size < QUADRATIC {
                 return Ok([0.0; QUADRATURES]);
             }
             if size.is_nan() || size > 0.5 {
                 return Err(Trouble::Diverged);
             }
-            last = size;
         }
         Err(Trouble::Diverged)
     }
@@ -478,20 +479,21 @@ impl Inverse<'_> {
     /// Stretches at fixed branch states; returns phi^2.
     fn solve(&mut self, t_s: f64, w: &[Pack], y: &mut [f64]) -> Result<f64, Trouble<Error>> {
         let [x, a] = self.at(t_s);
-        let mut last = f64::INFINITY;
         for _ in 0..30 {
-            let films = self
+            let mut films = self
                 .hanging
                 .films(t_s, y, w, None)
                 .map_err(Trouble::Blocked)?;
-            let (_, size) = self.pass(&films, y, x, a);
+            let (increments, size) = self.pass(&films, y, x, a);
             if size.is_nan() || size > 0.5 {
                 return Err(Trouble::Diverged);
             }
-            if size < 1e-13 || (size < 1e-10 && size >= 0.5 * last) {
+            if size < QUADRATIC {
+                let [d1, d2] = increments[0];
+                let [_, _, t21, t22] = films[0].tangent;
+                films[0].sigma[1] += t21 * d1 + t22 * d2;
                 return Ok(self.phi_squared(&films, y));
             }
-            last = size;
         }
         Err(Trouble::Diverged)
     }

@@ -8,30 +8,6 @@ use deacal::simulate::{
 };
 
 fn main() {
-    if std::env::var("PROF").is_ok() {
-        let (robot, parameters) = robot();
-        for hold in [Hold::Linear, Hold::Previous] {
-            let voltage = sines(4000.0, hold);
-            let options = Options {
-                duration_s: 60.0,
-                ..Options::default()
-            };
-            let t = std::time::Instant::now();
-            let m = motion(&robot, &parameters, &voltage, &options, &[]).unwrap();
-            println!("{:?} {:?}", m.effort, t.elapsed());
-        }
-        let voltage = sines(5000.0, Hold::Linear);
-        let options = SampleOptions {
-            duration_s: 60.0,
-            ..SampleOptions::default()
-        };
-        for _ in 0..5 {
-            let t = std::time::Instant::now();
-            let m = sample_motion(&sample(), &film(0.4), &voltage, &options).unwrap();
-            println!("{:?} {:?}", m.effort, t.elapsed());
-        }
-        return;
-    }
     divan::main();
 }
 

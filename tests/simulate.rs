@@ -103,8 +103,8 @@ fn inverse_dynamics_give_the_voltage_back() {
 fn a_planned_circle_is_followed() {
     let (robot, parameters) = subject();
     let circle = Circle {
-        radius_m: 5e-3,
-        height_m: -0.045,
+        radius_m: 4e-3,
+        height_m: -0.046,
         period_s: 3.0,
         turns: 3.0,
         move_s: 2.0,
@@ -168,6 +168,15 @@ fn the_energy_closes() {
         assert!(m.energy.electrical_j > 0.0);
         assert!(m.energy.heat_j > 0.0 && m.energy.additions_j < 0.0);
         assert!(share.abs() < 1e-6, "{name}: {share:e}");
+        // Most of the electrical work is charge that comes back: at a tenth of the tolerance also against the rest of it.
+        let finer = Options {
+            tolerance_m: 1e-9,
+            ..options
+        };
+        let m = motion(&robot, &parameters, &voltage, &finer, &[&damping]).unwrap();
+        let share = m.energy.imbalance_j() / m.energy.maxwell_j;
+        println!("  {share:.1e} of the Maxwell work at a tolerance of 1e-9 m");
+        assert!(share.abs() < 1e-6, "{name}: {share:e}");
     }
 }
 
@@ -226,7 +235,8 @@ impl Addition for Stop {
     }
 }
 
-const STOP_RAD: f64 = 2.90;
+/// Just below the bicep angle of the free rest (4.2264 rad): the robot rests against it.
+const STOP_RAD: f64 = 4.22;
 
 #[test]
 fn joint_damping_is_the_torque_that_it_says() {
@@ -242,10 +252,9 @@ fn joint_damping_is_the_torque_that_it_says() {
     let plain = motion(&robot, &parameters, &voltage, &options, &[]).unwrap();
     let off = motion(&robot, &parameters, &voltage, &options, &[&Damping(0.0)]).unwrap();
     let m = motion(&robot, &parameters, &voltage, &options, &[&Damping(c)]).unwrap();
-    // Off it changes nothing beyond the tolerance.
-    for (a, b) in plain.position_m.iter().zip(&off.position_m) {
-        assert!((0..3).all(|j| (a[j] - b[j]).abs() < 1e-9));
-    }
+    // Off it changes nothing, to the bit.
+    assert_eq!(plain.position_m, off.position_m);
+    assert_eq!(plain.acceleration_m_s2, off.acceleration_m_s2);
     // The inverse dynamics without damping miss just this torque: 1/2 C' (phi^2 - phi_ID^2) = c theta_b' / (d theta_DEA/d theta_b).
     let mechanics = Mechanics::new(&robot, &m.track()).unwrap();
     let squared = mechanics.phi_squared_v2(&parameters).unwrap();
@@ -345,16 +354,19 @@ fn a_stiff_stop_and_friction_are_survived() {
         worst * 1e3,
         out[0].effort
     );
-    assert!(worst < 1e-6);
+    // Impacts are not smooth: a fraction of the capture's noise (0.03 mm) is what can be asked for.
+    assert!(worst < 5e-6);
+    assert!(highest > STOP_RAD && highest < STOP_RAD + 1e-3);
 }
 
 #[test]
 fn virgin_films_and_released_poses() {
     let (robot, parameters) = subject();
     let zero = Smooth(|_| [0.0; 3]);
-    let at_rest = rest(&robot, &parameters, [0.0; 3], 0.0, &[]).unwrap();
+    // With 5 g: the virgin film is stiffer and would throw the free robot over its highest bicep pose.
+    let at_rest = rest(&robot, &parameters, [0.0; 3], 5e-3, &[]).unwrap();
     let mut u = at_rest.position_m;
-    u[2] -= 2e-3;
+    u[2] -= 1e-3;
     for films in [InitialState::Relaxed, InitialState::Virgin] {
         let options = Options {
             duration_s: 3.0,
@@ -363,7 +375,9 @@ fn virgin_films_and_released_poses() {
                 velocity_m_s: [0.0; 3],
                 films,
             },
+            payload: Payload::constant(5e-3),
             energy: true,
+            tolerance_m: 1e-11,
             ..Options::default()
         };
         let m = motion(&robot, &parameters, &zero, &options, &[]).unwrap();
@@ -399,7 +413,7 @@ fn polarity_changes_nothing_in_the_motion() {
 #[test]
 fn errors_say_when_and_where() {
     let (robot, parameters) = subject();
-    // A circle that leaves the workspace: the first point, and by how much.
+    // Paths that leave the workspace: the first point, and by how much.
     let wide = Circle {
         radius_m: 60e-3,
         height_m: -0.045,
@@ -407,19 +421,28 @@ fn errors_say_when_and_where() {
         turns: 1.0,
         move_s: 2.0,
     };
-    let error = wide
+    let low = Circle {
+        height_m: -0.11,
+        ..wide
+    };
+    let error = low
         .drive(&robot, &parameters, 0.0, 1000.0, 1e6)
         .unwrap_err();
     println!("{error}");
     let Error::OutOfReach { at_s, place } = &error else {
         panic!("{error:?}");
     };
-    assert!(*at_s > 2.0 && *at_s < 4.0);
+    assert!(*at_s > 0.5 && *at_s < 2.0);
     assert!(place.value < place.low || place.value > place.high);
-    // The sample before is within reach.
-    let mut inside = wide;
-    inside.turns = 0.0;
-    assert!(robot.mechanism.pose([0.0, 0.0, -0.045]).is_ok());
+    // The first point: a tenth of a millimetre earlier is within reach.
+    let mut inside = place.pose_m;
+    inside[2] += 1e-4;
+    assert!(robot.mechanism.pose(inside).is_ok());
+    let error = wide
+        .drive(&robot, &parameters, 0.0, 1000.0, 1e6)
+        .unwrap_err();
+    println!("{error}");
+    assert!(matches!(error, Error::Singular { condition, limit, .. } if condition > limit));
     // A payload that the films carry no more.
     let error = rest(&robot, &parameters, [0.0; 3], 0.2, &[]).unwrap_err();
     println!("{error}");
@@ -454,7 +477,7 @@ fn errors_say_when_and_where() {
     let error = motion(&robot, &parameters, &voltage, &options, &[]).unwrap_err();
     println!("{error}");
     assert!(matches!(error, Error::VoltageLimit { at_s, .. } if at_s > 0.0 && at_s < 1.0));
-    // A voltage far beyond what the films stand.
+    // A voltage far beyond what the films stand: the robot collapses, and it is said when and where.
     let voltage = sine([30e3; 3], 0.5).sampled(4.0, 1000.0).unwrap();
     let options = Options {
         duration_s: 4.0,
@@ -462,11 +485,41 @@ fn errors_say_when_and_where() {
     };
     let error = motion(&robot, &parameters, &voltage, &options, &[]).unwrap_err();
     println!("{error}");
-    // A film that locks early.
+    assert!(matches!(
+        error,
+        Error::Flipped { .. }
+            | Error::Singular { .. }
+            | Error::SnapThrough { .. }
+            | Error::OutOfReach { .. }
+    ));
+    // A payload above the fold of the statics, let go at the free rest.
+    let heavy = Options {
+        payload: Payload::constant(0.08),
+        start: Start::From {
+            position_m: rest(&robot, &parameters, [0.0; 3], 0.0, &[])
+                .unwrap()
+                .position_m,
+            velocity_m_s: [0.0; 3],
+            films: InitialState::Relaxed,
+        },
+        ..options.clone()
+    };
+    let zero = Smooth(|_| [0.0; 3]);
+    let error = motion(&robot, &parameters, &zero, &heavy, &[]).unwrap_err();
+    println!("{error}");
+    assert!(matches!(error, Error::SnapThrough { stiffness_n_m, .. } if stiffness_n_m <= 0.0));
+    // A film that locks early: there is no rest, and where it is let go it is locked at once.
     let mut locking = parameters.clone();
-    locking.film.locking = 1.2;
+    locking.film.locking = 0.5;
     let error = motion(&robot, &locking, &voltage, &options, &[]).unwrap_err();
     println!("{error}");
+    assert!(matches!(error, Error::NoRest { .. }));
+    let error = motion(&robot, &locking, &zero, &heavy, &[]).unwrap_err();
+    println!("{error}");
+    assert!(matches!(
+        error,
+        Error::Locked { chain: 1, place } if place.invariant >= 0.5 && place.at_s == Some(0.0)
+    ));
     // Numbers that make no sense.
     for bad in [
         Options {

@@ -375,9 +375,11 @@ impl Circle {
         if let Some(&(i, why)) = mechanics.unreachable.first() {
             return Err(refuse(i, why));
         }
-        let squared = mechanics
-            .phi_squared_v2(parameters)
-            .map_err(|place| Error::Locked { chain: 0, place })?;
+        let squared = mechanics.phi_squared_v2(parameters).map_err(|place| {
+            let locks = |k: &usize| mechanics.film_torque_n_m(*k, parameters).is_err();
+            let chain = 1 + (0..3).find(locks).unwrap_or(0);
+            Error::Locked { chain, place }
+        })?;
         let mut samples = Vec::with_capacity(squared.len());
         for (i, squared) in squared.iter().enumerate() {
             let mut phi = [0.0; 3];

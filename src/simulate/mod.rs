@@ -60,6 +60,17 @@ pub enum Error {
         /// What is still accepted.
         limit: f64,
     },
+    /// A step went through a pose at which G loses rank: the mechanism has flipped.
+    #[error(
+        "before {at_s:.4} s, at {}, the robot went through a pose at which the actuators hold no force in one direction, and flipped",
+        millimetres(position_m)
+    )]
+    Flipped {
+        /// Time, s.
+        at_s: f64,
+        /// Pose after it, m.
+        position_m: Vec3,
+    },
     /// No direction holds: the stiffness is indefinite even with the branches frozen.
     #[error(
         "at {at_s:.4} s, at {}, the robot snaps through: its smallest stiffness is {stiffness_n_m:.3} N/m",
@@ -121,7 +132,7 @@ pub enum Error {
     },
     /// A voltage above what is allowed.
     #[error(
-        "at {at_s:.4} s chain {chain} is given {phi_v:.1} V, above the limit of {limit_v:.1} V"
+        "at {at_s:.4} s chain {chain} is given {phi_v:.3} V, above the limit of {limit_v:.3} V"
     )]
     VoltageLimit {
         /// Time, s.

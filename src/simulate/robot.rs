@@ -734,23 +734,15 @@ impl System<3> for Plant<'_> {
             let b = self.balance(&pose, state.v, *a, payload, &films, &action);
             let j =
                 |i: usize, k: usize| b.mass[i][k] + hg * (b.damping[i][k] + hg * b.stiffness[i][k]);
-            if self.additions.is_empty() {
-                let matrix = [0, 1, 2].map(|i| [j(i, 0), j(i, 1), j(i, 2)]);
-                let d = solve3(&matrix, b.residual.map(|r| -r));
-                self.right[..3].copy_from_slice(&d);
-                if !d.iter().all(|d| d.is_finite()) {
-                    self.rates = rates;
-                    return Err(Trouble::Diverged);
+            for i in 0..3 {
+                self.right[i] = -b.residual[i];
+                for k in 0..3 {
+                    self.matrix[i * size_of + k] = j(i, k);
                 }
-            } else {
+            }
+            if !self.additions.is_empty() {
                 // The additions' derivatives with respect to a (through x and v) and z by differences.
                 let base = self.force(&pose, &action);
-                for i in 0..3 {
-                    self.right[i] = -b.residual[i];
-                    for k in 0..3 {
-                        self.matrix[i * size_of + k] = j(i, k);
-                    }
-                }
                 for i in 0..nz {
                     self.right[3 + i] = stage.star.z[i] + hg * rates[0][i] - state.z[i];
                 }
@@ -785,12 +777,11 @@ impl System<3> for Plant<'_> {
                         self.matrix[(3 + i) * size_of + c] = unit - hg * slope;
                     }
                 }
-                if !eliminate(&mut self.matrix, &mut self.right) {
-                    self.rates = rates;
-                    return Err(Trouble::Diverged);
-                }
             }
             self.rates = rates;
+            if !eliminate(&mut self.matrix, &mut self.right) {
+                return Err(Trouble::Diverged);
+            }
             let mut size = 0.0_f64;
             let mut dx = [0.0; 3];
             for i in 0..3 {
@@ -844,7 +835,13 @@ impl System<3> for Plant<'_> {
     fn accept(&mut self, t_s: f64, state: &State<3>) -> Result<(), Error> {
         let pose = self.pose(t_s, state.x)?;
         let (determinant, condition) = rank(&pose.chains);
-        if condition > CONDITION_LIMIT || determinant * self.orientation < 0.0 {
+        if determinant * self.orientation < 0.0 {
+            return Err(Error::Flipped {
+                at_s: t_s,
+                position_m: state.x,
+            });
+        }
+        if condition > CONDITION_LIMIT {
             return Err(Error::Singular {
                 at_s: t_s,
                 position_m: state.x,

@@ -546,12 +546,16 @@ fn errors_say_when_and_where() {
         to_hz: 1.0,
     };
     assert!(bad.sampled(1.0, 1000.0).is_err());
+    let mut short = parameters.clone();
+    short.film.mu_pa.pop();
+    assert!(matches!(
+        rest(&robot, &short, [0.0; 3], 0.0, &[]),
+        Err(Error::Refused(_))
+    ));
 }
 
 #[test]
-fn the_forces_are_the_gradient_of_the_energies() {
-    // At the rest under voltage, a small displacement costs 1/2 k d^2 in the energies at fixed voltage: here by the motion itself.
-    // Released 10 um from the rest, the robot comes back to it.
+fn a_robot_at_rest_under_voltage_stays_there() {
     let (robot, parameters) = subject();
     let phi = [3000.0, 2500.0, 2000.0];
     let at_rest = rest(&robot, &parameters, phi, 1e-3, &[]).unwrap();

@@ -119,7 +119,7 @@ pub enum Error {
     },
     /// A film sample gives way under voltage and load (pull-in).
     #[error(
-        "at {at_s:.4} s the sample gives way at a length of {:.3} mm: its stiffness is {stiffness_n_m:.3} N/m",
+        "at {at_s:.4} s the sample gives way at a length of {:.3} mm: its stiffness falls to {stiffness_n_m:.1e} N/m",
         length_m * 1e3
     )]
     SampleUnstable {

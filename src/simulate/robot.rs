@@ -1021,6 +1021,7 @@ pub fn rest(
     payload_kg: f64,
     additions: &[&dyn Addition],
 ) -> Result<Rest, Error> {
+    check_film(&parameters.film)?;
     let options = Options::default();
     let none = super::voltage::Smooth(|_| [0.0; 3]);
     let mut statics = Statics::new(robot, parameters, &none, &options, additions);
@@ -1133,10 +1134,9 @@ fn stored(plant: &Plant, t_s: f64, state: &State<3>, side: Side) -> Result<[f64;
     Ok(out)
 }
 
-/// Checks the numbers that a simulation is asked for.
-fn check(parameters: &Parameters, options: &Options) -> Result<usize, Error> {
+/// Checks the numbers of a film.
+pub(super) fn check_film(film: &Film) -> Result<(), Error> {
     let refuse = |text: String| Err(Error::Refused(text));
-    let film = &parameters.film;
     if film.mu_pa.len() != 1 + film.relaxation_time_s.len() {
         let (m, t) = (film.mu_pa.len(), film.relaxation_time_s.len());
         return refuse(format!(
@@ -1156,6 +1156,13 @@ fn check(parameters: &Parameters, options: &Options) -> Result<usize, Error> {
             film.locking
         ));
     }
+    Ok(())
+}
+
+/// Checks the numbers that a simulation is asked for.
+fn check(parameters: &Parameters, options: &Options) -> Result<usize, Error> {
+    let refuse = |text: String| Err(Error::Refused(text));
+    check_film(&parameters.film)?;
     let positive = [
         ("sample step", options.sample_step_s),
         ("tolerance", options.tolerance_m),

@@ -258,12 +258,13 @@ impl Hanging {
 
     /// The active part pulls in when its lambda_2 has no equilibrium or it gives way under its load.
     fn unstable(&self, t_s: f64, parts: &[Part; 3], y: &[f64]) -> Option<Error> {
-        let stiffness = parts[0].stiffness + parts[1].stiffness;
-        let worst = stiffness.min(parts[2].stiffness);
-        (worst.is_nan() || worst <= 0.0).then(|| Error::SampleUnstable {
+        let active = (parts[0].stiffness + parts[1].stiffness) / (self.lengths[0] * y[ACTIVE_1]);
+        let end = parts[2].stiffness / (self.lengths[1] * y[END_1]);
+        let worst = active.min(end);
+        (active.is_nan() || end.is_nan() || worst <= 0.0).then(|| Error::SampleUnstable {
             at_s: t_s,
             length_m: self.length(y),
-            stiffness_n_m: worst / self.lengths[0],
+            stiffness_n_m: worst,
         })
     }
 
@@ -575,15 +576,7 @@ fn static_rest(
     phi_v: f64,
 ) -> Result<(SampleRest, Vec<f64>), Error> {
     sample.check().map_err(Error::Refused)?;
-    if film.mu_pa.len() != 1 + film.relaxation_time_s.len()
-        || !film.relaxation_time_s.iter().all(|t| *t > 0.0)
-        || film.locking.is_nan()
-        || film.locking <= 0.0
-    {
-        let text =
-            "a film needs one modulus more than relaxation times, all of them and J positive";
-        return Err(Error::Refused(text.into()));
-    }
+    super::robot::check_film(film)?;
     let relaxed = Film {
         mu_pa: vec![film.mu_pa[0]],
         relaxation_time_s: Vec::new(),

@@ -10,4 +10,5 @@ pub mod parameter;
 pub mod recording;
 pub mod report;
 pub mod residual;
+pub mod simulate;
 pub mod units;

@@ -56,3 +56,26 @@ impl FourBar {
         })
     }
 }
+
+impl FourBar {
+    /// d^2 theta_SAM / d theta_k1^2, 1/rad, at the closure of [`FourBar::close`] for the same `theta_k1_rad`.
+    ///
+    /// From the constraint w.w = c^2, w = a + d e(psi) - b e(theta), differentiated twice:
+    /// w.w'' + w'.w' = 0 with e'' = -e.
+    pub fn curvature(&self, theta_k1_rad: f64, closure: &Closure) -> f64 {
+        let (sin, cos) = theta_k1_rad.sin_cos();
+        let (sin_psi, cos_psi) = (std::f64::consts::PI - closure.theta_sam_rad).sin_cos();
+        let psi_prime = -closure.dtheta_sam_dtheta_k1;
+        let (b, d) = (self.b_m, self.d_m);
+        let w = [self.a_m + d * cos_psi - b * cos, d * sin_psi - b * sin];
+        let w_prime = [
+            -d * sin_psi * psi_prime + b * sin,
+            d * cos_psi * psi_prime - b * cos,
+        ];
+        let known = w[0] * (b * cos - d * cos_psi * psi_prime * psi_prime)
+            + w[1] * (b * sin - d * sin_psi * psi_prime * psi_prime);
+        let swing = w_prime[0] * w_prime[0] + w_prime[1] * w_prime[1];
+        let output = d * (w[1] * cos_psi - w[0] * sin_psi);
+        (known + swing) / output
+    }
+}

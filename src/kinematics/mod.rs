@@ -48,9 +48,9 @@ pub enum Joint {
 impl std::fmt::Display for Joint {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Joint::ForearmSwing => "forearm swing",
-            Joint::Elbow => "elbow (bicep and forearm)",
-            Joint::FourBar => "four-bar of the stroke amplifier",
+            Joint::ForearmSwing => "forearm (out-of-plane swing)",
+            Joint::Elbow => "bicep (cannot meet the forearm)",
+            Joint::FourBar => "SAM (four-bar cannot close)",
             Joint::Lozenge => "lozenge",
         })
     }
@@ -257,5 +257,65 @@ impl Chain {
             pull += pose.n[i] * (pose.q[i] * rate * rate + n_ddot[i]);
         }
         (rate, (pull - swing) / dot(pose.n, pose.q_prime))
+    }
+}
+
+/// Second derivatives of one chain's angles with respect to the end effector's position, rad/m^2, and of theta_DEA with
+/// respect to theta_b, 1/rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChainCurvature {
+    /// d^2 theta_b / du^2.
+    pub theta_b: [Vec3; 3],
+    /// d^2 theta_DEA / du^2.
+    pub theta_dea: [Vec3; 3],
+    /// d^2 theta_FA / du^2.
+    pub theta_fa: [Vec3; 3],
+    /// d^2 theta_DEA / d theta_b^2.
+    pub theta_dea_theta_b: f64,
+}
+
+impl Chain {
+    /// Second derivatives of this chain's angles at `pose`, exact.
+    ///
+    /// theta_b from the constraint n.n = n0^2 with n = Q(theta_b) - N(u), differentiated twice: with g = d theta_b/du, s = (dN/du)^T dQ/d theta_b
+    ///
+    /// ```text
+    /// (n.Q') d^2 theta_b/du^2 = (n.Q - q^2) g g^T + g s^T + s g^T - 1
+    /// ```
+    pub fn curvature(&self, pose: &ChainPose) -> ChainCurvature {
+        let (r, t) = self.axes();
+        let g = pose.dtheta_b_du;
+        let s = [
+            -pose.q_prime[1] * r[0],
+            -pose.q_prime[1] * r[1],
+            pose.q_prime[0],
+        ];
+        let inverse_lever = 1.0 / dot(pose.n, pose.q_prime);
+        let along = dot(pose.n, pose.q) - self.bicep_m * self.bicep_m;
+        let closure = four_bar::Closure {
+            theta_sam_rad: pose.theta_sam_rad,
+            dtheta_sam_dtheta_k1: -pose.dtheta_dea_dtheta_b,
+        };
+        let bar = -self.four_bar.curvature(pose.theta_k1_rad, &closure);
+        // theta_FA = asin(Nz/n0): second derivative Nz / (n0^2 - Nz^2)^(3/2) along t.
+        let (nz, inverse) = (-pose.n[2], dot(pose.dtheta_fa_du, t));
+        let swing = nz * inverse * inverse * inverse;
+        let mut out = ChainCurvature {
+            theta_b: [[0.0; 3]; 3],
+            theta_dea: [[0.0; 3]; 3],
+            theta_fa: [[0.0; 3]; 3],
+            theta_dea_theta_b: bar,
+        };
+        for i in 0..3 {
+            for j in 0..3 {
+                let one = if i == j { 1.0 } else { 0.0 };
+                let gg = g[i] * g[j];
+                let b = (along * gg + g[i] * s[j] + s[i] * g[j] - one) * inverse_lever;
+                out.theta_b[i][j] = b;
+                out.theta_dea[i][j] = pose.dtheta_dea_dtheta_b * b + bar * gg;
+                out.theta_fa[i][j] = swing * t[i] * t[j];
+            }
+        }
+        out
     }
 }

@@ -13,9 +13,11 @@
 
 mod forearm;
 mod mechanics;
+mod sample;
 
 pub use crate::dataset::Track;
 pub use forearm::ForearmTorque;
+pub use sample::HangingSample;
 pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
 
 use crate::film::Film;

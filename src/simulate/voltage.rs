@@ -1,0 +1,258 @@
+//! Inputs over time: voltages and payload, with the times at which they jump.
+
+pub use super::integrator::Side;
+
+/// Voltages of the three chains as functions of time (a film sample uses the first). Between two breaks they are smooth
+/// enough for the error control to see everything.
+pub trait Voltage {
+    /// Voltages at `t_s`, V; at a break the limit from the given side.
+    fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3];
+    /// The first break after `t_s` (infinity where there is none): a jump or a kink that no step may cross.
+    fn next_break_s(&self, t_s: f64) -> f64;
+}
+
+/// Smooth voltages given by a function of time.
+#[derive(Debug, Clone, Copy)]
+pub struct Smooth<F>(pub F);
+
+impl<F: Fn(f64) -> [f64; 3]> Voltage for Smooth<F> {
+    fn phi_v(&self, t_s: f64, _side: Side) -> [f64; 3] {
+        (self.0)(t_s)
+    }
+
+    fn next_break_s(&self, _t_s: f64) -> f64 {
+        f64::INFINITY
+    }
+}
+
+/// What the amplifier does between two samples of its command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Hold {
+    /// A straight line.
+    #[default]
+    Linear,
+    /// The last value until the next sample.
+    Previous,
+}
+
+/// A kink of a piecewise linear voltage above which no step crosses it, V: a sample whose second difference departs by more
+/// from its neighbours' mean. Sampled smooth curves and 0.1 V of quantisation stay below.
+const KINK_V: f64 = 1.0;
+
+/// Sampled voltages; before the first and after the last sample their values are held.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sampled {
+    start_s: f64,
+    step_s: f64,
+    phi_v: Vec<[f64; 3]>,
+    hold: Hold,
+    breaks_s: Vec<f64>,
+}
+
+impl Sampled {
+    /// Samples every `step_s` from `start_s` on, V.
+    ///
+    /// # Errors
+    /// A sentence when there is no sample, a sample is not finite or the step is not positive.
+    pub fn new(
+        start_s: f64,
+        step_s: f64,
+        phi_v: Vec<[f64; 3]>,
+        hold: Hold,
+    ) -> Result<Self, String> {
+        if phi_v.is_empty() {
+            return Err("a sampled voltage needs at least one sample".into());
+        }
+        if !(step_s > 0.0 && step_s.is_finite() && start_s.is_finite()) {
+            return Err(format!(
+                "a sampled voltage needs a positive step, got {step_s} s from {start_s} s"
+            ));
+        }
+        for (i, phi) in phi_v.iter().enumerate() {
+            for (k, phi) in phi.iter().enumerate() {
+                if !phi.is_finite() {
+                    let chain = k + 1;
+                    return Err(format!(
+                        "sample {i} of the voltage of chain {chain} is {phi}"
+                    ));
+                }
+            }
+        }
+        let n = phi_v.len();
+        let is_break = |i: usize| match hold {
+            Hold::Previous => i > 0 && phi_v[i] != phi_v[i - 1],
+            Hold::Linear => (0..3).any(|k| {
+                let at = |j: isize| phi_v[j.clamp(0, n as isize - 1) as usize][k];
+                let bend = |j: isize| at(j + 1) - 2.0 * at(j) + at(j - 1);
+                let i = i as isize;
+                (bend(i) - 0.5 * (bend(i - 1) + bend(i + 1))).abs() > KINK_V
+            }),
+        };
+        let breaks_s = (0..n)
+            .filter(|&i| is_break(i))
+            .map(|i| start_s + i as f64 * step_s)
+            .collect();
+        Ok(Sampled {
+            start_s,
+            step_s,
+            phi_v,
+            hold,
+            breaks_s,
+        })
+    }
+
+    /// The samples, V.
+    pub fn samples_v(&self) -> &[[f64; 3]] {
+        &self.phi_v
+    }
+
+    /// Distance of the samples, s.
+    pub fn step_s(&self) -> f64 {
+        self.step_s
+    }
+
+    /// Time of the first sample, s.
+    pub fn start_s(&self) -> f64 {
+        self.start_s
+    }
+
+    /// Time from the first to the last sample, s.
+    pub fn duration_s(&self) -> f64 {
+        (self.phi_v.len() - 1) as f64 * self.step_s
+    }
+
+    /// What the amplifier does between samples.
+    pub fn hold(&self) -> Hold {
+        self.hold
+    }
+}
+
+impl Voltage for Sampled {
+    fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3] {
+        let last = self.phi_v.len() - 1;
+        let place = (t_s - self.start_s) / self.step_s;
+        if place <= 0.0 || place.is_nan() {
+            return self.phi_v[0];
+        }
+        if place > last as f64 + 0.5 {
+            return self.phi_v[last];
+        }
+        match self.hold {
+            Hold::Linear => {
+                let i = (place as usize).min(last);
+                let f = (place - i as f64).clamp(0.0, 1.0);
+                let (from, to) = (self.phi_v[i], self.phi_v[(i + 1).min(last)]);
+                [0, 1, 2].map(|k| from[k] + f * (to[k] - from[k]))
+            }
+            Hold::Previous => {
+                let near = place.round();
+                let i = if (place - near).abs() < 1e-6 {
+                    match side {
+                        Side::Before => (near as usize).saturating_sub(1),
+                        Side::After => near as usize,
+                    }
+                } else {
+                    place as usize
+                };
+                self.phi_v[i.min(last)]
+            }
+        }
+    }
+
+    fn next_break_s(&self, t_s: f64) -> f64 {
+        let next = self
+            .breaks_s
+            .partition_point(|&b| b <= t_s + 1e-6 * self.step_s);
+        self.breaks_s.get(next).copied().unwrap_or(f64::INFINITY)
+    }
+}
+
+/// The mass on the end effector over time, kg: a value at the start and steps.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Payload {
+    start_kg: f64,
+    steps: Vec<(f64, f64)>,
+}
+
+impl Payload {
+    /// The same mass all the time.
+    pub fn constant(mass_kg: f64) -> Self {
+        Payload {
+            start_kg: mass_kg,
+            steps: Vec::new(),
+        }
+    }
+
+    /// `start_kg` and then (time s, mass kg) steps. A mass that arrives or leaves does so with the velocity of the end effector.
+    ///
+    /// # Errors
+    /// A sentence when the times do not rise or a mass is not a number at or above zero.
+    pub fn steps(start_kg: f64, steps: Vec<(f64, f64)>) -> Result<Self, String> {
+        let mut last = f64::NEG_INFINITY;
+        for &(t, m) in std::iter::once(&(last, start_kg)).chain(&steps) {
+            if !(m >= 0.0 && m.is_finite()) {
+                return Err(format!("a payload of {m} kg"));
+            }
+            if t.is_nan() || (t <= last && last > f64::NEG_INFINITY) {
+                return Err(format!(
+                    "payload steps must rise in time: {t} s follows {last} s"
+                ));
+            }
+            last = t;
+        }
+        Ok(Payload { start_kg, steps })
+    }
+
+    /// Mass at `t_s`, kg; at a step the value on the given side.
+    pub fn mass_kg(&self, t_s: f64, side: Side) -> f64 {
+        let passed = self.steps.partition_point(|s| match side {
+            Side::Before => s.0 < t_s,
+            Side::After => s.0 <= t_s,
+        });
+        match passed {
+            0 => self.start_kg,
+            n => self.steps[n - 1].1,
+        }
+    }
+
+    /// The first step after `t_s`, infinity where there is none.
+    pub fn next_break_s(&self, t_s: f64) -> f64 {
+        let next = self.steps.partition_point(|s| s.0 <= t_s);
+        self.steps.get(next).map_or(f64::INFINITY, |s| s.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn breaks_are_jumps_and_kinks_only() {
+        let sine: Vec<[f64; 3]> = (0..3000)
+            .map(|i| [2500.0 * (1.0 - (2.0 * std::f64::consts::PI * i as f64 * 1e-3).cos()); 3])
+            .collect();
+        let smooth = Sampled::new(0.0, 1e-3, sine, Hold::Linear).unwrap();
+        assert_eq!(smooth.next_break_s(0.0), f64::INFINITY);
+        let step: Vec<[f64; 3]> = (0..100)
+            .map(|i| [if i < 50 { 0.0 } else { 800.0 }; 3])
+            .collect();
+        let linear = Sampled::new(0.0, 1e-3, step.clone(), Hold::Linear).unwrap();
+        assert!((linear.next_break_s(0.0) - 0.048).abs() < 1.1e-3);
+        let held = Sampled::new(0.0, 1e-3, step, Hold::Previous).unwrap();
+        let at = held.next_break_s(0.0);
+        assert_eq!(at, 0.05);
+        assert_eq!(held.phi_v(at, Side::Before)[0], 0.0);
+        assert_eq!(held.phi_v(at, Side::After)[0], 800.0);
+        assert_eq!(held.next_break_s(at), f64::INFINITY);
+    }
+
+    #[test]
+    fn payload_steps() {
+        let p = Payload::steps(0.001, vec![(1.0, 0.003), (2.0, 0.0)]).unwrap();
+        assert_eq!(p.mass_kg(1.0, Side::Before), 0.001);
+        assert_eq!(p.mass_kg(1.0, Side::After), 0.003);
+        assert_eq!(p.next_break_s(1.0), 2.0);
+        assert!(Payload::steps(0.0, vec![(1.0, 0.0), (1.0, 0.0)]).is_err());
+        assert!(Payload::steps(-1.0, vec![]).is_err());
+    }
+}

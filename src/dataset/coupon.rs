@@ -585,7 +585,12 @@ fn lay_grid(t: &[f64], x: &[f64], jump: bool, choice: &GridChoice) -> (Grid, Vec
     // Ordinary step of the rows in an interval: of its first rows, which follow the corner.
     let step_of = |a: usize, b: usize| {
         let end = b.min(a + 64);
-        median(&t[a..=end].windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>())
+        median(
+            &t[a..=end]
+                .windows(2)
+                .map(|w| w[1] - w[0])
+                .collect::<Vec<_>>(),
+        )
     };
     let log_limit = choice.largest_log_step.max(1e-6);
     let mut runs: Vec<(f64, usize)> = Vec::new();

@@ -261,12 +261,12 @@ impl<'a> CouponResidual<'a> {
         let (mut first, mut have) = (0, 0);
         loop {
             let at = have * width;
-            let produced = pass
-                .next_block(&mut held[at..at + BLOCK * width])
-                .map_err(|locked| CouponLocked {
-                    coupon: p.coupon.id.clone(),
-                    locked,
-                })?;
+            let produced =
+                pass.next_block(&mut held[at..at + BLOCK * width])
+                    .map_err(|locked| CouponLocked {
+                        coupon: p.coupon.id.clone(),
+                        locked,
+                    })?;
             if produced == 0 {
                 return Ok(());
             }

@@ -9,7 +9,10 @@ use deacal::calibration::{
 };
 use deacal::dataset::{Coupon, CouponParts, GridChoice};
 use deacal::film::{Film, InitialState, gent_stress, integrate_reference};
+use deacal::fit::separable::State;
 use deacal::recording::{CouponMode, Recording};
+use rand::SeedableRng;
+use rand_distr::Distribution;
 
 const MODES: [CouponMode; 3] = [
     CouponMode::Uniaxial,
@@ -216,8 +219,8 @@ fn the_grid_predicts_what_the_reference_integrator_gives() {
                 c.plan.nodes,
                 fine.nrmse_percent
             );
-            assert!(coarse.nrmse_percent < 0.02, "{}", coarse.nrmse_percent);
-            assert!(fine.nrmse_percent < 0.01, "{}", fine.nrmse_percent);
+            assert!(coarse.nrmse_percent < 0.004, "{}", coarse.nrmse_percent);
+            assert!(fine.nrmse_percent < 5e-5, "{}", fine.nrmse_percent);
         }
     }
 }
@@ -236,7 +239,7 @@ fn a_known_film_is_recovered_in_every_mode() {
             print("simulated", 3, &o, started.elapsed());
             assert!(o.converged, "{}", o.reason);
             let near =
-                |got: f64, want: f64| assert!((got / want - 1.0).abs() < 0.01, "{got} {want}");
+                |got: f64, want: f64| assert!((got / want - 1.0).abs() < 2e-4, "{got} {want}");
             for (got, want) in o.film.mu_pa.iter().zip(&truth.mu_pa) {
                 near(*got, *want);
             }
@@ -249,9 +252,112 @@ fn a_known_film_is_recovered_in_every_mode() {
                 near(*got, *want);
             }
             near(o.film.locking, truth.locking);
-            assert!(o.nrmse_percent < 0.01);
+            assert!(o.nrmse_percent < 1e-4, "{}", o.nrmse_percent);
+            assert!(
+                o.verdict.starts_with("The model fits to the noise"),
+                "{}",
+                o.verdict
+            );
         }
     }
+}
+
+#[test]
+fn intervals_hold_where_the_noise_is_white() {
+    let truth = Film {
+        mu_pa: vec![2e4, 4e4],
+        relaxation_time_s: vec![4.0],
+        locking: 30.0,
+    };
+    let clean = simulated(&truth, CouponMode::Uniaxial, InitialState::Virgin, 1.0);
+    let normal = rand_distr::Normal::new(0.0, 200.0).unwrap();
+    let (mut sum, mut count) = (0.0, 0.0);
+    for seed in 0..24 {
+        let mut generator = rand_chacha::ChaCha12Rng::seed_from_u64(seed);
+        let mut noisy = |s: &f64| s + normal.sample(&mut generator);
+        let parts = CouponParts {
+            id: format!("noisy {seed}"),
+            mode: clean.mode,
+            initial: clean.initial,
+            time_s: Some(clean.time_s.clone()),
+            stretch: clean.stretch.clone(),
+            stress_pa: clean.stress_pa.iter().map(&mut noisy).collect(),
+        };
+        let coupon = Coupon::new(parts, &GridChoice::default()).unwrap();
+        assert!(
+            (coupon.noise_pa / 200.0 - 1.0).abs() < 0.15,
+            "{}",
+            coupon.noise_pa
+        );
+        let o = fit(&[&coupon], 1);
+        assert!(
+            o.verdict.starts_with("The model fits to the noise"),
+            "{}",
+            o.verdict
+        );
+        assert!(o.estimates.iter().all(|e| e.identifiable));
+        for (e, want) in o.estimates.iter().zip([4.0, 30.0, 2e4, 4e4]) {
+            sum += ((e.value - want) / e.std_error).powi(2);
+            count += 1.0;
+        }
+    }
+    let mean = sum / count;
+    println!("mean squared error over its variance: {mean:.3}");
+    assert!((0.6..1.5).contains(&mean), "{mean}");
+}
+
+#[test]
+fn what_is_held_stays_and_what_cannot_be_is_said() {
+    let truth = film();
+    let c = simulated(&truth, CouponMode::Uniaxial, InitialState::Virgin, 1.0);
+    let go = |_: &State| ControlFlow::Continue(());
+    let request = CouponRequest {
+        fix: vec![("J".into(), 40.0), ("T_1".into(), 0.2)],
+        bound: vec![("mu_1".into(), [0.0, 1.9e4])],
+        ..CouponRequest::new(3)
+    };
+    let o = calibrate_coupons(&[&c], &request, &go).unwrap();
+    assert!((o.film.locking - 40.0).abs() < 1e-9 && o.film.mu_pa[0] <= 1.9e4);
+    assert!(o.estimates.iter().any(|e| e.name == "J" && e.fixed));
+    let given = CouponRequest {
+        start: Some(truth.clone()),
+        starts: 1,
+        ..CouponRequest::new(0)
+    };
+    let o = calibrate_coupons(&[&c], &given, &go).unwrap();
+    assert!(
+        o.film.branches() == 3 && o.evaluations < 20,
+        "{}",
+        o.evaluations
+    );
+    let wrong = CouponRequest {
+        fix: vec![("mu1".into(), 1.0)],
+        ..CouponRequest::new(1)
+    };
+    let error = calibrate_coupons(&[&c], &wrong, &go).unwrap_err();
+    assert!(error.to_string().contains("nearest is `mu_1`"), "{error}");
+    let many = calibrate_coupons(&[&c], &CouponRequest::new(9), &go).unwrap_err();
+    assert!(many.to_string().contains("at most 8"), "{many}");
+    let none = calibrate_coupons(&[], &CouponRequest::new(1), &go);
+    assert!(matches!(none, Err(Error::NothingToFit(_))));
+    let short = Film {
+        locking: 2.0,
+        ..truth.clone()
+    };
+    let locked = validate_coupons(&[&c], &short).unwrap_err();
+    assert!(matches!(locked, Error::Locked(_)), "{locked}");
+    let odd = Film {
+        mu_pa: vec![1e4],
+        ..truth
+    };
+    let odd = validate_coupons(&[&c], &odd).unwrap_err();
+    assert!(odd.to_string().contains("1 moduli for 3 branches"), "{odd}");
+    let stop = |_: &State| ControlFlow::Break(());
+    let stopped = calibrate_coupons(&[&c], &CouponRequest::new(2), &stop).unwrap();
+    assert!(!stopped.converged && stopped.reason.contains("stopped"));
+    // the same request gives the same digits
+    let again = || fit(&[&c], 2).film;
+    assert_eq!(again(), again());
 }
 
 fn open(path: &Path) -> Coupon {
@@ -262,17 +368,25 @@ fn open(path: &Path) -> Coupon {
 fn vhb_of_miles() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/miles2015_vhb4910");
     let coupon = open(&folder);
-    println!("{:?}\n{:?}", coupon.plan, coupon.notes);
+    assert_eq!((coupon.plan.rows, coupon.plan.masked), (1275, 0));
+    assert!(coupon.notes[0].contains("2455.4 Pa"), "{:?}", coupon.notes);
+    assert!(coupon.notes[1].contains("slack"), "{:?}", coupon.notes);
     let mut before = f64::INFINITY;
-    for branches in [0, 1, 3, 6] {
+    // Measured with this program: 8.02, 2.09, 1.39, 1.39 %.
+    for (branches, most) in [(0, 8.1), (1, 2.15), (3, 1.42), (6, 1.42)] {
         let started = Instant::now();
         let o = fit(&[&coupon], branches);
         print("Miles", branches, &o, started.elapsed());
+        assert!(o.converged && o.nrmse_percent < most, "{}", o.nrmse_percent);
+        assert!(o.verdict.contains("Something is left out"), "{}", o.verdict);
+        assert!(
+            o.remarks[0].contains("not to be trusted"),
+            "{:?}",
+            o.remarks
+        );
+        assert_eq!(o.misfit_std_error.len(), o.estimates.len());
         for (e, m) in o.estimates.iter().zip(&o.misfit_std_error) {
-            println!(
-                "      {} {:.4e} +- {:.1e} ({m:.1e}) {}",
-                e.name, e.value, e.std_error, e.says
-            );
+            assert!(e.std_error.is_nan() || *m >= e.std_error, "{} {m}", e.name);
         }
         assert!(o.nrmse_percent <= before * 1.0001);
         before = o.nrmse_percent;
@@ -292,7 +406,7 @@ fn shared(folder: &str) -> Option<PathBuf> {
     Some(path)
 }
 
-/// A recording.toml beside a link to (a copy of) the file, in a folder that goes away.
+/// A recording.toml beside a copy of the file, in a folder that goes away.
 fn borrowed(file: &Path, id: &str, coupon: &str) -> Coupon {
     let folder = tempfile::tempdir().unwrap();
     std::fs::copy(file, folder.path().join("data.csv")).unwrap();
@@ -331,34 +445,43 @@ fn vhb_of_zhao() {
         return;
     };
     let coupons = zhao(&folder);
+    assert_eq!(coupons.len(), 16);
     for c in &coupons {
-        println!(
-            "{}: {} rows, {} nodes, {} corners, noise {:.1} Pa, {:?}",
+        assert!(c.plan.nodes < 1000, "{} {}", c.id, c.plan.nodes);
+        assert!(
+            (30.0..130.0).contains(&c.noise_pa),
+            "{} {}",
             c.id,
-            c.plan.rows,
-            c.plan.nodes,
-            c.plan.corners_s.len(),
-            c.noise_pa,
-            c.notes
+            c.noise_pa
         );
     }
+    // the file name says 2.5
+    let mislabelled = coupons.iter().find(|c| c.id == "0d05_2d5_2").unwrap();
+    let largest = mislabelled.stretch.iter().copied().fold(0.0, f64::max);
+    assert!((largest - 2.0025).abs() < 1e-3, "{largest}");
     let of = |prefix: &str| -> Vec<&Coupon> {
         coupons
             .iter()
             .filter(|c| c.id.starts_with(prefix))
             .collect()
     };
-    for (title, set) in [
-        ("Zhao 0.01 /s", of("0d01")),
-        ("Zhao 0.05 /s", of("0d05")),
-        ("Zhao holds", of("hold")),
-        ("Zhao all", coupons.iter().collect()),
+    // Measured with this program, a little rounded up, for 0, 1, 3 and 6 branches.
+    for (title, set, most) in [
+        ("Zhao 0.01 /s", of("0d01"), [19.3, 7.9, 6.95, 6.95]),
+        ("Zhao 0.05 /s", of("0d05"), [21.1, 9.3, 7.8, 7.8]),
+        ("Zhao holds", of("hold"), [7.55, 2.9, 1.0, 0.97]),
+        (
+            "Zhao all",
+            coupons.iter().collect(),
+            [22.9, 10.1, 6.2, 6.17],
+        ),
     ] {
         let mut before = f64::INFINITY;
-        for branches in [0, 1, 3, 6] {
+        for (branches, most) in [0, 1, 3, 6].into_iter().zip(most) {
             let started = Instant::now();
             let o = fit(&set, branches);
             print(title, branches, &o, started.elapsed());
+            assert!(o.converged && o.nrmse_percent < most, "{}", o.nrmse_percent);
             assert!(o.nrmse_percent <= before * 1.0001);
             before = o.nrmse_percent;
         }
@@ -370,7 +493,12 @@ fn rubber_in_three_modes() {
     let Some(folder) = shared("rubber-digitised") else {
         return;
     };
-    for (author, year) in [("Treloar", 1944), ("Kawabata", 1981), ("Meunier", 2008)] {
+    // Measured with this program: 4.86, 5.51, 2.34 %.
+    for (author, year, most) in [
+        ("Treloar", 1944, 4.9),
+        ("Kawabata", 1981, 5.6),
+        ("Meunier", 2008, 2.4),
+    ] {
         let coupons: Vec<Coupon> = [("UT", "uniaxial"), ("ET", "equibiaxial"), ("PS", "pure-shear")]
             .iter()
             .map(|(short, mode)| {
@@ -383,6 +511,7 @@ fn rubber_in_three_modes() {
         let started = Instant::now();
         let o = fit(&all, 0);
         print(author, 0, &o, started.elapsed());
+        assert!(o.nrmse_percent < most && !o.coupons[0].noise_known);
         let asked = calibrate_coupons(&all, &CouponRequest::new(1), &|_| ControlFlow::Continue(()));
         let error = asked.unwrap_err();
         assert!(matches!(error, Error::NothingToFit(_)));

@@ -19,11 +19,10 @@ use rayon::prelude::*;
 use super::outcome::*;
 use super::robot::{apply, correlation, estimates, rising, unknown, weak_directions};
 use super::{Error, Request, Stage, Uncertainty};
-use crate::dataset::{Coupon, CouponPlan};
+use crate::dataset::{Coupon, CouponMode, CouponPlan};
 use crate::film::{Film, InitialState};
 use crate::fit::separable::{Ended, Options, State, Unknown, minimise};
 use crate::parameter::{Parameter, Transform};
-use crate::recording::CouponMode;
 use crate::residual::CouponResidual;
 
 /// What is known of a relaxation time or J beforehand: a decade. On the scale of the noise weights it decides only what the
@@ -41,6 +40,11 @@ const START_LOCKING_SHARE: f64 = 3.0;
 const LARGEST_LOCKING: f64 = 1e4;
 /// Misfit over noise up to which a fit counts as down to the noise.
 const DOWN_TO_NOISE: f64 = 1.25;
+/// Error over the stress range, %, that the grid itself may make (measured in `tests/coupon.rs`): less is not a misfit.
+const GRID_ERROR_PERCENT: f64 = 0.01;
+
+/// What is said of the relaxation time of a branch without a modulus.
+const MEANINGLESS: &str = "of no meaning";
 
 /// What a coupon calibration is asked to do.
 #[derive(Debug, Clone)]
@@ -455,10 +459,17 @@ pub fn calibrate_coupons(
     outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
     outcome.correlation = correlation(&list, &uncertainty, &order);
     outcome.estimates = by_noise;
+    for (place, &branch) in order[..branches].iter().enumerate() {
+        let e = &mut outcome.estimates[place];
+        if state.beta[branch + 1] == 0.0 && !e.fixed {
+            e.identifiable = false;
+            e.says = format!("{MEANINGLESS}: mu_{} is zero", place + 2);
+        }
+    }
     let exceeds = outcome.coupons.iter().any(exceeds_noise);
     if exceeds {
         for (e, m) in outcome.estimates.iter_mut().zip(&by_misfit) {
-            if !e.fixed && e.at_bound.is_none() {
+            if !e.fixed && e.at_bound.is_none() && !e.says.starts_with(MEANINGLESS) {
                 e.identifiable &= m.identifiable;
                 e.says = format!(
                     "{:.2} % by the noise, about {:.0} % counting the misfit: do not trust the interval",
@@ -515,7 +526,7 @@ pub fn validate_coupons(coupons: &[&Coupon], film: &Film) -> Result<CouponOutcom
 }
 
 fn exceeds_noise(c: &CouponFit) -> bool {
-    c.noise_known && c.rmse_pa > DOWN_TO_NOISE * c.noise_pa
+    c.noise_known && c.rmse_pa > DOWN_TO_NOISE * c.noise_pa && c.nrmse_percent > GRID_ERROR_PERCENT
 }
 
 /// 1 + 2 sum of the autocorrelation up to its first value that is not positive, rows: how many rows say the same thing.

@@ -9,10 +9,10 @@
 //! # The grid
 //! The film forgets on a logarithmic clock, so that the steps that a history needs grow with the time since the rate last
 //! changed. Corners are the knots of the coarsest polygon that stays within a tolerance of the measured stretch (Douglas and
-//! Peucker 1973, Cartographica 10:112); from each corner on the grid takes [`GridChoice::steps`] steps of the recorded
-//! step, then half as many of twice the step, of four times, and so on; no step changes ln lambda by more than
+//! Peucker 1973, Cartographica 10:112); from each corner on the grid takes [`GridChoice::steps`] steps of a quarter of the
+//! recorded step, then half as many of twice that, of four times, and so on; no step changes ln lambda by more than
 //! [`GridChoice::largest_log_step`]. Corners closer than a few rows are joined into one run of the recorded step. Between two
-//! rows the stretch is linear in time. A 1800 s hold at 50 Hz is 400 nodes instead of 90 000, and a T of any size between step
+//! rows the stretch is linear in time. A 1800 s hold at 50 Hz is about 500 nodes instead of 90 000, and a T of any size between step
 //! and duration sees about thirty steps in each doubling of time. A film that begins virgin but stretched starts with a sixteenth
 //! of the recorded step. The grid carries the history only: the residual is that of every row (see `residual::coupon`).
 //!
@@ -25,12 +25,15 @@
 use serde::{Deserialize, Serialize};
 
 use crate::film::InitialState;
-use crate::recording::{CouponMode, FilmState, RawCoupon, RawElongation, RawLoad, Recording};
+pub use crate::recording::CouponMode;
+use crate::recording::{FilmState, RawCoupon, RawElongation, RawLoad, Recording};
 
 /// Rows below which the noise of the stress cannot be told from the curve.
 pub const FEW_ROWS: usize = 64;
 /// Corners closer than this many recorded steps are joined.
 const JOIN_STEPS: f64 = 16.0;
+/// The recorded step is divided by this after a corner: where T is near the step, the scheme's error is made there.
+const CORNER_SUBSTEPS: f64 = 4.0;
 /// The recorded step is divided by this at the start of a virgin film that begins stretched.
 const JUMP_SUBSTEPS: f64 = 16.0;
 /// A virgin film that begins further than this from stretch 1 (as |ln lambda|) begins with a jump.
@@ -92,7 +95,7 @@ pub struct CouponParts {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GridChoice {
-    /// Steps of the recorded length after a corner; half as many at each doubling after that.
+    /// Steps of a quarter of the recorded length after a corner; half as many at each doubling after that.
     pub steps: usize,
     /// Largest change of ln lambda in a step.
     pub largest_log_step: f64,
@@ -326,6 +329,7 @@ impl Coupon {
                 counted.len()
             ));
         }
+        note_slack(&counted, &stretch, &stress_pa, noise_pa, &mut notes);
         let jump = initial == InitialState::Virgin && path_x[0].ln().abs() > JUMP;
         let (grid, corners_s) = if timed {
             lay_grid(&path_t, &path_x, jump, choice)
@@ -454,6 +458,31 @@ fn note_start(stress: &[f64], first_stretch: f64, notes: &mut Vec<String>) {
         notes.push(format!(
             "the stress of the first row is {:.1} Pa ({share:.2} % of the largest) at stretch {first_stretch:.4}, where the model has none: kept as it is",
             stress[0]
+        ));
+    }
+}
+
+/// Rows on the way back in which a stretched film carries nothing: said, not removed.
+fn note_slack(
+    counted: &[usize],
+    stretch: &[f64],
+    stress_pa: &[f64],
+    noise_pa: f64,
+    notes: &mut Vec<String>,
+) {
+    let farthest = (0..counted.len())
+        .max_by(|&a, &b| stretch[counted[a]].total_cmp(&stretch[counted[b]]))
+        .unwrap_or(0);
+    let slack: Vec<usize> = counted[farthest..]
+        .iter()
+        .copied()
+        .filter(|&i| stretch[i] > 1.01 && stress_pa[i] <= 3.0 * noise_pa)
+        .collect();
+    if let (Some(&first), true) = (slack.first(), slack.len() >= 4) {
+        notes.push(format!(
+            "on the way back the stress is within the noise of zero, or below, in {} rows from stretch {:.3} down: a strip that has gone slack or buckled there is not described by a film in tension; the rows are kept",
+            slack.len(),
+            stretch[first]
         ));
     }
 }
@@ -605,9 +634,10 @@ fn lay_grid(t: &[f64], x: &[f64], jump: bool, choice: &GridChoice) -> (Grid, Vec
         let (a, mut b) = (knots[k], knots[k + 1]);
         let step = step_of(a, b);
         let length = t[b] - t[a];
-        let substeps = if jump && k == 0 { JUMP_SUBSTEPS } else { 1.0 };
+        let leap = jump && k == 0;
+        let substeps = if leap { JUMP_SUBSTEPS } else { CORNER_SUBSTEPS };
         k += 1;
-        if length < JOIN_STEPS * step && substeps == 1.0 {
+        if length < JOIN_STEPS * step && !leap {
             let mut steepest = (x[b] / x[a]).ln().abs() / length;
             while k + 1 < knots.len() {
                 let next = knots[k + 1];

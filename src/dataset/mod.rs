@@ -6,7 +6,9 @@ mod plan;
 pub mod smoother;
 mod voltage;
 
-pub use coupon::{Coupon, CouponError, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice};
+pub use coupon::{
+    Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
+};
 pub use plan::{Plan, SmoothingPlan};
 pub use voltage::Voltage;
 

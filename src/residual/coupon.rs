@@ -434,9 +434,8 @@ impl SeparableResidual for CouponResidual<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::{CouponParts, GridChoice};
+    use crate::dataset::{CouponMode, CouponParts, GridChoice};
     use crate::film::InitialState;
-    use crate::recording::CouponMode;
 
     fn coupon(mode: CouponMode) -> Coupon {
         let time: Vec<f64> = (0..3000).map(|i| 0.02 * f64::from(i)).collect();

@@ -58,15 +58,6 @@ pub struct Parameter {
     pub fixed: bool,
 }
 
-/// The name in `names` that is nearest to `wanted`.
-pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    names
-        .into_iter()
-        .map(|n| (strsim::jaro_winkler(&wanted.to_lowercase(), &n.to_lowercase()), n))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, n)| n)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -77,10 +68,5 @@ mod tests {
             assert!((t.to_model(t.to_search(0.37)) - 0.37).abs() < 1e-15);
         }
         assert!((Transform::Log.std_error(2.0, 0.1) - 0.2).abs() < 1e-15);
-    }
-
-    #[test]
-    fn nearest_name() {
-        assert_eq!(nearest("mu1", ["J", "mu_1", "T_1"]), Some("mu_1"));
     }
 }

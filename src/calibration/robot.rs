@@ -11,7 +11,8 @@ use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
 use crate::model::{Contribution, ForearmTorque, Parameters, Robot};
-use crate::parameter::{Parameter, Transform, nearest};
+use crate::parameter::{Parameter, Transform};
+use crate::recording::nearest;
 use crate::residual::{OFFSET_REACH_S, RobotResidual, VoltageError, root_v};
 
 /// Which parameters are free.
@@ -202,7 +203,7 @@ pub(super) fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(
             .position(|n| n == name)
             .ok_or_else(|| Error::UnknownParameter {
                 name: name.into(),
-                nearest: nearest(name, names.iter().map(String::as_str)).map(Into::into),
+                nearest: nearest(name, &names).map(Into::into),
                 known: names.join(", "),
             })
     };
@@ -294,10 +295,7 @@ pub fn calibrate_robot(
         );
         return Err(Error::NothingToFit(what));
     }
-    let options = Options {
-        cost_tolerance: 1e-7,
-        ..Options::default()
-    };
+    let options = Options::default();
     // Several starts, equal weights.
     let starts = starts(nonlinear, request);
     let mut states: Vec<(String, State)> = starts

@@ -3,6 +3,7 @@
 
 mod coupon;
 mod plan;
+mod robot;
 pub mod smoother;
 mod voltage;
 
@@ -109,6 +110,14 @@ pub enum Error {
         /// Recording.
         id: String,
         /// What is missing.
+        what: String,
+    },
+    /// A recording that is not what is asked for.
+    #[error("recording `{id}`: {what}")]
+    Unsuitable {
+        /// Recording.
+        id: String,
+        /// Why.
         what: String,
     },
     /// Voltage and motion share no time.

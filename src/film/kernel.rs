@@ -14,8 +14,9 @@
 //! ```
 //!
 //! where N is of second order in A - 1, B - 1. The linear part with its drive G (quadratic within a step) is integrated
-//! exactly by phi functions, N by the two-stage exponential Runge-Kutta method (Cox and Matthews 2002, J. Comput. Phys.
-//! 176:430). The elastic response is exact, because A and B take the sampled stretch itself; the equilibrium spring is a
+//! exactly by phi functions, N by exponential Adams methods (Cox and Matthews 2002, J. Comput. Phys. 176:430): the
+//! two-step formula predicts, the quadratic through the last three N corrects, and the stress is evaluated once a step, at the
+//! prediction. The elastic response is exact, because A and B take the sampled stretch itself; the equilibrium spring is a
 //! lane with r = 0. Derivatives are those of this discrete scheme, so they agree with differences of its own result to
 //! rounding. `tests/golden_film.rs` states the errors that this leaves at 100 Hz.
 //!
@@ -214,8 +215,9 @@ struct Constants {
     /// Weights of G at the beginning, middle and end of the step.
     drive: [[f64; LANES]; 3],
     d_drive: [[f64; LANES]; 3],
-    stage: [[f64; LANES]; 2],
-    d_stage: [[f64; LANES]; 2],
+    /// Weights of N and of its first and second backward difference.
+    stage: [[f64; LANES]; 3],
+    d_stage: [[f64; LANES]; 3],
     rate: [f64; LANES],
     third_rate: [f64; LANES],
 }
@@ -228,8 +230,8 @@ impl Constants {
             d_decay: zero,
             drive: [zero; 3],
             d_drive: [zero; 3],
-            stage: [zero; 2],
-            d_stage: [zero; 2],
+            stage: [zero; 3],
+            d_stage: [zero; 3],
             rate: zero,
             third_rate: zero,
         };
@@ -259,19 +261,25 @@ impl Constants {
                 c.drive[i][lane] = z * w[i];
                 c.d_drive[i][lane] = z * (dw[i] - w[i]);
             }
-            for i in 0..2 {
-                c.stage[i][lane] = step_s * phi[i + 1];
-                c.d_stage[i][lane] = step_s * d(i + 1);
+            // N through the last nodes by its backward differences (Newton): weights phi_1, phi_2, phi_3 + phi_2/2.
+            let stages = |p: [f64; 4]| [p[1], p[2], p[3] + 0.5 * p[2]];
+            let (w, dw) = (stages(phi), stages([d(0), d(1), d(2), d(3)]));
+            for i in 0..3 {
+                c.stage[i][lane] = step_s * w[i];
+                c.d_stage[i][lane] = step_s * dw[i];
             }
         }
         c
     }
 }
 
-/// State of eight lanes: w, its tangents with respect to ln T and ln J, and N with its tangents at the same node.
-/// Order: w_1, w_2, the same d/d ln T, d/d ln J; N_1, N_2, the same d/d ln T, d/d ln J; the smallest A B D so far.
+/// State of eight lanes: w, N at the same node, N at the node before, each a pair with its tangents (value, d/d ln T, d/d ln J);
+/// last the smallest A B D so far.
 #[derive(Clone, Debug)]
-struct State([[f64; LANES]; 13]);
+struct State([[f64; LANES]; 19]);
+
+/// Place of the smallest A B D in a [`State`].
+const LEAST: usize = 18;
 
 /// A pair of quantities (directions 1, 2) with tangents with respect to ln T and ln J.
 #[derive(Clone, Copy)]
@@ -302,11 +310,21 @@ fn load<S: Simd>(lanes: &[f64; LANES], at: usize) -> S::f64s {
 }
 
 #[inline(always)]
-fn pair<S: Simd>(state: &State, at: usize, group: usize) -> [S::f64s; 2] {
-    [
-        load::<S>(&state.0[at], group),
-        load::<S>(&state.0[at + 1], group),
-    ]
+fn tangent<S: Simd>(state: &State, at: usize, group: usize) -> Tangent<S::f64s> {
+    Tangent {
+        value: [
+            load::<S>(&state.0[at], group),
+            load::<S>(&state.0[at + 1], group),
+        ],
+        d_t: [
+            load::<S>(&state.0[at + 2], group),
+            load::<S>(&state.0[at + 3], group),
+        ],
+        d_j: [
+            load::<S>(&state.0[at + 4], group),
+            load::<S>(&state.0[at + 5], group),
+        ],
+    }
 }
 
 impl WithSimd for Block<'_> {
@@ -389,113 +407,110 @@ impl<S: Simd> Group<S> {
         self.simd.negate_mul_add_e_f64s(a, b, c)
     }
 
-    /// Gent stress over modulus with its tangents, and A B D.
+    /// Stress, N and what is written, at one node.
+    ///
+    /// With p = C/A, q = C/B the derivatives of the stress are
+    ///
+    /// ```text
+    /// ds_1/dA = (1 + p + s_1 (1 - p)/J)/D,  ds_1/dB = (q + s_1 (1 - q)/J)/D     (s_2: A and B exchanged)
+    /// ds_i/d ln J = -s_i (1 - D)/D
+    /// ```
     #[inline(always)]
-    fn stress(self, x: &Tangent<S::f64s>, lambda_squared: [f64; 2]) -> (Tangent<S::f64s>, S::f64s) {
-        let l = [self.splat(lambda_squared[0]), self.splat(lambda_squared[1])];
+    fn node(
+        self,
+        x: &Tangent<S::f64s>,
+        node: &Node,
+        least: &mut S::f64s,
+        out: Option<&mut [f64]>,
+    ) -> Tangent<S::f64s> {
+        let l = [
+            self.splat(node.lambda_squared[0]),
+            self.splat(node.lambda_squared[1]),
+        ];
         let [a, b] = [self.mul(l[0], x.value[0]), self.mul(l[1], x.value[1])];
-        let d_t = [self.mul(l[0], x.d_t[0]), self.mul(l[1], x.d_t[1])];
-        let d_j = [self.mul(l[0], x.d_j[0]), self.mul(l[1], x.d_j[1])];
         let ab = self.mul(a, b);
         // A B D = A B (1 + 3/J) - (A B (A + B) + 1)/J
-        let third_invariant = self.fma(ab, self.add(a, b), self.one);
-        let q = self.fnma(
-            self.inverse_j,
-            third_invariant,
-            self.mul(ab, self.one_three_j),
-        );
-        let inverse = self.simd.div_f64s(self.one, self.mul(ab, q));
-        let c = self.mul(q, inverse);
+        let cubic = self.fma(ab, self.add(a, b), self.one);
+        let abd = self.fnma(self.inverse_j, cubic, self.mul(ab, self.one_three_j));
+        *least = self.simd.min_f64s(*least, abd);
+        let inverse = self.simd.div_f64s(self.one, self.mul(ab, abd));
+        let c = self.mul(abd, inverse);
         let inverse_d = self.mul(self.mul(ab, ab), inverse);
         let s = [
             self.mul(self.sub(a, c), inverse_d),
             self.mul(self.sub(b, c), inverse_d),
         ];
-        // (A + B + C - 3)/J = 1 - D
-        let stretched = self.mul(
-            self.inverse_j,
-            self.sub(self.add(self.add(a, b), c), self.three),
-        );
         let c2 = self.mul(c, c);
-        let s_t = self.stress_tangent(d_t, a, b, c2, s, inverse_d);
-        let s_j = self.stress_tangent(d_j, a, b, c2, s, inverse_d);
-        // dD/d ln J has the explicit part 1 - D
-        let explicit = self.mul(stretched, inverse_d);
-        let s_j = [
-            self.fnma(s[0], explicit, s_j[0]),
-            self.fnma(s[1], explicit, s_j[1]),
+        let [p, q] = [self.mul(c2, b), self.mul(c2, a)];
+        let scaled = [self.mul(l[0], inverse_d), self.mul(l[1], inverse_d)];
+        let s_over_j = [
+            self.mul(s[0], self.inverse_j),
+            self.mul(s[1], self.inverse_j),
         ];
-        (
-            Tangent {
-                value: s,
-                d_t: s_t,
-                d_j: s_j,
-            },
-            q,
-        )
-    }
-
-    /// ds_i = (dX_i - dC - s_i dD)/D with dC = -C^2 (B dA + A dB), dD = -(dA + dB + dC)/J.
-    #[inline(always)]
-    fn stress_tangent(
-        self,
-        d: [S::f64s; 2],
-        a: S::f64s,
-        b: S::f64s,
-        c2: S::f64s,
-        s: [S::f64s; 2],
-        inverse_d: S::f64s,
-    ) -> [S::f64s; 2] {
-        let minus_d_c = self.mul(c2, self.fma(b, d[0], self.mul(a, d[1])));
-        let minus_d_d = self.mul(self.inverse_j, self.sub(self.add(d[0], d[1]), minus_d_c));
-        [
-            self.mul(
-                self.fma(s[0], minus_d_d, self.add(d[0], minus_d_c)),
-                inverse_d,
-            ),
-            self.mul(
-                self.fma(s[1], minus_d_d, self.add(d[1], minus_d_c)),
-                inverse_d,
-            ),
-        ]
-    }
-
-    /// N and its tangents.
-    #[inline(always)]
-    fn remainder(
-        self,
-        x: &Tangent<S::f64s>,
-        f: &Tangent<S::f64s>,
-        rest: [f64; 2],
-    ) -> Tangent<S::f64s> {
-        let mut out = *x;
+        let [one_p, one_q] = [self.sub(self.one, p), self.sub(self.one, q)];
+        // ds_i/dw_j
+        let slope = [
+            [
+                self.mul(
+                    self.fma(s_over_j[0], one_p, self.add(self.one, p)),
+                    scaled[0],
+                ),
+                self.mul(self.fma(s_over_j[0], one_q, q), scaled[1]),
+            ],
+            [
+                self.mul(self.fma(s_over_j[1], one_p, p), scaled[0]),
+                self.mul(
+                    self.fma(s_over_j[1], one_q, self.add(self.one, q)),
+                    scaled[1],
+                ),
+            ],
+        ];
+        // (1 - D)/D = (A + B + C - 3)/(J D)
+        let invariant = self.sub(self.add(self.add(a, b), c), self.three);
+        let explicit = self.mul(self.mul(self.inverse_j, invariant), inverse_d);
+        if let Some(out) = out {
+            let lever = [self.splat(node.lever[0]), self.splat(node.lever[1])];
+            let value = self.fma(lever[0], s[0], self.mul(lever[1], s[1]));
+            let g = [
+                self.fma(lever[0], slope[0][0], self.mul(lever[1], slope[1][0])),
+                self.fma(lever[0], slope[0][1], self.mul(lever[1], slope[1][1])),
+            ];
+            let d_t = self.fma(g[0], x.d_t[0], self.mul(g[1], x.d_t[1]));
+            let d_j = self.fma(g[0], x.d_j[0], self.mul(g[1], x.d_j[1]));
+            let d_j = self.fnma(value, explicit, d_j);
+            let width = S::F64_LANES;
+            S::as_mut_simd_f64s(&mut out[..width]).0[0] = value;
+            S::as_mut_simd_f64s(&mut out[LANES..LANES + width]).0[0] = d_t;
+            S::as_mut_simd_f64s(&mut out[2 * LANES..2 * LANES + width]).0[0] = d_j;
+        }
+        let mut n = *x;
         for i in 0..2 {
             let o = 1 - i;
-            let flow = self.sub(self.mul(self.two, f.value[i]), f.value[o]);
-            let third_x = self.mul(self.third, x.value[i]);
-            let away = self.sub(x.value[i], self.splat(rest[i]));
-            let value = self.fnma(third_x, flow, self.mul(self.rate, away));
-            let gain = self.fnma(self.third, flow, self.rate); // dN/dw at fixed stress
-            let flow_t = self.sub(self.mul(self.two, f.d_t[i]), f.d_t[o]);
-            let flow_j = self.sub(self.mul(self.two, f.d_j[i]), f.d_j[o]);
-            out.value[i] = value;
-            out.d_t[i] = self.sub(self.fnma(third_x, flow_t, self.mul(x.d_t[i], gain)), value);
-            out.d_j[i] = self.fnma(third_x, flow_j, self.mul(x.d_j[i], gain));
+            let flow = self.sub(self.mul(self.two, s[i]), s[o]);
+            let third_w = self.mul(self.third, x.value[i]);
+            let lost = self.mul(third_w, flow);
+            let value = self.sub(
+                self.mul(self.rate, self.sub(x.value[i], self.splat(node.rest[i]))),
+                lost,
+            );
+            // dN_i/dw_i at fixed stress, and through the stress
+            let own = self.fnma(self.third, flow, self.rate);
+            let own = self.fnma(
+                third_w,
+                self.sub(self.mul(self.two, slope[i][i]), slope[o][i]),
+                own,
+            );
+            let other = self.mul(
+                third_w,
+                self.sub(self.mul(self.two, slope[i][o]), slope[o][o]),
+            );
+            n.value[i] = value;
+            n.d_t[i] = self.fnma(other, x.d_t[o], self.mul(own, x.d_t[i]));
+            n.d_t[i] = self.sub(n.d_t[i], value);
+            n.d_j[i] = self.fnma(other, x.d_j[o], self.mul(own, x.d_j[i]));
+            n.d_j[i] = self.fma(lost, explicit, n.d_j[i]);
         }
-        out
-    }
-
-    /// lever . f into a row.
-    #[inline(always)]
-    fn write(self, out: &mut [f64], f: &Tangent<S::f64s>, lever: [f64; 2]) {
-        let [l1, l2] = [self.splat(lever[0]), self.splat(lever[1])];
-        let width = S::F64_LANES;
-        let value = self.fma(l1, f.value[0], self.mul(l2, f.value[1]));
-        let d_t = self.fma(l1, f.d_t[0], self.mul(l2, f.d_t[1]));
-        let d_j = self.fma(l1, f.d_j[0], self.mul(l2, f.d_j[1]));
-        S::as_mut_simd_f64s(&mut out[..width]).0[0] = value;
-        S::as_mut_simd_f64s(&mut out[LANES..LANES + width]).0[0] = d_t;
-        S::as_mut_simd_f64s(&mut out[2 * LANES..2 * LANES + width]).0[0] = d_j;
+        n
     }
 }
 
@@ -538,77 +553,82 @@ fn advance<S: Simd>(
         load::<S>(&k.d_drive[1], group),
         load::<S>(&k.d_drive[2], group),
     ];
-    let [p1, p2] = [load::<S>(&k.stage[0], group), load::<S>(&k.stage[1], group)];
-    let [dp1, dp2] = [
+    let [p1, p2, p3] = [
+        load::<S>(&k.stage[0], group),
+        load::<S>(&k.stage[1], group),
+        load::<S>(&k.stage[2], group),
+    ];
+    let [dp1, dp2, dp3] = [
         load::<S>(&k.d_stage[0], group),
         load::<S>(&k.d_stage[1], group),
+        load::<S>(&k.d_stage[2], group),
     ];
-    let mut x = Tangent {
-        value: pair::<S>(state, 0, group),
-        d_t: pair::<S>(state, 2, group),
-        d_j: pair::<S>(state, 4, group),
-    };
-    let mut r = Tangent {
-        value: pair::<S>(state, 6, group),
-        d_t: pair::<S>(state, 8, group),
-        d_j: pair::<S>(state, 10, group),
-    };
-    let mut least = load::<S>(&state.0[12], group);
+    let mut x = tangent::<S>(state, 0, group);
+    let mut n = tangent::<S>(state, 6, group);
+    let mut before = tangent::<S>(state, 12, group);
+    let mut least = load::<S>(&state.0[LEAST], group);
     let width = S::F64_LANES;
 
     let mut row = row_offset + group;
     if first {
-        let (f, q) = g.stress(&x, previous.lambda_squared);
-        least = simd.min_f64s(least, q);
-        r = g.remainder(&x, &f, previous.rest);
-        g.write(&mut rows[row..row + 2 * LANES + width], &f, previous.lever);
+        let out = &mut rows[row..row + 2 * LANES + width];
+        n = g.node(&x, &previous, &mut least, Some(out));
+        before = n;
         row += row_width;
     }
-    let mut before = previous.rest;
+    let mut rest = previous.rest;
     let mut until_sample = stride;
     for node in nodes {
-        let mut next = x;
+        let mut change = n;
         for i in 0..2 {
-            let g0 = g.splat(before[i]);
+            let g0 = g.splat(rest[i]);
             let gm = g.splat(node.mid_rest[i]);
             let g1 = g.splat(node.rest[i]);
             let drive = g.fma(w[2], g1, g.fma(w[1], gm, g.mul(w[0], g0)));
             let d_drive = g.fma(dw[2], g1, g.fma(dw[1], gm, g.mul(dw[0], g0)));
-            let explicit = g.fma(dp1, r.value[i], g.fma(d_decay, x.value[i], d_drive));
-            next.value[i] = g.fma(p1, r.value[i], g.fma(decay, x.value[i], drive));
-            next.d_t[i] = g.fma(p1, r.d_t[i], g.fma(decay, x.d_t[i], explicit));
-            next.d_j[i] = g.fma(p1, r.d_j[i], g.mul(decay, x.d_j[i]));
+            change.value[i] = g.sub(n.value[i], before.value[i]);
+            change.d_t[i] = g.sub(n.d_t[i], before.d_t[i]);
+            change.d_j[i] = g.sub(n.d_j[i], before.d_j[i]);
+            let explicit = g.fma(dp1, n.value[i], g.fma(d_decay, x.value[i], d_drive));
+            let explicit = g.fma(dp2, change.value[i], explicit);
+            let value = g.fma(p1, n.value[i], g.fma(decay, x.value[i], drive));
+            let d_t = g.fma(p1, n.d_t[i], g.fma(decay, x.d_t[i], explicit));
+            let d_j = g.fma(p1, n.d_j[i], g.mul(decay, x.d_j[i]));
+            x.value[i] = g.fma(p2, change.value[i], value);
+            x.d_t[i] = g.fma(p2, change.d_t[i], d_t);
+            x.d_j[i] = g.fma(p2, change.d_j[i], d_j);
         }
-        let (f, _) = g.stress(&next, node.lambda_squared);
-        let end = g.remainder(&next, &f, node.rest);
-        for i in 0..2 {
-            let change = g.sub(end.value[i], r.value[i]);
-            let d_t = g.sub(end.d_t[i], r.d_t[i]);
-            let d_j = g.sub(end.d_j[i], r.d_j[i]);
-            x.value[i] = g.fma(p2, change, next.value[i]);
-            x.d_t[i] = g.fma(p2, d_t, g.fma(dp2, change, next.d_t[i]));
-            x.d_j[i] = g.fma(p2, d_j, next.d_j[i]);
-        }
-        let (f, q) = g.stress(&x, node.lambda_squared);
-        least = simd.min_f64s(least, q);
-        r = g.remainder(&x, &f, node.rest);
+        before = n;
         until_sample -= 1;
-        if until_sample == 0 {
-            g.write(&mut rows[row..row + 2 * LANES + width], &f, node.lever);
+        let out = if until_sample == 0 {
+            let at = row;
             row += row_width;
             until_sample = stride;
-        }
-        before = node.rest;
-    }
-    for (at, v) in [x.value, x.d_t, x.d_j, r.value, r.d_t, r.d_j]
-        .into_iter()
-        .enumerate()
-    {
+            Some(&mut rows[at..at + 2 * LANES + width])
+        } else {
+            None
+        };
+        n = g.node(&x, node, &mut least, out);
+        // The quadratic through the last three N corrects the step.
         for i in 0..2 {
-            S::as_mut_simd_f64s(&mut state.0[2 * at + i][group..group + width]).0[0] = v[i];
+            let bend = g.sub(g.sub(n.value[i], before.value[i]), change.value[i]);
+            let bend_t = g.sub(g.sub(n.d_t[i], before.d_t[i]), change.d_t[i]);
+            let bend_j = g.sub(g.sub(n.d_j[i], before.d_j[i]), change.d_j[i]);
+            x.value[i] = g.fma(p3, bend, x.value[i]);
+            x.d_t[i] = g.fma(p3, bend_t, g.fma(dp3, bend, x.d_t[i]));
+            x.d_j[i] = g.fma(p3, bend_j, x.d_j[i]);
+        }
+        rest = node.rest;
+    }
+    for (at, v) in [x, n, before].into_iter().enumerate() {
+        for (part, v) in [v.value, v.d_t, v.d_j].into_iter().enumerate() {
+            for i in 0..2 {
+                S::as_mut_simd_f64s(&mut state.0[6 * at + 2 * part + i][group..group + width]).0
+                    [0] = v[i];
+            }
         }
     }
-    S::as_mut_simd_f64s(&mut state.0[12][group..group + width]).0[0] = least;
+    S::as_mut_simd_f64s(&mut state.0[LEAST][group..group + width]).0[0] = least;
 }
 
 /// A pass along a history, block by block, so that nothing of the recording's length is held.
@@ -629,7 +649,7 @@ pub struct Pass<'a> {
 impl<'a> Pass<'a> {
     /// Begins at the first sample.
     pub fn new(history: &'a History, shape: Shape<'a>) -> Self {
-        let mut states = vec![State([[0.0; LANES]; 13]); shape.packs()];
+        let mut states = vec![State([[0.0; LANES]; 19]); shape.packs()];
         for (pack, state) in states.iter_mut().enumerate() {
             for lane in 0..LANES {
                 let spring = pack * LANES + lane;
@@ -639,7 +659,7 @@ impl<'a> Pass<'a> {
                     state.0[i][lane] = if relaxed { history.first.rest[i] } else { 1.0 };
                 }
             }
-            state.0[12] = [f64::INFINITY; LANES];
+            state.0[LEAST] = [f64::INFINITY; LANES];
         }
         let mut pass = Pass {
             arch: Arch::new(),
@@ -663,6 +683,12 @@ impl<'a> Pass<'a> {
             self.constants = (0..self.shape.packs())
                 .map(|pack| Constants::new(&self.shape, pack, segment.step_s))
                 .collect();
+            // The node before lies at another distance: the difference of N begins anew.
+            for state in &mut self.states {
+                for i in 0..6 {
+                    state.0[12 + i] = state.0[6 + i];
+                }
+            }
         }
     }
 
@@ -749,7 +775,7 @@ impl<'a> Pass<'a> {
 
     fn sound(&self) -> bool {
         self.states.iter().all(|s| {
-            s.0[12].iter().all(|&q| q > 0.0)
+            s.0[LEAST].iter().all(|&q| q > 0.0)
                 && s.0[..2]
                     .iter()
                     .flatten()
@@ -782,7 +808,7 @@ impl<'a> Pass<'a> {
         };
         for spring in 0..self.shape.springs() {
             let (state, lane) = (&self.states[spring / LANES].0, spring % LANES);
-            if state[12][lane] > 0.0 && state[0][lane].is_finite() {
+            if state[LEAST][lane] > 0.0 && state[0][lane].is_finite() {
                 continue;
             }
             let [l1, l2] = self.previous.lambda_squared;

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! At each eta the linear beta is the exact minimiser within its bounds; the reduced problem in eta is solved by
-//! Levenberg-Marquardt steps on J'PJ, where P projects out the free columns of B. One evaluation a step.
+//! Gauss-Newton steps on J'PJ within a trust region (More and Sorensen 1983), where P projects out the free columns of B. One
+//! evaluation a step.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -57,6 +58,12 @@ impl Unknown {
         self.lower == self.upper
     }
 
+    /// A natural step: the width of what is known beforehand, or a twelfth of the range.
+    fn natural_step(&self) -> f64 {
+        self.prior
+            .map_or((self.upper - self.lower) / 12.0, |p| p.sd)
+    }
+
     fn penalty(&self, x: f64) -> f64 {
         self.prior.map_or(0.0, |p| ((x - p.mean) / p.sd).powi(2))
     }
@@ -85,7 +92,7 @@ impl Default for Options {
     fn default() -> Self {
         Options {
             evaluations: 100,
-            cost_tolerance: 1e-9,
+            cost_tolerance: 1e-6,
             step_tolerance: 1e-7,
         }
     }
@@ -152,8 +159,8 @@ pub struct State {
     pub iterations: usize,
     /// Set when it has ended.
     pub ended: Option<Ended>,
-    damping: f64,
-    growth: f64,
+    /// Longest step that is trusted, in natural steps of the unknowns.
+    radius: f64,
     /// Gram matrix of [J | B | r] at (eta, beta), row by row.
     gram: Vec<f64>,
 }
@@ -177,8 +184,7 @@ impl State {
             failure: None,
             iterations: 0,
             ended: None,
-            damping: 1e-3,
-            growth: 2.0,
+            radius: 1.0,
             gram: Vec::new(),
         }
     }
@@ -308,63 +314,99 @@ pub fn advance<P: SeparableResidual>(
         return;
     }
     let k = moving.len();
-    let h = DMatrix::from_fn(k, k, |i, j| reduced[(moving[i], moving[j])]);
-    let g = DVector::from_fn(k, |i, _| gradient[moving[i]]);
-    let largest = (0..k).map(|i| h[(i, i)]).fold(0.0, f64::max);
-    let mut damped = h.clone();
-    for i in 0..k {
-        damped[(i, i)] += state.damping * h[(i, i)].max(1e-12 * largest) + f64::MIN_POSITIVE;
-    }
-    let Some(step) = damped.cholesky().map(|c| c.solve(&-&g)) else {
-        worsen(state);
-        return;
-    };
+    let natural: Vec<f64> = moving
+        .iter()
+        .map(|&i| nonlinear[i].natural_step())
+        .collect();
+    let h = DMatrix::from_fn(k, k, |i, j| {
+        natural[i] * natural[j] * reduced[(moving[i], moving[j])]
+    });
+    let g = DVector::from_fn(k, |i, _| natural[i] * gradient[moving[i]]);
+    let (step, whole) = trusted_step(&h, &g, state.radius);
     let mut eta = state.eta.clone();
     let mut taken = DVector::zeros(k);
     for (j, &i) in moving.iter().enumerate() {
-        eta[i] = (eta[i] + step[j]).clamp(nonlinear[i].lower, nonlinear[i].upper);
-        taken[j] = eta[i] - state.eta[i];
+        eta[i] = (eta[i] + natural[j] * step[j]).clamp(nonlinear[i].lower, nonlinear[i].upper);
+        taken[j] = (eta[i] - state.eta[i]) / natural[j];
     }
     let promised = -(2.0 * g.dot(&taken) + (taken.transpose() * &h * &taken)[(0, 0)]);
-    let undamped = h
-        .clone()
-        .cholesky()
-        .map_or(f64::INFINITY, |c| g.dot(&c.solve(&g)));
-    if undamped.min(promised.max(0.0)) <= options.cost_tolerance * state.cost {
-        let small = undamped <= options.cost_tolerance * state.cost || state.damping < 1e-2;
-        if small {
-            state.ended = Some(Ended::Converged);
-            return;
-        }
+    // A short step promises little anywhere: only a whole or a long one tells that the minimum is here.
+    if promised <= options.cost_tolerance * state.cost && (whole || state.radius > 0.1) {
+        state.ended = Some(Ended::Converged);
+        return;
     }
     if taken.amax() <= options.step_tolerance {
-        state.ended = Some(Ended::StepTooSmall);
+        state.ended = Some(if whole {
+            Ended::StepTooSmall
+        } else {
+            Ended::Stalled
+        });
         return;
     }
     if state.evaluations >= options.evaluations {
         state.ended = Some(Ended::EvaluationLimit);
         return;
     }
+    let length = taken.norm();
     match evaluate(problem, &eta, state, nonlinear, linear) {
         Some(solved) if solved.cost < state.cost => {
-            // Nielsen's rule: trust grows with the share of the promise that was kept.
             let kept = (state.cost - solved.cost) / promised.max(f64::MIN_POSITIVE);
-            state.damping =
-                (state.damping * (1.0 - (2.0 * kept - 1.0).powi(3)).clamp(0.1, 2.0)).max(1e-12);
-            state.growth = 2.0;
+            if kept > 0.7 {
+                state.radius = state.radius.max(2.5 * length).min(20.0);
+            } else if kept < 0.25 {
+                state.radius = 0.5 * length;
+            }
             state.iterations += 1;
             accept(state, eta, solved);
         }
-        _ => worsen(state),
+        Some(solved) => {
+            // The parabola through the cost here, its slope, and the cost there: where along the step its lowest point lies.
+            let slope = 2.0 * g.dot(&taken);
+            let rise = solved.cost - state.cost;
+            let lowest = if rise > slope {
+                -slope / (2.0 * (rise - slope))
+            } else {
+                0.5
+            };
+            state.radius = length * lowest.clamp(0.1, 0.5);
+        }
+        None => state.radius = 0.25 * length,
     }
 }
 
-fn worsen(state: &mut State) {
-    state.damping *= state.growth;
-    state.growth *= 2.0;
-    if state.damping > 1e10 {
-        state.ended = Some(Ended::Stalled);
+/// The minimiser of g's + s'Hs/2 with |s| <= `radius`, and whether that bound did not matter. H is positive semidefinite.
+fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64>, bool) {
+    let eigen = h.clone().symmetric_eigen();
+    let along = eigen.eigenvectors.tr_mul(g);
+    let largest = eigen.eigenvalues.amax().max(f64::MIN_POSITIVE);
+    let length = |shift: f64| -> f64 {
+        along
+            .iter()
+            .zip(eigen.eigenvalues.iter())
+            .map(|(a, l)| (a / (l.max(0.0) + shift)).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    let floor = 1e-14 * largest;
+    let whole = length(floor) <= radius;
+    let mut shift = floor;
+    if !whole {
+        // length falls with the shift: bracket, then halve in the logarithm
+        let (mut low, mut high) = (floor.ln(), (g.norm() / radius + floor).ln());
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if length(middle.exp()) > radius {
+                low = middle
+            } else {
+                high = middle
+            }
+        }
+        shift = high.exp();
     }
+    let scaled = DVector::from_fn(along.len(), |i, _| {
+        -along[i] / (eigen.eigenvalues[i].max(0.0) + shift)
+    });
+    (&eigen.eigenvectors * scaled, whole)
 }
 
 /// J'PJ and J'Pr with the priors, where P projects out the free columns of B.
@@ -403,6 +445,27 @@ fn reduced_system(
         if let Some(c) = b.cholesky() {
             h -= cross.tr_mul(&c.solve(&cross));
             g -= cross.tr_mul(&c.solve(&residual));
+        }
+    }
+    // What the projection leaves is positive semidefinite; rounding may have left a negative direction, which says nothing.
+    let scale: Vec<f64> = (0..n)
+        .map(|i| {
+            if gram[(i, i)] > 0.0 {
+                gram[(i, i)].sqrt()
+            } else {
+                1.0
+            }
+        })
+        .collect();
+    let scaled = DMatrix::from_fn(n, n, |i, j| {
+        0.5 * (h[(i, j)] + h[(j, i)]) / (scale[i] * scale[j])
+    });
+    let mut eigen = scaled.symmetric_eigen();
+    eigen.eigenvalues.apply(|v| *v = v.max(0.0));
+    let clean = eigen.recompose();
+    for i in 0..n {
+        for j in 0..n {
+            h[(i, j)] = clean[(i, j)] * scale[i] * scale[j];
         }
     }
     for (i, u) in nonlinear.iter().enumerate() {

@@ -19,7 +19,8 @@ pub use forearm::ForearmTorque;
 pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
 
 use crate::film::Film;
-use crate::kinematics::{Lozenge, Mechanism};
+use crate::kinematics::{Chain, FourBar, Lozenge, Mechanism};
+use crate::recording::RobotRig;
 
 /// What the user knows of a robot: geometry and masses, SI.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,4 +44,48 @@ pub struct Parameters {
     pub film: Film,
     /// Spring-back torque of the forearms.
     pub forearm: ForearmTorque,
+}
+
+impl Robot {
+    /// The robot of a `rig.toml`. `eps_r`, where given (a parameter file's), wins over the rig's.
+    ///
+    /// # Errors
+    /// A sentence when neither states the permittivity.
+    pub fn from_rig(rig: &RobotRig, eps_r: Option<f64>) -> Result<Self, String> {
+        let mm = 1e-3;
+        let eps_r = eps_r.or(rig.film.eps_r).ok_or_else(|| {
+            format!(
+                "rig `{}` states no relative permittivity and no parameter file gives one: add eps_r under [film]",
+                rig.id
+            )
+        })?;
+        let lozenge = Lozenge {
+            side_m: rig.actuator.l_dea_mm * mm,
+            l1_m: rig.film.L1_mm * mm,
+            l2_m: rig.film.L2_mm * mm,
+            l3_m: rig.film.L3_mm * mm,
+            films: f64::from(rig.actuator.films),
+        };
+        Ok(Robot {
+            mechanism: Mechanism::symmetric(Chain {
+                azimuth_rad: 0.0,
+                base_radius_m: rig.delta.l_ch_mm * mm,
+                effector_radius_m: rig.delta.l_end_mm * mm,
+                bicep_m: rig.delta.q_mm * mm,
+                forearm_m: rig.delta.n0_mm * mm,
+                input_offset_rad: (rig.delta.omega_deg + rig.delta.alpha_deg).to_radians(),
+                four_bar: FourBar {
+                    a_m: rig.sam.a_mm * mm,
+                    b_m: rig.sam.b_mm * mm,
+                    c_m: rig.sam.c_mm * mm,
+                    d_m: rig.sam.d_mm * mm,
+                },
+                dea_offset_rad: rig.actuator.dea_offset_deg.to_radians(),
+            }),
+            lozenges: [lozenge; 3],
+            eps_r,
+            effector_kg: rig.mass.m_g * 1e-3,
+            bicep_tip_kg: rig.mass.m_bc_g * 1e-3,
+        })
+    }
 }

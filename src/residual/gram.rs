@@ -6,8 +6,11 @@ use pulp::{Arch, Simd, WithSimd};
 /// Columns are padded to a multiple of this.
 pub const PAD: usize = 8;
 
+/// Columns that are filtered together: enough independent sums to hide the latency of an addition.
+const STRIP: usize = 24;
+
 /// Filters consecutive rows: `out[j]` = sum over taps of `weights[t]` * `rows[first[j] + t]`, row by row of `width` numbers (a
-/// multiple of 8).
+/// multiple of 24, the width of the film kernel's rows).
 pub fn filter_rows(
     arch: Arch,
     weights: &[f64],
@@ -16,7 +19,7 @@ pub fn filter_rows(
     first: &[usize],
     out: &mut [f64],
 ) {
-    debug_assert!(width.is_multiple_of(PAD));
+    debug_assert!(width.is_multiple_of(STRIP));
     arch.dispatch(Filter {
         weights,
         rows,
@@ -41,22 +44,41 @@ impl WithSimd for Filter<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let width = self.width;
         let taps = self.weights.len();
+        let vectors = STRIP / S::F64_LANES;
         for (&first, out) in self.first.iter().zip(self.out.chunks_exact_mut(width)) {
             let window = &self.rows[first * width..(first + taps) * width];
             let mut column = 0;
             while column < width {
-                let mut sum = [simd.splat_f64s(0.0); PAD];
-                let vectors = PAD / S::F64_LANES;
-                for (w, row) in self.weights.iter().zip(window.chunks_exact(width)) {
-                    let w = simd.splat_f64s(*w);
-                    let (row, _) = S::as_simd_f64s(&row[column..column + PAD]);
+                // even and odd taps apart
+                let mut even = [simd.splat_f64s(0.0); STRIP];
+                let mut odd = even;
+                let mut pairs = window.chunks_exact(2 * width);
+                let mut weights = self.weights.chunks_exact(2);
+                for (rows, w) in (&mut pairs).zip(&mut weights) {
+                    let (w0, w1) = (simd.splat_f64s(w[0]), simd.splat_f64s(w[1]));
+                    let (row0, _) = S::as_simd_f64s(&rows[column..column + STRIP]);
+                    let (row1, _) = S::as_simd_f64s(&rows[width + column..width + column + STRIP]);
                     for v in 0..vectors {
-                        sum[v] = simd.mul_add_e_f64s(w, row[v], sum[v]);
+                        even[v] = simd.mul_add_e_f64s(w0, row0[v], even[v]);
+                        odd[v] = simd.mul_add_e_f64s(w1, row1[v], odd[v]);
                     }
                 }
-                let (out, _) = S::as_mut_simd_f64s(&mut out[column..column + PAD]);
-                out[..vectors].copy_from_slice(&sum[..vectors]);
-                column += PAD;
+                for (row, w) in pairs
+                    .remainder()
+                    .chunks_exact(width)
+                    .zip(weights.remainder())
+                {
+                    let w = simd.splat_f64s(*w);
+                    let (row, _) = S::as_simd_f64s(&row[column..column + STRIP]);
+                    for v in 0..vectors {
+                        even[v] = simd.mul_add_e_f64s(w, row[v], even[v]);
+                    }
+                }
+                let (out, _) = S::as_mut_simd_f64s(&mut out[column..column + STRIP]);
+                for v in 0..vectors {
+                    out[v] = simd.add_f64s(even[v], odd[v]);
+                }
+                column += STRIP;
             }
         }
     }

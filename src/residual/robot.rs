@@ -14,7 +14,9 @@ use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Unreachable};
 
 /// Samples of one kernel block.
-const BLOCK: usize = 128;
+const BLOCK: usize = 64;
+/// Samples that are held before they move to the front.
+const HELD: usize = 512;
 /// Tracks that are drawn from the capture's uncertainty to see what it does to the residual.
 const REPLICATES: usize = 12;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
@@ -253,8 +255,10 @@ impl<'a> RobotResidual<'a> {
         let mut passes: Vec<Pass> = (0..3)
             .map(|k| Pass::new(&r.mechanics.chains[k].history, shape))
             .collect();
-        // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`.
-        let mut held: Vec<Vec<f64>> = vec![vec![0.0; (taps + BLOCK) * film_width]; 3];
+        // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`; they move to the front
+        // when the room is used up.
+        let room = taps + HELD;
+        let mut held = vec![vec![0.0; room * film_width]; 3];
         let (mut held_from, mut held_count) = (0usize, 0usize);
         let width = self.width();
         let mut filtered: Vec<Vec<f64>> = vec![Vec::new(); 3];
@@ -265,34 +269,31 @@ impl<'a> RobotResidual<'a> {
         let (j_at, offset_at) = (t_at + n, t_at + n + springs);
         let last = offset_at + 1;
         while next_kept < r.centres.len() {
-            // Forget what no window needs any more, then run the kernel for one more block.
-            let keep_from = (r.centres[next_kept] - r.decimation.half)
-                .max(held_from)
-                .min(held_from + held_count);
-            let drop = keep_from - held_from;
-            let mut produced = 0;
-            for (pass, held) in passes.iter_mut().zip(&mut held) {
-                held.copy_within(drop * film_width..held_count * film_width, 0);
-                let at = (held_count - drop) * film_width;
-                let end = (at + BLOCK * film_width).min(held.len());
-                produced = pass.next_block(&mut held[at..end])?;
-            }
-            held_from = keep_from;
-            held_count = held_count - drop + produced;
-            if produced == 0 {
-                break;
-            }
-            first.clear();
-            while let Some(&centre) = r.centres.get(next_kept + first.len()) {
-                if centre + r.decimation.half >= held_from + held_count {
-                    break;
+            if held_count + BLOCK > room {
+                let keep_from = (r.centres[next_kept] - r.decimation.half)
+                    .clamp(held_from, held_from + held_count);
+                let drop = keep_from - held_from;
+                for held in &mut held {
+                    held.copy_within(drop * film_width..held_count * film_width, 0);
                 }
-                first.push(centre - r.decimation.half - held_from);
+                held_from = keep_from;
+                held_count -= drop;
             }
-            if first.is_empty() {
-                continue;
-            }
+            // Chain by chain, so that the filter finds the rows where the kernel has just put them.
+            let mut produced = 0;
             for k in 0..3 {
+                let at = held_count * film_width;
+                produced = passes[k].next_block(&mut held[k][at..at + BLOCK * film_width])?;
+                if k == 0 {
+                    let known = held_from + held_count + produced;
+                    first.clear();
+                    while let Some(&centre) = r.centres.get(next_kept + first.len()) {
+                        if centre + r.decimation.half >= known {
+                            break;
+                        }
+                        first.push(centre - r.decimation.half - held_from);
+                    }
+                }
                 filtered[k].resize(first.len() * film_width, 0.0);
                 filter_rows(
                     self.arch,
@@ -302,6 +303,13 @@ impl<'a> RobotResidual<'a> {
                     &first,
                     &mut filtered[k],
                 );
+            }
+            held_count += produced;
+            if produced == 0 {
+                break;
+            }
+            if first.is_empty() {
+                continue;
             }
             rows.clear();
             rows.resize(3 * first.len() * width, 0.0);

@@ -1,0 +1,195 @@
+//! From a robot recording as the instruments wrote it to a dataset: SI, world axes, equidistant frames.
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::{Dataset, Error, Parts, Plan, Voltage};
+use crate::film::InitialState;
+use crate::kinematics::Vec3;
+use crate::recording::{FilmState, NumberOrEstimate, RawMotion, RawVoltage, Recording};
+
+/// Frames whose stamp lies further from the grid than this share of a step are said to jitter.
+const JITTER: f64 = 0.25;
+
+impl Dataset {
+    /// Puts a recording of kind `robot` on one clock and into the world frame, in SI, and smooths its motion.
+    ///
+    /// The base marker's mean is taken as the position that the recording states; what the recording leaves to be estimated stays
+    /// free. Nothing is dropped: a frame without a position stays as a gap.
+    ///
+    /// # Errors
+    /// [`Error::Unsuitable`] for a recording of another kind, and those of [`Dataset::new`].
+    pub fn from_recording(recording: &Recording, plan: Option<&Plan>) -> Result<Self, Error> {
+        let manifest = &recording.manifest;
+        let unsuitable = |what: String| Error::Unsuitable {
+            id: manifest.id.clone(),
+            what,
+        };
+        let (Some(motion), Some(voltage), Some(stated)) =
+            (&recording.motion, &recording.voltage, &manifest.motion)
+        else {
+            let what = format!(
+                "kind \"{}\" has no robot motion and voltage",
+                manifest.kind.name()
+            );
+            return Err(unsuitable(what));
+        };
+        if voltage.channels.len() != 3 {
+            let what = format!("{} voltage channels, a robot has 3", voltage.channels.len());
+            return Err(unsuitable(what));
+        }
+        let mut notes = Vec::new();
+        let base = match &motion.base {
+            Some(marker) => mean(&marker.xyz),
+            None => {
+                notes.push(
+                    "no base marker: the capture's origin is taken as the base's position"
+                        .to_string(),
+                );
+                [0.0; 3]
+            }
+        };
+        let [a, b, c] = stated.rotation_deg.map(f64::to_radians);
+        let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
+            * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
+            * Rotation3::from_axis_angle(&Vector3::z_axis(), c);
+        let si = motion.unit.to_si;
+        let world = |p: &Vec3| -> Vec3 {
+            let v = rotation * (Vector3::from(*p) - Vector3::from(base)) * si;
+            [0, 1, 2].map(|i| {
+                v[i] + (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3
+            })
+        };
+        let (start_s, step_s, seen) = grid(motion, &mut notes);
+        let measured_m: Vec<Vec3> = seen.iter().map(world).collect();
+        let payload_kg = (0..measured_m.len())
+            .map(|i| manifest.payload.mass_g(start_s + step_s * i as f64) * 1e-3)
+            .collect();
+        let initial = match manifest.film_state {
+            Some(FilmState::Virgin) => InitialState::Virgin,
+            Some(FilmState::Relaxed) => InitialState::Relaxed,
+            None => {
+                notes.push(
+                    "film_state is not stated: every branch is taken as relaxed at the first frame"
+                        .into(),
+                );
+                InitialState::Relaxed
+            }
+        };
+        let scale = voltage.unit.to_si * voltage.scale.unwrap_or(1.0);
+        let monitor = recording
+            .monitor
+            .as_ref()
+            .filter(|m| m.channels.len() == 3)
+            .map(|m| {
+                let scale = m.unit.to_si * m.scale.unwrap_or(1.0);
+                volts(&m.time_s, &m.channels, scale, false, "monitor", &mut notes)
+            });
+        let RawVoltage {
+            time_s,
+            channels,
+            hold_previous,
+            ..
+        } = voltage;
+        let parts = Parts {
+            id: manifest.id.clone(),
+            step_s,
+            start_s,
+            measured_m,
+            payload_kg,
+            voltage: volts(
+                time_s,
+                channels,
+                scale,
+                *hold_previous,
+                "voltage",
+                &mut notes,
+            )
+            .ok_or_else(|| unsuitable("no voltage sample has all three channels".into()))?,
+            monitor: monitor.flatten(),
+            offset_s: match manifest.offset_s {
+                NumberOrEstimate::Number(stated) => Some(stated),
+                NumberOrEstimate::Estimate => None,
+            },
+            initial,
+        };
+        let mut dataset = Dataset::new(parts, plan)?;
+        dataset.notes.splice(0..0, notes);
+        Ok(dataset)
+    }
+}
+
+fn mean(xyz: &[Vec3]) -> Vec3 {
+    let mut sum = [0.0; 3];
+    let mut count = 0.0;
+    for p in xyz.iter().filter(|p| p.iter().all(|v| !v.is_nan())) {
+        for i in 0..3 {
+            sum[i] += p[i];
+        }
+        count += 1.0;
+    }
+    sum.map(|s| s / count)
+}
+
+/// Equidistant frames: each position on the grid point nearest to its stamp.
+fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Vec<Vec3>) {
+    let step = 1.0 / motion.rate_hz;
+    let times = &motion.time_s;
+    let start = times.first().copied().unwrap_or(0.0);
+    let place = |t: f64| ((t - start) / step).round().max(0.0) as usize;
+    let count = times.last().map_or(0, |t| place(*t) + 1);
+    // Stamps that are the grid, as those of a capture with frame numbers are.
+    let off = |i: usize| (times[i] - start - i as f64 * step).abs();
+    if count == times.len() && (0..count).all(|i| off(i) < 0.01 * step) {
+        return (start, step, motion.end_effector.xyz.clone());
+    }
+    let mut out = vec![[f64::NAN; 3]; count];
+    let (mut jittered, mut lost) = (0, 0);
+    for (t, p) in times.iter().zip(&motion.end_effector.xyz) {
+        let i = place(*t);
+        jittered += usize::from(((t - start) / step - i as f64).abs() > JITTER);
+        lost += usize::from(!out[i][0].is_nan());
+        out[i] = *p;
+    }
+    if jittered > 0 || lost > 0 {
+        notes.push(format!(
+            "the stamps of {jittered} of {} frames lie off the {:.3} Hz grid by more than {:.0} % of a step, {lost} fell on a taken place",
+            times.len(),
+            motion.rate_hz,
+            100.0 * JITTER
+        ));
+    }
+    (start, step, out)
+}
+
+/// Volts of the samples in which every channel has a value; `None` when there is none.
+fn volts(
+    time_s: &[f64],
+    channels: &[Vec<f64>],
+    scale: f64,
+    hold: bool,
+    what: &str,
+    notes: &mut Vec<String>,
+) -> Option<Voltage> {
+    let whole: Vec<bool> = (0..time_s.len())
+        .map(|i| channels.iter().all(|c| !c[i].is_nan()))
+        .collect();
+    let missing = whole.iter().filter(|w| !**w).count();
+    if missing == time_s.len() {
+        return None;
+    }
+    if missing > 0 {
+        notes.push(format!(
+            "{missing} of {} {what} samples lack a channel and are bridged",
+            time_s.len()
+        ));
+    }
+    let keep = |v: &[f64], scale: f64| -> Vec<f64> {
+        v.iter()
+            .zip(&whole)
+            .filter(|(_, w)| **w)
+            .map(|(v, _)| v * scale)
+            .collect()
+    };
+    let values = channels.iter().map(|c| keep(c, scale)).collect();
+    Some(Voltage::new(keep(time_s, 1.0), values, hold))
+}

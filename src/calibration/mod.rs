@@ -3,10 +3,12 @@
 //! Stages as in the paper: the film from symmetric drives, the forearm from single-actuator drives with the film held, both
 //! jointly from everything. All three are the same fit with other parameters fixed.
 
+mod coupon;
 mod outcome;
 mod robot;
 mod statistics;
 
+pub use coupon::{CouponFit, CouponOutcome, CouponRequest, calibrate_coupons, validate_coupons};
 pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,

@@ -195,7 +195,7 @@ fn parameters(request: &Request, datasets: &[&Dataset]) -> Result<(Vec<Parameter
 }
 
 /// `--fix` and `--bound`.
-fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(), Error> {
+pub(super) fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(), Error> {
     let names: Vec<String> = parameters.iter().map(|p| p.name.clone()).collect();
     let find = |name: &str| {
         names
@@ -242,7 +242,7 @@ fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(), Error> {
     Ok(())
 }
 
-fn unknown(p: &Parameter) -> Unknown {
+pub(super) fn unknown(p: &Parameter) -> Unknown {
     let start = p.transform.to_search(p.start);
     if p.fixed {
         return Unknown::fixed(start);
@@ -521,7 +521,7 @@ fn starts(nonlinear: &[Unknown], request: &Request) -> Vec<(String, Vec<f64>)> {
 }
 
 /// Numbers of all parameters with the branches in the order of rising relaxation time; moduli follow their branch.
-fn rising(log_times: &[f64], list: &[Parameter], split: usize) -> Vec<usize> {
+pub(super) fn rising(log_times: &[f64], list: &[Parameter], split: usize) -> Vec<usize> {
     let branches = log_times.len();
     let mut by_time: Vec<usize> = (0..branches).collect();
     by_time.sort_by(|&a, &b| log_times[a].total_cmp(&log_times[b]));
@@ -543,7 +543,7 @@ fn sorted_parameters(residual: &RobotResidual, state: &State, by_time: &[usize])
     p
 }
 
-fn estimates(
+pub(super) fn estimates(
     list: &[Parameter],
     state: &State,
     uncertainty: &Uncertainty,
@@ -624,7 +624,7 @@ fn estimates(
         .collect()
 }
 
-fn correlation(
+pub(super) fn correlation(
     list: &[Parameter],
     uncertainty: &Uncertainty,
     order: &[usize],
@@ -644,7 +644,7 @@ fn correlation(
     (names, rows)
 }
 
-fn weak_directions(
+pub(super) fn weak_directions(
     list: &[Parameter],
     state: &State,
     uncertainty: &Uncertainty,

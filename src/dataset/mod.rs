@@ -1,11 +1,15 @@
 //! One clock, one world frame, SI, a mask, and the motion with its derivatives and its noise. Discards no sample, marks it;
 //! writes down every choice it made in a [`Plan`], which can be given back to make the same choices again.
 
+mod coupon;
 mod plan;
 mod robot;
 pub mod smoother;
 mod voltage;
 
+pub use coupon::{
+    Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
+};
 pub use plan::{Plan, SmoothingPlan};
 pub use voltage::Voltage;
 

@@ -5,11 +5,13 @@
 //! weighted by its own noise it is the same number whichever of the two it is written in. As a torque it is linear in moduli
 //! and nodal torques, has no root, and is as well behaved near 0 V as anywhere.
 
+mod coupon;
 mod decimate;
 mod gram;
 mod normal;
 mod robot;
 
+pub use coupon::{CouponLocked, CouponResidual};
 pub use decimate::Decimation;
 pub use normal::{Normal, SeparableResidual, Slope};
 pub use robot::{Layout, RobotResidual, VoltageError};

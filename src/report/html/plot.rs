@@ -374,9 +374,9 @@ pub fn waterfall(
         y: [low - margin, high + margin],
     };
     canvas(label, width.class(), size, |c| {
-        let values = log_ticks(frame.y);
-        for (value, text) in values.iter().zip(number::tick_labels(&values)) {
-            c.y_tick(&frame, value.log10(), &text);
+        let marks = log_ticks(frame.y);
+        for (mark, text) in marks.iter().zip(number::tick_labels(&marks)) {
+            c.y_tick(&frame, mark.log10(), &text);
         }
         let every = values.len().div_ceil(10).max(1);
         for rank in (1..=values.len()).step_by(every) {
@@ -908,6 +908,9 @@ mod tests {
             let svg = waterfall("", "rank", "cost", &values, |v| v < 2.0);
             assert!(!svg.contains("NaN"));
         }
+        let svg = waterfall("", "rank", "cost", &[1.0, 1.1, 2.0], |v| v < 1.5);
+        let dots = |class: &str| svg.matches(&format!("class=\"{class}\"")).count();
+        assert_eq!((dots("f-one"), dots("f-two")), (2, 1));
         let groups = [("a".to_string(), vec![(Role::One, bad), (Role::Two, 0.0)])];
         assert!(!bars("", "x", &groups).contains("NaN"));
         bars("", "x", &[]);

@@ -90,7 +90,11 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
     let x = Axis::over("forearm swing, deg", [ends[0] - 1.0, ends[1] + 1.0]);
     let panels = [panel];
     let drawing = plot::line_plot("Torque curve of the forearms", &x, &panels, Width::Full);
-    let caption = "The data speak where the shade is; outside it only smoothness and the prior hold the curve. Where the band is wide even inside the shade, the level of the curve is not determined.";
+    let caption = if free {
+        "The data speak where the shade is; outside it only smoothness and the prior hold the curve. Where the band is wide even inside the shade, the level of the curve is not determined."
+    } else {
+        "The curve as it was used. It matters where the shade is; no recording here tests it elsewhere."
+    };
     let figure = plot::figure(&[drawing], &plot::legend(&panels), caption);
     let context = context! { says => says, range => range, figure => safe(figure) };
     Some(Section::new("torque", "Forearm torque", TEMPLATE, context))

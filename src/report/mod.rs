@@ -1,1 +1,2 @@
 //! The room `report`.
+pub mod html;

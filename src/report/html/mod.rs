@@ -1,0 +1,83 @@
+//! A report as one HTML file that opens without a network and needs no script to be read.
+//!
+//! [`page`](mod@page) is the frame and [`plot`] draws; neither knows what a calibration is, so that other jobs use them with
+//! their own outcomes. A section of the calibration report is one file here: a title, an anchor, a template and a context.
+//! A new one is a file and a line in `SECTIONS`. Nothing is worked out here but where a mark goes on the page (which
+//! includes the distance of two curves that are drawn over each other).
+
+mod contributions;
+mod errors;
+pub mod number;
+pub mod page;
+mod parameters;
+pub mod plot;
+mod provenance;
+mod quality;
+mod recordings;
+pub mod reduce;
+mod starts;
+mod summary;
+mod torque;
+
+use crate::calibration::Outcome;
+use page::Section;
+
+/// A file that a result rests on.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct FileNote {
+    /// Where it lies, as the user gave it.
+    pub path: String,
+    /// What it is for: `motion`, `voltage`, `rig`; may be empty.
+    pub role: String,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+}
+
+/// What a result was made with and from.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Provenance {
+    /// Version of the program.
+    pub program_version: String,
+    /// The command line; may be empty.
+    pub command: String,
+    /// The rig.
+    pub rig: Option<FileNote>,
+    /// Identity and files of each recording.
+    pub recordings: Vec<(String, Vec<FileNote>)>,
+    /// When the report was made, where it shall say so.
+    pub generated: Option<String>,
+}
+
+type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
+
+/// The sections of a calibration report below its first screen, in order. One that has nothing to show gives `None`.
+const SECTIONS: [MakeSection; 8] = [
+    recordings::section,
+    torque::section,
+    contributions::section,
+    starts::section,
+    parameters::section,
+    errors::section,
+    quality::section,
+    provenance::section,
+];
+
+/// The report of a calibration or a validation.
+pub fn render(outcome: &Outcome, provenance: &Provenance) -> String {
+    let sections: Vec<Section> = SECTIONS
+        .iter()
+        .filter_map(|make| make(outcome, provenance))
+        .collect();
+    let title = summary::title(outcome);
+    page::page(title, &summary::summary(outcome), &sections)
+}
+
+/// The colours of actuators 1 to 3, wherever they are told apart by colour.
+const ACTUATORS: [(&str, plot::Role); 3] = [
+    ("actuator 1", plot::Role::One),
+    ("actuator 2", plot::Role::Four),
+    ("actuator 3", plot::Role::Three),
+];
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,245 @@
+//! The first screen: does it fit, where not, which parameters to trust.
+
+use super::number;
+use super::page::{Item, Note, Status, Summary, Tile};
+use crate::calibration::{Estimate, Outcome};
+
+/// Heading of the whole report.
+pub fn title(outcome: &Outcome) -> &'static str {
+    match outcome.job {
+        "film" => "Calibration of the film",
+        "forearm" => "Calibration of the forearm",
+        "robot" => "Calibration of film and forearm",
+        "validate" => "Prediction against measurement",
+        _ => "Calibration",
+    }
+}
+
+/// Error over noise up to which a fit is as good as the data, and up to which it nearly is: where the verdict draws its lines.
+const RATIOS: [f64; 2] = [1.25, 2.0];
+
+/// The first screen.
+pub fn summary(outcome: &Outcome) -> Summary {
+    let ratio = outcome.total.rmse_v / outcome.total.noise_floor_v;
+    let (status, word) = if outcome.total.samples == 0 || !ratio.is_finite() {
+        (Status::Unknown, "cannot be judged")
+    } else if ratio < RATIOS[0] {
+        (Status::Good, "fits")
+    } else if ratio < RATIOS[1] {
+        (Status::Fair, "nearly fits")
+    } else {
+        (Status::Poor, "does not fit")
+    };
+    let notes = [
+        worst(outcome),
+        trusted(outcome),
+        covered(outcome),
+        ended(outcome),
+        doubted(outcome),
+        remarks(outcome),
+    ];
+    Summary {
+        status,
+        word: word.into(),
+        headline: number::words(&outcome.verdict),
+        tiles: tiles(outcome),
+        notes: notes.into_iter().flatten().collect(),
+    }
+}
+
+fn tiles(outcome: &Outcome) -> Vec<Tile> {
+    let tile = |label: &str, value: String, unit: &str| Tile {
+        label: label.into(),
+        unit: if value == number::MISSING { "" } else { unit }.into(),
+        value,
+    };
+    let t = &outcome.total;
+    let volt = |v: f64| number::significant(v, 3);
+    let largest = if t.samples == 0 {
+        f64::NAN
+    } else {
+        t.max_error_v
+    };
+    let mut out = vec![
+        tile("Error above 1 kV, rms", volt(t.rmse_v), "V"),
+        tile("Noise floor, rms", volt(t.noise_floor_v), "V"),
+        tile("Largest error above 1 kV", volt(largest), "V"),
+        tile("Samples above 1 kV", number::count(t.samples), ""),
+        tile("Recordings", number::count(outcome.recordings.len()), ""),
+    ];
+    if outcome.evaluations > 0 {
+        out.push(tile("Evaluations", number::count(outcome.evaluations), ""));
+        let failed = number::count(outcome.failed_evaluations);
+        out.push(tile("Failed evaluations", failed, ""));
+    }
+    out
+}
+
+fn note(heading: &str, lead: impl Into<String>, items: Vec<Item>) -> Note {
+    Note {
+        heading: heading.into(),
+        lead: lead.into(),
+        items,
+    }
+}
+
+fn item(strong: impl Into<String>, text: impl Into<String>) -> Item {
+    Item {
+        strong: strong.into(),
+        text: text.into(),
+    }
+}
+
+fn worst(outcome: &Outcome) -> Option<Note> {
+    if outcome.total.samples == 0 {
+        return None;
+    }
+    let lead = match outcome.worst.first() {
+        None => "No place has enough samples above 1 kV to be judged by itself.",
+        Some(w) if w.ratio < RATIOS[0] => {
+            "Nowhere does the error stand out from the noise. The places with the largest error, against what the noise makes there:"
+        }
+        Some(_) => {
+            "The places with the largest error, against what the noise of the capture makes there:"
+        }
+    };
+    // Where nothing stands out, shares of an excess mean nothing.
+    let stands_out = outcome.worst.first().is_some_and(|w| w.ratio >= RATIOS[0]);
+    let items = outcome
+        .worst
+        .iter()
+        .map(|w| {
+            let mut text = format!(
+                "{} V rms, {} times the noise",
+                number::significant(w.rmse_v, 3),
+                number::significant(w.ratio, 3)
+            );
+            if stands_out && w.share >= 0.005 {
+                text += &format!("; {} of the excess over it", number::per_cent(w.share));
+            }
+            item(format!("{}:", number::words(&w.place)), text)
+        })
+        .collect();
+    Some(note("Where does it err most?", lead, items))
+}
+
+/// What is said of the estimates, each saying once with the names of which it is said. A saying is taken apart where its
+/// figures begin, so that `determined to 0.9 %` and `determined to 3 %` are one saying with two names.
+fn grouped<'a>(estimates: impl Iterator<Item = &'a Estimate>) -> Vec<Item> {
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    for e in estimates {
+        let says = number::words(&e.says);
+        let (says, figure) = if let Some(figure) = says.strip_prefix("determined to ") {
+            ("determined", format!(" to {figure}"))
+        } else if let Some((says, figure)) = says.split_once(" (") {
+            (says, format!(" ({figure}"))
+        } else {
+            (says.as_str(), String::new())
+        };
+        let name = format!("{}{figure}", e.name);
+        match groups.iter_mut().find(|g| g.0 == says) {
+            Some(group) => group.1.push(name),
+            None => groups.push((says.to_string(), vec![name])),
+        }
+    }
+    let capital = |s: String| {
+        let mut letters = s.chars();
+        let first = letters.next().map(|c| c.to_uppercase().to_string());
+        first.unwrap_or_default() + letters.as_str()
+    };
+    let line = |(says, names): (String, Vec<String>)| {
+        item(
+            format!("{}:", capital(says)),
+            format!("{}.", names.join(", ")),
+        )
+    };
+    groups.into_iter().map(line).collect()
+}
+
+fn trusted(outcome: &Outcome) -> Option<Note> {
+    let free = outcome.estimates.iter().filter(|e| !e.fixed);
+    let number = free.clone().count();
+    if number == 0 {
+        return None;
+    }
+    let good = free.filter(|e| e.identifiable && e.at_bound.is_none());
+    let count = good.clone().count();
+    let lead = if count == 0 {
+        format!("The recordings determine none of the {number} free parameters by itself.")
+    } else {
+        format!(
+            "The recordings determine {count} of {number} free parameters (to 25 % of the value; torques to 0.2 mN m; clock offsets to 10 ms)."
+        )
+    };
+    Some(note("Which parameters to trust?", lead, grouped(good)))
+}
+
+fn doubted(outcome: &Outcome) -> Option<Note> {
+    let bad = outcome
+        .estimates
+        .iter()
+        .filter(|e| !e.fixed && (!e.identifiable || e.at_bound.is_some()));
+    let mut items = grouped(bad);
+    let weak = outcome.weak_directions.iter();
+    items.extend(weak.map(|w| item("Open together:", format!("{}.", number::words(&w.says)))));
+    if items.is_empty() {
+        return None;
+    }
+    let lead = if outcome.weak_directions.is_empty() {
+        ""
+    } else {
+        "Parameters that are open together may move jointly while the prediction hardly changes."
+    };
+    Some(note("Which not to trust, and why?", lead, items))
+}
+
+fn covered(outcome: &Outcome) -> Option<Note> {
+    let [low, high] = outcome.swing_range_deg;
+    if !(low.is_finite() && high.is_finite()) {
+        return None;
+    }
+    let lead = format!(
+        "The recordings swing the forearms from {} to {} degrees. Outside that range the torque curve is not supported by data.",
+        number::fixed(low, 1),
+        number::fixed(high, 1)
+    );
+    Some(note("What do the recordings cover?", lead, Vec::new()))
+}
+
+fn ended(outcome: &Outcome) -> Option<Note> {
+    if outcome.evaluations == 0 {
+        return None;
+    }
+    let how = if outcome.converged {
+        "The fit converged"
+    } else {
+        "The fit did not converge: take its numbers as provisional. It ended"
+    };
+    let reason = number::words(&outcome.reason);
+    let reason = ["converged: ", "not converged: "]
+        .iter()
+        .find_map(|p| reason.strip_prefix(p))
+        .unwrap_or(&reason);
+    let mut lead = if reason.is_empty() {
+        format!("{how}.")
+    } else {
+        format!("{how}: {reason}.")
+    };
+    if outcome.weighted_mean_square.is_finite() && outcome.noise_mean_square.is_finite() {
+        lead += &format!(
+            " The weighted mean square residual is {}, where the noise alone makes {}.",
+            number::significant(outcome.weighted_mean_square, 3),
+            number::significant(outcome.noise_mean_square, 3)
+        );
+    }
+    Some(note("How did the fit end?", lead, Vec::new()))
+}
+
+fn remarks(outcome: &Outcome) -> Option<Note> {
+    let items: Vec<_> = outcome
+        .remarks
+        .iter()
+        .map(|r| item("", number::words(r)))
+        .collect();
+    (!items.is_empty()).then(|| note("What else to know", "", items))
+}

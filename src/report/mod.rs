@@ -1,5 +1,11 @@
 //! The room `report`: shows and writes. A number that is not in the outcome it does not invent.
 
+pub mod csv;
+pub mod export;
+pub mod json;
+pub mod mcap;
 pub mod output;
 pub mod parameter_file;
+pub mod plan_file;
 pub mod provenance;
+pub mod schema;

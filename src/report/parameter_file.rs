@@ -303,7 +303,9 @@ impl ParameterFile {
             "X_std_error is the standard error of X, X_ci95 its 95 % interval, both in the unit of X; nan: none.",
         );
         if let Some(film) = &self.film {
-            out.push_str("\n# The film: Gent springs, all but the first in series with a dashpot.\n[film]\n");
+            out.push_str(
+                "\n# The film: Gent springs, all but the first in series with a dashpot.\n[film]\n",
+            );
             comment(
                 &mut out,
                 "Moduli of the springs, Pa: the equilibrium spring, then one a branch.",
@@ -530,7 +532,11 @@ fn list(t: &Keys<'_>, key: &'static str, gaps: bool) -> Result<Option<Vec<(u64, 
         return Ok(None);
     };
     let read = |(line, v): (u64, &DeValue<'_>)| {
-        let number = if gaps { any_number(v) } else { f64::from_toml(v) };
+        let number = if gaps {
+            any_number(v)
+        } else {
+            f64::from_toml(v)
+        };
         number.map(|n| (line, n)).ok_or_else(|| {
             t.bad(key, format!("found {}", describe(v)))
                 .at_line(line)
@@ -653,7 +659,9 @@ fn read_film(t: &Keys<'_>) -> Result<FilmEntry, Error> {
                 "{} moduli: the equilibrium spring and one a branch",
                 times.len() + 1
             ))
-            .action("add or remove the modulus, or the time in T_s, of the branch that is not whole"));
+            .action(
+                "add or remove the modulus, or the time in T_s, of the branch that is not whole",
+            ));
     }
     if let Some((line, mu)) = mu.iter().find(|(_, mu)| *mu < 0.0) {
         return Err(t
@@ -692,7 +700,10 @@ fn read_forearm(t: &Keys<'_>) -> Result<ForearmEntry, Error> {
     let nodes = match list(t, "nodes_deg", false)? {
         Some(nodes) => nodes,
         None => {
-            return Err(t.missing("nodes_deg", "add `nodes_deg = [...]` (angles of the torques)"));
+            return Err(t.missing(
+                "nodes_deg",
+                "add `nodes_deg = [...]` (angles of the torques)",
+            ));
         }
     };
     if nodes.len() != torque.len() {
@@ -733,7 +744,9 @@ fn read_effect(t: &Keys<'_>) -> Result<Effect, Error> {
     if !is_name(&id) {
         return Err(t
             .bad("id", format!("found \"{}\"", one_line(&id)))
-            .expected("the id of an effect, such as \"series_resistance\"; your own begin with x_"));
+            .expected(
+                "the id of an effect, such as \"series_resistance\"; your own begin with x_",
+            ));
     }
     let actuators = match t.list("actuators")? {
         None => vec![1, 2, 3],
@@ -776,7 +789,11 @@ fn read_values(t: &Keys<'_>, known: &[&str]) -> Result<Values, Error> {
         }
         if !is_name(name) {
             return Err(t
-                .bad_entry(name, line, "found a name with other characters, or a long one")
+                .bad_entry(
+                    name,
+                    line,
+                    "found a name with other characters, or a long one",
+                )
                 .expected("a letter, then letters, digits and _, at most 63"));
         }
         let gaps = name.ends_with("_std_error") || name.ends_with("_ci95");
@@ -794,9 +811,7 @@ fn read_values(t: &Keys<'_>, known: &[&str]) -> Result<Values, Error> {
 fn plain(v: &DeValue<'_>, gaps: bool) -> Option<toml::Value> {
     Some(match v {
         DeValue::Integer(_) => toml::Value::Integer(i64::from_toml(v)?),
-        DeValue::Float(_) => {
-            toml::Value::Float(any_number(v).filter(|n| gaps || n.is_finite())?)
-        }
+        DeValue::Float(_) => toml::Value::Float(any_number(v).filter(|n| gaps || n.is_finite())?),
         DeValue::String(s) => toml::Value::String(s.clone().into_owned()),
         DeValue::Boolean(b) => toml::Value::Boolean(*b),
         DeValue::Array(list) => toml::Value::Array(
@@ -996,8 +1011,7 @@ impl ParametersJson {
                     values: json_values(&e.values),
                 })
                 .collect(),
-            provenance: (file.provenance != Provenance::default())
-                .then(|| file.provenance.clone()),
+            provenance: (file.provenance != Provenance::default()).then(|| file.provenance.clone()),
         }
     }
 }

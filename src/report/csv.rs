@@ -59,7 +59,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 const CHAINS: [&str; 3] = ["1", "2", "3"];
 
 /// Writes `value` with a fixed number of digits after the point; nothing for NaN.
-fn fixed(buffer: &mut Vec<u8>, value: f64, decimals: usize) {
+pub(super) fn fixed(buffer: &mut Vec<u8>, value: f64, decimals: usize) {
     /// Above it not every whole number is a double.
     const EXACT: f64 = 9_007_199_254_740_992.0;
     if value.is_nan() {

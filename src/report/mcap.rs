@@ -17,7 +17,7 @@ use std::io::{self, Seek, Write};
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{McapError, WriteOptions, Writer};
 
-use super::csv::{Missing, missing};
+use super::csv::{Missing, fixed, missing};
 use super::provenance::Provenance;
 use crate::calibration::RecordingOutcome;
 use crate::dataset::Dataset;
@@ -78,11 +78,15 @@ impl<W: Write + Seek> Recorder<W> {
         }
         self.body.clear();
         self.stamp(time_s)?;
-        write!(
-            self.body,
-            r#","frame_id":"world","pose":{{"position":{{"x":{:.9},"y":{:.9},"z":{:.9}}},"orientation":{{"x":0,"y":0,"z":0,"w":1}}}}}}"#,
-            p[0], p[1], p[2]
-        )?;
+        self.body
+            .extend_from_slice(br#","frame_id":"world","pose":{"position":{"x":"#);
+        fixed(&mut self.body, p[0], 9);
+        self.body.extend_from_slice(br#","y":"#);
+        fixed(&mut self.body, p[1], 9);
+        self.body.extend_from_slice(br#","z":"#);
+        fixed(&mut self.body, p[2], 9);
+        self.body
+            .extend_from_slice(br#"},"orientation":{"x":0,"y":0,"z":0,"w":1}}}"#);
         self.send(topic, time_s)
     }
 
@@ -99,7 +103,8 @@ impl<W: Write + Seek> Recorder<W> {
         for (name, value) in names.iter().zip(values) {
             if value.is_finite() {
                 let separator = if self.body.is_empty() { '{' } else { ',' };
-                write!(self.body, r#"{separator}"{name}":{value:.decimals$}"#)?;
+                write!(self.body, r#"{separator}"{name}":"#)?;
+                fixed(&mut self.body, value, decimals);
             }
         }
         if self.body.is_empty() {

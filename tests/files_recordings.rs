@@ -177,6 +177,60 @@ fn outcome(d: &Dataset) -> Outcome {
     }
 }
 
+/// Whether a value is what a schema says: types, required and known keys, items.
+fn conforms(root: &Value, schema: &Value, value: &Value, place: &str) {
+    if let Some(name) = schema["$ref"].as_str() {
+        let name = name.trim_start_matches("#/$defs/");
+        return conforms(root, &root["$defs"][name], value, place);
+    }
+    if let Some(list) = schema["anyOf"].as_array() {
+        let null = |s: &&Value| s["type"] == "null";
+        if value.is_null() {
+            assert!(list.iter().any(|s| null(&s)), "{place}");
+            return;
+        }
+        let other = list.iter().find(|s| !null(s)).unwrap();
+        return conforms(root, other, value, place);
+    }
+    let fits = |t: &Value| match t.as_str().unwrap_or("") {
+        "null" => value.is_null(),
+        "number" => value.is_number(),
+        "integer" => value.is_i64() || value.is_u64(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "array" => value.is_array(),
+        "object" => value.is_object(),
+        _ => true,
+    };
+    match &schema["type"] {
+        Value::Array(types) => assert!(types.iter().any(fits), "{place}: {value}"),
+        one => assert!(fits(one), "{place}: {value}, not {one}"),
+    }
+    if let Some(map) = value.as_object() {
+        for key in schema["required"].as_array().into_iter().flatten() {
+            assert!(map.contains_key(key.as_str().unwrap()), "{place}: no {key}");
+        }
+        for (key, v) in map {
+            let known = match schema["properties"].get(key) {
+                Some(known) => known,
+                None => &schema["additionalProperties"],
+            };
+            assert!(!known.is_null(), "{place}: {key} is in no schema");
+            conforms(root, known, v, &format!("{place}/{key}"));
+        }
+    }
+    for (i, v) in value.as_array().into_iter().flatten().enumerate() {
+        conforms(root, &schema["items"], v, &format!("{place}/{i}"));
+    }
+}
+
+fn check(name: &str, text: &str) {
+    let all = deacal::report::schema::schemas();
+    let schema = &all.iter().find(|(n, _)| *n == name).unwrap().1;
+    let schema: Value = serde_json::from_str(schema).unwrap();
+    conforms(&schema, &schema, &serde_json::from_str(text).unwrap(), name);
+}
+
 fn rows(bytes: Vec<u8>) -> (Vec<String>, Vec<Vec<String>>) {
     let text = String::from_utf8(bytes).unwrap();
     let mut lines = text
@@ -370,6 +424,7 @@ fn fit_json_has_the_contracts_keys_and_no_nan() {
     let d = dataset(1000);
     let fit = FitJson::new(&outcome(&d), Provenance::new("deacal fit film day/one"));
     let text = to_text(&fit);
+    check("fit", &text);
     assert_eq!(serde_json::from_str::<FitJson>(&text).unwrap(), fit);
     let json: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["rmse_V"], 10.0);
@@ -419,6 +474,7 @@ fn validation_json_is_read_back() {
     let second = ModelValidation::new(&outcome(&d), params);
     let file = ValidationJson::new(first, vec![second], Provenance::new("c"));
     let text = to_text(&file);
+    check("validation", &text);
     assert_eq!(serde_json::from_str::<ValidationJson>(&text).unwrap(), file);
     let json: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["rmse_V"], 10.0);
@@ -445,6 +501,7 @@ fn import_json_says_what_is_there() {
         provenance: Provenance::of("deacal import robot", [&recording]),
     };
     let text = to_text(&file);
+    check("import", &text);
     assert_eq!(serde_json::from_str::<ImportJson>(&text).unwrap(), file);
     let json: Value = serde_json::from_str(&text).unwrap();
     let r = &json["recordings"][0];
@@ -482,6 +539,7 @@ fn plans_read_back_to_the_same_bits() {
     // the plain TOML reader agrees
     let file: deacal::report::plan_file::PlanFile = toml::from_str(&text).unwrap();
     assert_eq!(file.plans, plans);
+    check("plan", &to_text(&file));
     let wrong = text.replacen("order = 3", "order = 5", 1);
     let error = parse_plan(path, &wrong).unwrap_err();
     assert!(
@@ -505,6 +563,10 @@ fn an_outcome_becomes_a_parameter_file_with_its_errors() {
     );
     assert!(text.contains("J_ci95 = [64.0, 96.0]"), "{text}");
     assert!(!text.contains("torque_N_m_std_error"), "{text}");
+    check("parameters", &to_text(&file.to_json()));
+    // the file itself has the same structure
+    let table: toml::Value = toml::from_str(&text).unwrap();
+    check("parameters", &serde_json::to_string(&table).unwrap());
     let back = ParameterFile::parse(Path::new("p"), &text).unwrap();
     assert_eq!(back.parameters().unwrap(), outcome.parameters);
     assert_eq!(back.eps_r(), Some(2.8));

@@ -14,7 +14,7 @@ pub struct Column<'a> {
 }
 
 impl<'a> Column<'a> {
-    /// A column: its header (unit included), digits after the point, and its value in a row; NaN leaves the cell empty.
+    /// A column: its header (unit included), digits after the point (at most 9), and its value in a row; NaN leaves the cell empty.
     pub fn new(
         name: impl Into<String>,
         decimals: usize,
@@ -22,7 +22,7 @@ impl<'a> Column<'a> {
     ) -> Self {
         Column {
             name: name.into(),
-            decimals,
+            decimals: decimals.min(9),
             value: Box::new(value),
         }
     }
@@ -60,12 +60,13 @@ const CHAINS: [&str; 3] = ["1", "2", "3"];
 
 /// Writes `value` with a fixed number of digits after the point; nothing for NaN.
 pub(super) fn fixed(buffer: &mut Vec<u8>, value: f64, decimals: usize) {
+    const TENS: [f64; 10] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9];
     /// Above it not every whole number is a double.
     const EXACT: f64 = 9_007_199_254_740_992.0;
     if value.is_nan() {
         return;
     }
-    let scaled = (value.abs() * 10f64.powi(decimals as i32)).round();
+    let scaled = (value.abs() * TENS[decimals]).round();
     if scaled >= EXACT {
         // writing to memory does not fail
         let _ = write!(buffer, "{value}");
@@ -232,8 +233,8 @@ pub fn predicted_voltage(out: &mut (impl Write + ?Sized), r: &RecordingOutcome) 
     let value = |i: usize| known(i, r.predicted_v[i]);
     let sd = |i: usize| known(i, r.sd_v.get(i).copied().unwrap_or([f64::NAN; 3]));
     let mut columns = vec![Column::new("time_s", TIME, |i| r.time_s[i])];
-    columns.extend(Column::three("phi{}_V", CHAINS, VOLT, &value));
-    columns.extend(Column::three("phi{}_sd_V", CHAINS, VOLT, &sd));
+    columns.extend(Column::three("phi{}_V", CHAINS, VOLT, value));
+    columns.extend(Column::three("phi{}_sd_V", CHAINS, VOLT, sd));
     write_table(out, &columns, r.time_s.len(), |i, buffer| {
         if let Some(flag) = &flags[i] {
             put(buffer, flag);
@@ -280,7 +281,7 @@ fn vectors(
         Some(_) => [f64::NAN; 3],
     };
     let mut columns = vec![Column::new("time_s", TIME, |i| time_s[i])];
-    columns.extend(Column::three(name, AXES, decimals, &value));
+    columns.extend(Column::three(name, AXES, decimals, value));
     let rows = time_s.len().min(values.len());
     write_table(out, &columns, rows, |i, buffer| {
         if let Some(flag) = flag(i) {
@@ -301,28 +302,37 @@ pub fn aligned(out: &mut (impl Write + ?Sized), d: &Dataset, offset_s: f64) -> i
     let position = |i: usize| usable(i, [0, 1, 2].map(|k| d.axes[k].position[i] * 1e3));
     let velocity = |i: usize| usable(i, [0, 1, 2].map(|k| d.axes[k].velocity[i] * 1e3));
     let acceleration = |i: usize| usable(i, [0, 1, 2].map(|k| d.axes[k].acceleration[i] * 1e3));
-    let command = |i: usize| match d.has_voltage(i, offset_s) {
-        true => [0, 1, 2].map(|k| d.command_v(k, i, offset_s)),
-        false => [f64::NAN; 3],
-    };
-    let monitor = |i: usize| {
-        let t = d.time_s(i) + offset_s;
-        let slack = 0.5 * d.step_s;
-        match &d.monitor {
-            Some(m) if t >= m.span_s().0 - slack && t <= m.span_s().1 + slack => {
-                [0, 1, 2].map(|k| m.at(k, t))
-            }
-            _ => [f64::NAN; 3],
-        }
-    };
+    let commands: Vec<[f64; 3]> = (0..d.samples())
+        .map(|i| match d.has_voltage(i, offset_s) {
+            true => [0, 1, 2].map(|k| d.command_v(k, i, offset_s)),
+            false => [f64::NAN; 3],
+        })
+        .collect();
+    let command = |i: usize| commands[i];
+    let monitors: Vec<[f64; 3]> = d
+        .monitor
+        .iter()
+        .flat_map(|m| {
+            let slack = 0.5 * d.step_s;
+            let known = m.span_s().0 - slack..=m.span_s().1 + slack;
+            (0..d.samples()).map(move |i| {
+                let t = d.time_s(i) + offset_s;
+                match known.contains(&t) {
+                    true => [0, 1, 2].map(|k| m.at(k, t)),
+                    false => [f64::NAN; 3],
+                }
+            })
+        })
+        .collect();
+    let monitor = |i: usize| monitors[i];
     let mut columns = vec![Column::new("time_s", TIME, |i| d.time_s(i))];
-    columns.extend(Column::three("{}_raw_mm", AXES, POSITION, &raw));
-    columns.extend(Column::three("{}_mm", AXES, POSITION, &position));
-    columns.extend(Column::three("v{}_mm_s", AXES, RATE, &velocity));
-    columns.extend(Column::three("a{}_mm_s2", AXES, RATE, &acceleration));
-    columns.extend(Column::three("phi{}_V", CHAINS, VOLT, &command));
+    columns.extend(Column::three("{}_raw_mm", AXES, POSITION, raw));
+    columns.extend(Column::three("{}_mm", AXES, POSITION, position));
+    columns.extend(Column::three("v{}_mm_s", AXES, RATE, velocity));
+    columns.extend(Column::three("a{}_mm_s2", AXES, RATE, acceleration));
+    columns.extend(Column::three("phi{}_V", CHAINS, VOLT, command));
     if d.monitor.is_some() {
-        columns.extend(Column::three("phi{}_monitor_V", CHAINS, VOLT, &monitor));
+        columns.extend(Column::three("phi{}_monitor_V", CHAINS, VOLT, monitor));
     }
     columns.push(Column::new("payload_g", 4, |i| d.payload_kg[i] * 1e3));
     write_table(out, &columns, d.samples(), |i, buffer| {

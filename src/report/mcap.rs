@@ -174,6 +174,7 @@ fn write_all<W: Write + Seek>(
         .library(concat!("deacal ", env!("CARGO_PKG_VERSION")))
         // one thread: the same input gives the same bytes on any machine
         .compression_threads(0)
+        .compression_level(1)
         .create(out)?;
     let offset_s = outcome.map_or(d.offset_s, |r| r.offset_s);
     let mut file = Recorder {

@@ -377,7 +377,8 @@ fn stage(
         write(&mut buffered)?;
         let file = buffered.into_inner().map_err(|e| e.into_error())?;
         if let Ok(old) = &old {
-            file.as_file().set_permissions(old.permissions())?;
+            // some file systems have none to set
+            let _ = file.as_file().set_permissions(old.permissions());
         }
         file.as_file().sync_all()?;
         Ok(file)

@@ -574,8 +574,9 @@ fn any_interval(v: &DeValue<'_>) -> Option<[f64; 2]> {
         .map(|e| any_number(e.get_ref()))
         .collect();
     let ends: [f64; 2] = ends?.try_into().ok()?;
-    // false for nan, which is no interval and allowed
-    (!(ends[0] > ends[1])).then_some(ends)
+    // nan stands for no interval
+    let none = ends.iter().any(|v| v.is_nan());
+    (none || ends[0] <= ends[1]).then_some(ends)
 }
 
 const INTERVAL: &str = "an interval [low, high]";
@@ -632,7 +633,7 @@ fn with_error(
 ) -> Result<Quantity, Error> {
     let mut q = Quantity::exact(value);
     if let Some(e) = t.get_with(std_error, "a number not below 0, or nan", |v| {
-        any_number(v).filter(|e| !(*e < 0.0))
+        any_number(v).filter(|e| e.is_nan() || *e >= 0.0)
     })? {
         q.std_error = e;
     }
@@ -876,7 +877,7 @@ pub struct ParametersJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis: Option<serde_json::Map<String, serde_json::Value>>,
     /// Causes that the plain model leaves out.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effect: Vec<EffectJson>,
     /// What the values were made of.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -62,12 +62,7 @@ pub struct Parameter {
 pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     names
         .into_iter()
-        .map(|n| {
-            (
-                strsim::jaro_winkler(&wanted.to_lowercase(), &n.to_lowercase()),
-                n,
-            )
-        })
+        .map(|n| (strsim::jaro_winkler(&wanted.to_lowercase(), &n.to_lowercase()), n))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, n)| n)
 }

@@ -264,6 +264,9 @@ fn every_frame_has_its_row_and_a_missing_one_its_reason() {
     );
     assert_eq!(rows[101].join(","), "0.510000,,,,,,,gap");
     assert_eq!(rows[5][7], "");
+    let json = to_text(&PredictionJson::new("a", None, &csv::missing(&r)));
+    assert!(json.contains("\"gap\": 133"), "{json}");
+    assert!(json.contains("\"phi^2 < 0\": 1") && json.contains("\"out of reach\": 1"));
     for (i, row) in rows.iter().enumerate().filter(|(_, r)| r[7].is_empty()) {
         for k in 0..3 {
             let v: f64 = row[1 + k].parse().unwrap();

@@ -1084,3 +1084,38 @@ pub struct ImportJson {
     /// Program and command.
     pub provenance: Provenance,
 }
+
+/// What a prediction gave, for `--json` of the predicting commands: the values themselves are in the CSV.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct PredictionJson {
+    /// Recording.
+    pub id: String,
+    /// The CSV; null where it went to standard output.
+    pub file: Option<String>,
+    /// Rows, one a capture sample.
+    pub rows: usize,
+    /// Rows without a flag.
+    pub predicted: usize,
+    /// Rows by kind of flag: `gap`, `out of reach`, `phi^2 < 0`, ...
+    pub flagged: std::collections::BTreeMap<String, usize>,
+}
+
+impl PredictionJson {
+    /// Counted from the flags of a predicted table.
+    #[must_use]
+    pub fn new(id: &str, file: Option<&Path>, flags: &[Option<super::csv::Missing>]) -> Self {
+        let mut flagged = std::collections::BTreeMap::new();
+        for flag in flags.iter().flatten() {
+            let text = flag.to_string();
+            let kind = text.split(':').next().unwrap_or("").to_owned();
+            *flagged.entry(kind).or_insert(0) += 1;
+        }
+        PredictionJson {
+            id: id.to_owned(),
+            file: file.map(|f| f.display().to_string()),
+            rows: flags.len(),
+            predicted: flags.iter().filter(|f| f.is_none()).count(),
+            flagged,
+        }
+    }
+}

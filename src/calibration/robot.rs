@@ -88,7 +88,7 @@ const TORQUE_PRIOR_N_M: f64 = 5e-3;
 /// Rounds of weights: the noise gain depends on the film that is being fitted.
 const ROUNDS: usize = 2;
 /// Relative standard error up to which a parameter counts as determined.
-const IDENTIFIABLE: f64 = 0.25;
+const IDENTIFIABLE: f64 = 0.33;
 /// Relative standard error of a relaxation time beyond which its modulus does not count as determined either.
 const HARDLY_KNOWN: f64 = 0.5;
 /// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it counts as open anyway.

@@ -14,7 +14,7 @@ pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,
 };
-pub use robot::{Request, Stage, calibrate_robot, validate_robot};
+pub use robot::{Request, Stage, calibrate_robot, predict_force, validate_robot};
 pub use statistics::Uncertainty;
 
 /// Something that a calibration cannot do.

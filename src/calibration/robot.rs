@@ -11,7 +11,7 @@ use super::profile::{Candidate, TWO_SIDED_95, profile};
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
-use crate::model::{Contribution, ForearmTorque, Parameters, Robot};
+use crate::model::{Contribution, ForearmTorque, Mechanics, Parameters, Robot};
 use crate::parameter::{Parameter, Transform};
 use crate::recording::nearest;
 use crate::residual::{OFFSET_REACH_S, RobotResidual, VoltageError, root_v};
@@ -1098,4 +1098,33 @@ impl Places {
         out.truncate(5);
         out
     }
+}
+
+/// Force prediction F_FP: the force of the surroundings on the end effector at each frame of `dataset` (N, world axes; NaN out of
+/// reach or without a voltage), from its motion and its commanded voltages read with the clock offset `offset_s`.
+///
+/// # Errors
+/// [`Error::Unreachable`] when no frame can be followed, [`Error::Locked`] when the film is past its locking stretch.
+pub fn predict_force(
+    robot: &Robot,
+    dataset: &Dataset,
+    parameters: &Parameters,
+    offset_s: f64,
+) -> Result<Vec<crate::kinematics::Vec3>, Error> {
+    let mechanics = Mechanics::new(robot, &dataset.track()).map_err(|(sample, why)| Error::Unreachable {
+        recording: dataset.id.clone(),
+        time_s: dataset.time_s(sample),
+        why: why.to_string(),
+    })?;
+    let n = dataset.samples();
+    let squared =
+        [0, 1, 2].map(|k| dataset.voltage.squared(k, dataset.start_s + offset_s, dataset.step_s, n).0);
+    let phi: Vec<[f64; 3]> = (0..n).map(|i| [0, 1, 2].map(|k| squared[k][i])).collect();
+    let mut force = mechanics.external_force_n(parameters, &phi)?;
+    for (i, force) in force.iter_mut().enumerate() {
+        if !dataset.has_voltage(i, offset_s) || !dataset.usable[i] {
+            *force = [f64::NAN; 3];
+        }
+    }
+    Ok(force)
 }

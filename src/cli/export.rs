@@ -1,0 +1,36 @@
+//! `export`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::{Failure, Talk, load};
+use crate::report::export::{Format, export};
+use crate::report::output::write_atomic;
+
+/// What to export, and to what.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The parameter file
+    #[arg(value_name = "PARAMETERS")]
+    parameters: PathBuf,
+    /// json, m (MATLAB), py (Python) or c (C header)
+    #[arg(long, value_parser = ["json", "m", "py", "c"])]
+    format: String,
+    /// File to write (default: standard output)
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+}
+
+pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
+    let file = load::parameters(&a.parameters)?;
+    let format = Format::parse(&a.format).ok_or("unknown format")?;
+    let text = export(&file, format);
+    match &a.output {
+        Some(path) => {
+            write_atomic(path, text)?;
+            talk.say(&format!("Written: {}", path.display()));
+        }
+        None => std::io::stdout().write_all(text.as_bytes())?,
+    }
+    Ok(())
+}

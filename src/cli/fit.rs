@@ -1,0 +1,204 @@
+//! `fit film|forearm|robot|coupon`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::progress::Progress;
+use super::{Failure, Talk, load};
+use crate::calibration::{CouponRequest, Outcome, Request, Stage, calibrate_coupons, calibrate_robot};
+use crate::dataset::{Coupon, Plan};
+use crate::recording::Kind;
+use crate::report::html;
+use crate::report::json::{FitJson, to_text};
+use crate::report::output::OutputSet;
+use crate::report::parameter_file::ParameterFile;
+use crate::report::plan_file::plan_to_toml;
+use crate::report::provenance::Provenance;
+
+/// What to fit.
+#[derive(Subcommand)]
+pub(super) enum Fit {
+    /// Film moduli, relaxation times and J (best from a symmetric drive)
+    Film(Robot),
+    /// Spring-back torque curve of the forearms (best from single-actuator drives)
+    Forearm(Robot),
+    /// Film and forearms jointly, all recordings at once
+    Robot(Robot),
+    /// Film parameters from tensile and relaxation tests
+    Coupon(Coupons),
+}
+
+/// Options that every fit takes.
+#[derive(Args)]
+struct Common {
+    /// recording.toml files, or folders that have one
+    #[arg(required = true, value_name = "REC")]
+    recordings: Vec<PathBuf>,
+    /// Folder for the results (default: out/fit)
+    #[arg(short, long, default_value = "out/fit")]
+    output: PathBuf,
+    /// Holds a parameter: NAME=VALUE, in the unit of fit.json
+    #[arg(long, value_name = "NAME=VALUE", value_parser = parse_fix)]
+    fix: Vec<(String, f64)>,
+    /// Keeps a parameter within bounds: NAME=LOW..HIGH
+    #[arg(long, value_name = "NAME=LOW..HIGH", value_parser = parse_bound)]
+    bound: Vec<(String, [f64; 2])>,
+    /// Viscoelastic branches of the film
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u8).range(0..=8))]
+    branches: u8,
+    /// Number of starts, the first ones evenly spread, the others at random
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    starts: u16,
+    /// Seed of the random starts
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// A fit to robot recordings.
+#[derive(Args)]
+pub(super) struct Robot {
+    #[command(flatten)]
+    common: Common,
+    /// Rig to use instead of the recordings' own
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Parameter file to start from; what is not fitted is held there
+    #[arg(long, visible_alias = "params", value_name = "PARAMETERS")]
+    start: Option<PathBuf>,
+    /// plan.toml of an earlier run, to make the same choices again
+    #[arg(long)]
+    plan: Option<PathBuf>,
+    /// Huber loss: samples further off than this many standard deviations count less
+    #[arg(long, value_name = "SIGMA")]
+    robust: Option<f64>,
+}
+
+/// A fit to film coupons.
+#[derive(Args)]
+pub(super) struct Coupons {
+    #[command(flatten)]
+    common: Common,
+}
+
+fn parse_fix(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
+    let value = value.parse().map_err(|_| format!("`{value}` is no number"))?;
+    Ok((name.to_string(), value))
+}
+
+fn parse_bound(text: &str) -> Result<(String, [f64; 2]), String> {
+    let (name, range) = text.rsplit_once('=').ok_or("expected NAME=LOW..HIGH")?;
+    let (low, high) = range.split_once("..").ok_or("expected NAME=LOW..HIGH, with two dots")?;
+    let number = |t: &str| t.parse::<f64>().map_err(|_| format!("`{t}` is no number"));
+    Ok((name.to_string(), [number(low)?, number(high)?]))
+}
+
+pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
+    match fit {
+        Fit::Film(a) => robot(Stage::Film, a, command, talk),
+        Fit::Forearm(a) => robot(Stage::Forearm, a, command, talk),
+        Fit::Robot(a) => robot(Stage::Robot, a, command, talk),
+        Fit::Coupon(a) => coupon(a, command, talk),
+    }
+}
+
+fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let recordings = load::recordings(&a.common.recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let file = a.start.as_deref().map(load::parameters).transpose()?;
+    let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
+    let provenance = Provenance::of(command, &recordings);
+    let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
+    drop(recordings);
+    let request = Request {
+        branches: a.common.branches.into(),
+        start: file.as_ref().map(ParameterFile::parameters).transpose()?,
+        fix: a.common.fix.clone(),
+        bound: a.common.bound.clone(),
+        starts: a.common.starts.into(),
+        robust: a.robust,
+        seed: a.common.seed,
+        ..Request::new(stage)
+    };
+    let refs: Vec<_> = datasets.iter().collect();
+    let outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
+    progress.stopped()?;
+    progress.step("writing");
+    let fit = FitJson::new(&outcome, provenance.clone());
+    write_fit(&a.common.output, &outcome, &fit, provenance)?;
+    drop(progress);
+    talk.result(&fit);
+    say_outcome(&outcome, talk);
+    talk.say(&format!("Report: {}", a.common.output.join("report.html").display()));
+    Ok(())
+}
+
+/// Parameters, numbers, choices and report of a fit, all or none.
+pub(super) fn write_fit(
+    output: &std::path::Path,
+    outcome: &Outcome,
+    fit: &FitJson,
+    provenance: Provenance,
+) -> Result<(), Failure> {
+    let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
+    let mut set = OutputSet::new(output)?;
+    set.write("report.html", html::render(outcome, &provenance))?;
+    set.write("parameters.toml", ParameterFile::of_outcome(outcome, provenance).to_toml())?;
+    set.write("fit.json", to_text(fit))?;
+    set.write("plan.toml", plan_to_toml(&plans))?;
+    set.commit()?;
+    Ok(())
+}
+
+/// The first screen of the report, in the terminal.
+pub(super) fn say_outcome(outcome: &Outcome, talk: Talk) {
+    talk.say(&outcome.verdict);
+    talk.say(&format!("The fit {}.", outcome.reason));
+    let named = |known: bool| -> Vec<&str> {
+        outcome
+            .estimates
+            .iter()
+            .filter(|e| !e.fixed && e.identifiable == known)
+            .map(|e| e.name.as_str())
+            .collect()
+    };
+    let (known, open) = (named(true), named(false));
+    if !known.is_empty() {
+        talk.say(&format!("Determined: {}.", known.join(", ")));
+    }
+    if !open.is_empty() {
+        talk.say(&format!("Not determined by these recordings: {}.", open.join(", ")));
+    }
+    for remark in &outcome.remarks {
+        talk.say(remark);
+    }
+}
+
+fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
+    let provenance = Provenance::of(command, &recordings);
+    let coupons = recordings.iter().map(Coupon::from_recording).collect::<Result<Vec<_>, _>>()?;
+    let refs: Vec<_> = coupons.iter().collect();
+    let request = CouponRequest {
+        fix: a.common.fix.clone(),
+        bound: a.common.bound.clone(),
+        starts: usize::from(a.common.starts).max(8),
+        seed: a.common.seed,
+        ..CouponRequest::new(a.common.branches.into())
+    };
+    let outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
+    progress.stopped()?;
+    let fit = FitJson::of_coupons(&outcome, provenance.clone());
+    let mut set = OutputSet::new(&a.common.output)?;
+    set.write("report.html", html::coupon::render_coupons(&outcome, &provenance))?;
+    set.write("parameters.toml", ParameterFile::of_coupons(&outcome, provenance).to_toml())?;
+    set.write("fit.json", to_text(&fit))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&fit);
+    talk.say(&outcome.verdict);
+    talk.say(&format!("Report: {}", a.common.output.join("report.html").display()));
+    Ok(())
+}

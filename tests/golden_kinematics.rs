@@ -56,13 +56,21 @@ fn poses_out_of_reach_say_which_chain_and_joint() {
             rig[key] = value.clone();
         }
         let u = triple(&item["u_mm"]).map(|v| v * 1e-3);
-        let error = mechanism(&rig).pose(u).expect_err("this pose cannot be taken");
+        let error = mechanism(&rig)
+            .pose(u)
+            .expect_err("this pose cannot be taken");
         let text = error.to_string();
         let first = &item["failing"][0];
         assert_eq!(error.chain, number(&first["chain"]) as usize, "{text}");
         let joint = first["joint"].as_str().unwrap();
-        assert!(text.contains("out of reach") && text.contains(joint), "{text}");
-        assert!(error.value < error.low || error.value > error.high, "{text}");
+        assert!(
+            text.contains("out of reach") && text.contains(joint),
+            "{text}"
+        );
+        assert!(
+            error.value < error.low || error.value > error.high,
+            "{text}"
+        );
     }
 }
 

@@ -84,7 +84,7 @@ fn recording(robot: &Robot, film: &Film, generator: &mut ChaCha12Rng, duration_s
             30.0 * x * x * (1.0 - x) * (1.0 - x) / 3.0,
             60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / 9.0,
         );
-        let mut z = [-14e-3, 0.0, 0.0];
+        let mut z = [-17e-3, 0.0, 0.0];
         for &(w, a, p) in &tones {
             let (sin, cos) = (w * t + p).sin_cos();
             z[0] += a * sin;
@@ -92,7 +92,7 @@ fn recording(robot: &Robot, film: &Film, generator: &mut ChaCha12Rng, duration_s
             z[2] -= a * w * w * sin;
         }
         [
-            -36e-3 + s * z[0],
+            -41e-3 + s * z[0],
             s * z[1] + s1 * z[0],
             s * z[2] + 2.0 * s1 * z[1] + s2 * z[0],
         ]

@@ -17,8 +17,8 @@ mod sample;
 
 pub use crate::dataset::Track;
 pub use forearm::ForearmTorque;
-pub use sample::HangingSample;
 pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
+pub use sample::HangingSample;
 
 use crate::film::Film;
 use crate::kinematics::{Chain, FourBar, Lozenge, Mechanism};

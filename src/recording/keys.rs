@@ -15,7 +15,7 @@ use super::error::{Error, ErrorKind, nearest, quote};
 const MAX_TOML_BYTES: u64 = 1 << 20;
 
 /// A `.toml` file: its path and its text.
-pub(super) struct Document {
+pub(crate) struct Document {
     pub path: PathBuf,
     pub text: String,
 }
@@ -73,7 +73,7 @@ impl Document {
 }
 
 /// A value that a key can have.
-pub(super) trait Value: Sized {
+pub(crate) trait Value: Sized {
     /// What it has to be, for the message.
     const EXPECTED: &'static str;
     /// The value, if it is that.
@@ -119,7 +119,7 @@ impl Value for [f64; 3] {
 }
 
 /// A list of numbers.
-pub(super) fn numbers(value: &DeValue<'_>) -> Option<Vec<f64>> {
+pub(crate) fn numbers(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value
         .as_array()?
         .iter()
@@ -150,7 +150,7 @@ impl Value for Vec<ColumnRef> {
 }
 
 /// A table with the keys that it may have.
-pub(super) struct Keys<'a> {
+pub(crate) struct Keys<'a> {
     document: &'a Document,
     table: &'a DeTable<'a>,
     /// `[motion]`; empty at the top.
@@ -232,19 +232,7 @@ impl<'a> Keys<'a> {
         let Some(table) = value.as_table() else {
             return Err(self.wrong_type(key, line, value, "a table"));
         };
-        let name = match self.name.strip_suffix(']') {
-            Some(outer) => format!("{outer}.{key}]"),
-            None => format!("[{key}]"),
-        };
-        Keys {
-            document: self.document,
-            table,
-            name,
-            line,
-            known,
-        }
-        .checked()
-        .map(Some)
+        self.inner(key, line, table, known).checked().map(Some)
     }
 
     /// A table that has to be there; `why` ends the sentence "... is missing; ".
@@ -256,6 +244,101 @@ impl<'a> Keys<'a> {
     ) -> Result<Keys<'a>, Error> {
         self.table(key, known)?
             .ok_or_else(|| self.missing(key, why))
+    }
+
+    /// The tables of a list of tables, `[[key]]`; none if the key is not there.
+    pub fn tables(
+        &self,
+        key: &'static str,
+        known: &'static [&'static str],
+    ) -> Result<Vec<Keys<'a>>, Error> {
+        self.list_of_tables(key)?
+            .into_iter()
+            .map(|(line, table)| self.inner(key, line, table, known).checked())
+            .collect()
+    }
+
+    /// As [`Keys::tables`], for tables that may have any key: read them with [`Keys::entries`].
+    pub fn open_tables(
+        &self,
+        key: &'static str,
+        known: &'static [&'static str],
+    ) -> Result<Vec<Keys<'a>>, Error> {
+        let tables = self.list_of_tables(key)?;
+        Ok(tables
+            .into_iter()
+            .map(|(line, table)| self.inner(key, line, table, known))
+            .collect())
+    }
+
+    /// As [`Keys::table`], for a table that may have any key.
+    pub fn open_table(&self, key: &'static str) -> Result<Option<Keys<'a>>, Error> {
+        let Some((line, value)) = self.entry(key) else {
+            return Ok(None);
+        };
+        match value.as_table() {
+            Some(table) => Ok(Some(self.inner(key, line, table, &[]))),
+            None => Err(self.wrong_type(key, line, value, "a table")),
+        }
+    }
+
+    fn list_of_tables(&self, key: &'static str) -> Result<Vec<(u64, &'a DeTable<'a>)>, Error> {
+        let Some((line, value)) = self.entry(key) else {
+            return Ok(Vec::new());
+        };
+        let tables = value.as_array().and_then(|list| {
+            list.iter()
+                .map(|v| Some((self.document.line(v.span()), v.get_ref().as_table()?)))
+                .collect()
+        });
+        tables.ok_or_else(|| self.wrong_type(key, line, value, "a list of tables"))
+    }
+
+    fn inner(
+        &self,
+        key: &str,
+        line: u64,
+        table: &'a DeTable<'a>,
+        known: &'static [&'static str],
+    ) -> Keys<'a> {
+        let name = match self.name.strip_suffix(']') {
+            Some(outer) => format!("{outer}.{key}]"),
+            None => format!("[{key}]"),
+        };
+        Keys {
+            document: self.document,
+            table,
+            name,
+            line,
+            known,
+        }
+    }
+
+    /// Every key with its line and value, in the order of the file.
+    pub fn entries(&self) -> Vec<(&'a str, u64, &'a DeValue<'a>)> {
+        let mut all: Vec<_> = self.table.iter().collect();
+        all.sort_by_key(|(key, _)| key.span().start);
+        all.into_iter()
+            .map(|(key, value)| {
+                let line = self.document.line(value.span());
+                (key.get_ref().as_ref(), line, value.get_ref())
+            })
+            .collect()
+    }
+
+    /// The entries of a list, each with its line.
+    pub fn list(&self, key: &'static str) -> Result<Option<Vec<(u64, &'a DeValue<'a>)>>, Error> {
+        let Some((line, value)) = self.entry(key) else {
+            return Ok(None);
+        };
+        let Some(list) = value.as_array() else {
+            return Err(self.wrong_type(key, line, value, "a list"));
+        };
+        Ok(Some(
+            list.iter()
+                .map(|v| (self.document.line(v.span()), v.get_ref()))
+                .collect(),
+        ))
     }
 
     /// The value of a key that may be left out.
@@ -359,7 +442,15 @@ impl<'a> Keys<'a> {
             .at_key(self.full(key))
     }
 
-    fn wrong_type(&self, key: &str, line: u64, value: &DeValue<'_>, expected: &str) -> Error {
+    /// As [`Keys::bad`], for a key of [`Keys::entries`].
+    pub fn bad_entry(&self, key: &str, line: u64, found: impl Into<String>) -> Error {
+        Error::new(ErrorKind::BadValue, &self.document.path, found)
+            .at_line(line)
+            .at_key(self.full(key))
+    }
+
+    /// The error for a value of another type.
+    pub fn wrong_type(&self, key: &str, line: u64, value: &DeValue<'_>, expected: &str) -> Error {
         Error::new(
             ErrorKind::WrongType,
             &self.document.path,
@@ -371,7 +462,7 @@ impl<'a> Keys<'a> {
     }
 }
 
-fn describe(value: &DeValue<'_>) -> String {
+pub(crate) fn describe(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(s) => format!("the string {}", quote(s)),
         DeValue::Integer(i) => format!("the number {i}"),

@@ -19,8 +19,8 @@
 
 mod capture;
 mod delimited;
-mod error;
-mod keys;
+pub(crate) mod error;
+pub(crate) mod keys;
 mod manifest;
 mod nexus_csv;
 mod open;

@@ -1,2 +1,12 @@
-//! The room `report`.
+//! The room `report`: shows and writes. A number that is not in the outcome it does not invent.
+
+pub mod csv;
+pub mod export;
 pub mod html;
+pub mod json;
+pub mod mcap;
+pub mod output;
+pub mod parameter_file;
+pub mod plan_file;
+pub mod provenance;
+pub mod schema;

@@ -20,33 +20,8 @@ mod summary;
 mod torque;
 
 use crate::calibration::Outcome;
+use crate::report::provenance::Provenance;
 use page::Section;
-
-/// A file that a result rests on.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct FileNote {
-    /// Where it lies, as the user gave it.
-    pub path: String,
-    /// What it is for: `motion`, `voltage`, `rig`; may be empty.
-    pub role: String,
-    /// SHA-256 of its bytes, in hexadecimal.
-    pub sha256: String,
-}
-
-/// What a result was made with and from.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Provenance {
-    /// Version of the program.
-    pub program_version: String,
-    /// The command line; may be empty.
-    pub command: String,
-    /// The rig.
-    pub rig: Option<FileNote>,
-    /// Identity and files of each recording.
-    pub recordings: Vec<(String, Vec<FileNote>)>,
-    /// When the report was made, where it shall say so.
-    pub generated: Option<String>,
-}
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 

@@ -3,8 +3,8 @@
 use minijinja::context;
 
 use super::page::{Cell, Section, Table};
-use super::{FileNote, Provenance};
 use crate::calibration::Outcome;
+use crate::report::provenance::{FileSum, Provenance};
 
 const TEMPLATE: &str = include_str!("provenance.html");
 
@@ -12,10 +12,10 @@ const TEMPLATE: &str = include_str!("provenance.html");
 pub fn section(_: &Outcome, provenance: &Provenance) -> Option<Section> {
     let head = ["of", "file", "role", "SHA-256"].map(Cell::text);
     let mut table = Table::new("Files read, and the SHA-256 of their bytes.", head.to_vec());
-    let mut add = |of: &str, file: &FileNote| {
+    let mut add = |of: &str, file: &FileSum| {
         table.row(vec![
             Cell::text(of),
-            Cell::of("file", &file.path),
+            Cell::of("file", &file.file),
             Cell::text(&file.role),
             Cell::of("file", &file.sha256),
         ]);
@@ -23,14 +23,13 @@ pub fn section(_: &Outcome, provenance: &Provenance) -> Option<Section> {
     if let Some(rig) = &provenance.rig {
         add("rig", rig);
     }
-    for (id, files) in &provenance.recordings {
-        files.iter().for_each(|f| add(id, f));
+    for recording in &provenance.recordings {
+        recording.files.iter().for_each(|f| add(&recording.id, f));
     }
     let any = !table.rows.is_empty();
     let context = context! {
-        version => provenance.program_version.clone(),
+        program => provenance.program.clone(),
         command => provenance.command.clone(),
-        generated => provenance.generated.clone().unwrap_or_default(),
         any => any,
         table => table.html(),
     };

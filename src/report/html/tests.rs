@@ -1,6 +1,6 @@
 //! The whole report, of outcomes made up for the purpose.
 
-use super::{FileNote, Provenance, render};
+use super::{Provenance, render};
 use crate::calibration::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,
@@ -8,6 +8,7 @@ use crate::calibration::{
 use crate::dataset::{Plan, SmoothingPlan};
 use crate::film::Film;
 use crate::model::{Contribution, ForearmTorque, Parameters};
+use crate::report::provenance::{FileSum, RecordingSum};
 
 const HOSTILE: &str = "run <b>7</b> & \"x\" 'y'";
 
@@ -206,17 +207,19 @@ fn empty() -> Outcome {
 }
 
 fn provenance() -> Provenance {
-    let file = |path: &str, role: &str| FileNote {
-        path: path.into(),
+    let file = |path: &str, role: &str| FileSum {
+        file: path.into(),
         role: role.into(),
         sha256: "00ff".repeat(16),
     };
     Provenance {
-        program_version: "0.1.0".into(),
+        program: "deacal 0.1.0".into(),
         command: "deacal fit robot 'a<b>' && more".into(),
-        rig: Some(file("rig.toml", "")),
-        recordings: vec![(HOSTILE.into(), vec![file("a&b/motion.csv", "motion")])],
-        generated: Some("2024-05-01".into()),
+        rig: Some(file("rig.toml", "rig")),
+        recordings: vec![RecordingSum {
+            id: HOSTILE.into(),
+            files: vec![file("a&b/motion.csv", "motion")],
+        }],
     }
 }
 

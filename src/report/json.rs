@@ -1,0 +1,1121 @@
+//! `fit.json`, `validation.json` and `import.json`: plain data, in the keys that scripts rely on. A number that does not
+//! exist (NaN) is null. No time of day is written: the same inputs give the same bytes.
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::Value;
+
+use super::provenance::{FileSum, Provenance};
+use crate::calibration::{AtBound, ChainError, Estimate, Outcome, RecordingOutcome};
+use crate::dataset::{Dataset, OffsetSource, Plan, Voltage};
+use crate::recording::{Capture, Level, Note, Payload, Recording, Section};
+
+/// A number, or null where there is none.
+pub type Number = Option<f64>;
+
+/// NaN and infinities become `None`.
+#[must_use]
+pub fn finite(value: f64) -> Number {
+    value.is_finite().then_some(value)
+}
+
+/// Values by name, in an order of their own.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Named<T>(pub Vec<(String, T)>);
+
+impl<T> Named<T> {
+    /// The value of a name.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<&T> {
+        self.0.iter().find(|(n, _)| n == name).map(|(_, v)| v)
+    }
+}
+
+impl<T: Serialize> Serialize for Named<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(n, v)| (n, v)))
+    }
+}
+
+impl<'de, T: serde::de::DeserializeOwned> Deserialize<'de> for Named<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let map = serde_json::Map::<String, Value>::deserialize(deserializer)?;
+        map.into_iter()
+            .map(|(n, v)| Ok((n, serde_json::from_value(v)?)))
+            .collect::<Result<_, serde_json::Error>>()
+            .map(Named)
+            .map_err(serde::de::Error::custom)
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for Named<T> {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        format!("Named_{}", T::schema_name()).into()
+    }
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        std::collections::BTreeMap::<String, T>::json_schema(generator)
+    }
+}
+
+/// The text of a JSON file: two spaces an indent, lists of numbers or words in one line, a newline at the end.
+///
+/// # Panics
+/// Never for the types of this room: all their keys are strings.
+#[must_use]
+pub fn to_text(content: &impl Serialize) -> String {
+    let value = serde_json::to_value(content).expect("keys are strings");
+    let mut out = String::new();
+    pretty(&value, 0, &mut out);
+    out.push('\n');
+    out
+}
+
+fn pretty(value: &Value, depth: usize, out: &mut String) {
+    let scalar = |v: &Value| !v.is_array() && !v.is_object();
+    let short = |v: &Value| match v {
+        Value::Array(list) => list.iter().all(scalar),
+        Value::Object(map) => map.is_empty(),
+        _ => true,
+    };
+    let indent = |out: &mut String, depth: usize| {
+        out.push('\n');
+        out.extend(std::iter::repeat_n("  ", depth));
+    };
+    match value {
+        Value::Array(list) if !short(value) => {
+            out.push('[');
+            for (i, v) in list.iter().enumerate() {
+                out.push_str(if i > 0 { "," } else { "" });
+                indent(out, depth + 1);
+                pretty(v, depth + 1, out);
+            }
+            indent(out, depth);
+            out.push(']');
+        }
+        Value::Array(list) => {
+            out.push('[');
+            for (i, v) in list.iter().enumerate() {
+                out.push_str(if i > 0 { ", " } else { "" });
+                pretty(v, depth, out);
+            }
+            out.push(']');
+        }
+        Value::Object(map) if !map.is_empty() => {
+            out.push('{');
+            for (i, (key, v)) in map.iter().enumerate() {
+                out.push_str(if i > 0 { "," } else { "" });
+                indent(out, depth + 1);
+                out.push_str(&Value::from(key.as_str()).to_string());
+                out.push_str(": ");
+                pretty(v, depth + 1, out);
+            }
+            indent(out, depth);
+            out.push('}');
+        }
+        other => out.push_str(&other.to_string()),
+    }
+}
+
+/// The error of a prediction. In V unless `rmse_unit` of the file says otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct Errors {
+    /// Root mean square over the samples of `rmse_basis`.
+    #[serde(rename = "rmse_V")]
+    pub rmse_v: Number,
+    /// Largest magnitude among them.
+    #[serde(rename = "max_error_V")]
+    pub max_error_v: Number,
+    /// Their number; three a frame for a robot.
+    pub n_samples: usize,
+    /// Root mean square over all samples outside gaps and 0.3 s from the ends.
+    #[serde(rename = "rmse_all_V")]
+    pub rmse_all_v: Number,
+    /// Their number.
+    pub n_samples_all: usize,
+    /// What the noise of the capture alone makes of the prediction, rms, over the samples of `rmse_basis`.
+    #[serde(rename = "noise_floor_V")]
+    pub noise_floor_v: Number,
+    /// Samples with phi^2 < 0: no voltage holds that pose; they count as 0 V.
+    pub n_negative: usize,
+}
+
+impl From<&ChainError> for Errors {
+    fn from(e: &ChainError) -> Self {
+        let some = e.samples > 0;
+        Errors {
+            rmse_v: finite(e.rmse_v).filter(|_| some),
+            max_error_v: finite(e.max_error_v).filter(|_| some),
+            n_samples: e.samples,
+            rmse_all_v: finite(e.rmse_all_v),
+            n_samples_all: e.samples_all,
+            noise_floor_v: finite(e.noise_floor_v),
+            n_negative: e.negative,
+        }
+    }
+}
+
+/// `above_1kV` or `all`.
+pub const ABOVE_1KV: &str = "above_1kV";
+
+/// A gap of the capture.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GapJson {
+    /// Time of the first missing frame on the motion clock, s.
+    pub start_s: f64,
+    /// Missing frames.
+    pub frames: usize,
+    /// Length, s.
+    pub duration_s: f64,
+}
+
+fn gaps(time_s: &[f64], gaps: &[(usize, usize)]) -> Vec<GapJson> {
+    let step = match time_s {
+        [a, .., b] => (b - a) / (time_s.len() - 1) as f64,
+        _ => 0.0,
+    };
+    gaps.iter()
+        .filter_map(|&(first, frames)| {
+            Some(GapJson {
+                start_s: *time_s.get(first)?,
+                frames,
+                duration_s: step * frames as f64,
+            })
+        })
+        .collect()
+}
+
+/// One recording against the model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RecordingFit {
+    /// Identity.
+    pub id: String,
+    /// All chains together.
+    #[serde(flatten)]
+    pub errors: Errors,
+    /// Chains 1 to 3; one for a film sample.
+    pub chains: Vec<Errors>,
+    /// Voltage clock minus motion clock, s.
+    pub offset_s: Number,
+    /// Its standard error where it was estimated, s.
+    pub offset_std_error_s: Number,
+    /// Gaps of the capture.
+    pub gaps: Vec<GapJson>,
+    /// Frames that the mechanism cannot reach.
+    pub n_unreachable: usize,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+impl From<&RecordingOutcome> for RecordingFit {
+    fn from(r: &RecordingOutcome) -> Self {
+        RecordingFit {
+            id: r.id.clone(),
+            errors: (&r.total).into(),
+            chains: r.chains.iter().map(Errors::from).collect(),
+            offset_s: finite(r.offset_s),
+            offset_std_error_s: r.offset_std_error_s.and_then(finite),
+            gaps: gaps(&r.time_s, &r.gaps),
+            n_unreachable: r.unreachable.len(),
+            notes: r.notes.clone(),
+        }
+    }
+}
+
+/// One parameter of a fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ParameterJson {
+    /// Value.
+    pub value: Number,
+    /// Unit of all values here.
+    pub unit: String,
+    /// Standard error; null where it was fixed or rests on a bound.
+    pub std_error: Number,
+    /// 95 % interval; null where it was fixed.
+    pub ci95: Option<[Number; 2]>,
+    /// Whether it rests on a bound.
+    pub at_bound: bool,
+    /// Which: `lower`, `upper`.
+    pub bound: Option<String>,
+    /// Whether the recordings determine it.
+    pub identifiable: bool,
+    /// Whether it was held.
+    pub fixed: bool,
+    /// What it is.
+    pub meaning: String,
+    /// How far to trust it.
+    pub says: String,
+}
+
+impl From<&Estimate> for ParameterJson {
+    fn from(e: &Estimate) -> Self {
+        let bound = e.at_bound.map(|b| match b {
+            AtBound::Lower => "lower".to_owned(),
+            AtBound::Upper => "upper".to_owned(),
+        });
+        ParameterJson {
+            value: finite(e.value),
+            unit: e.unit.to_owned(),
+            std_error: finite(e.std_error),
+            ci95: (!e.fixed && e.ci95.iter().any(|v| v.is_finite())).then(|| e.ci95.map(finite)),
+            at_bound: bound.is_some(),
+            bound,
+            identifiable: e.identifiable,
+            fixed: e.fixed,
+            meaning: e.meaning.clone(),
+            says: e.says.clone(),
+        }
+    }
+}
+
+/// One start of a fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StartJson {
+    /// Where it came from.
+    pub origin: String,
+    /// Sum of squares per residual that it reached.
+    pub cost: Number,
+    /// Evaluations that it took.
+    pub evaluations: usize,
+    /// Evaluations that failed.
+    pub failed_evaluations: usize,
+    /// Why it ended.
+    pub ended: String,
+    /// Relaxation times, s, and J that it reached.
+    pub reached: Vec<Number>,
+}
+
+/// A combination of parameters that the recordings leave open.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WeakDirectionJson {
+    /// Relative standard deviation along it.
+    pub relative_sd: Number,
+    /// Share (-1 to 1) of each parameter that takes part, largest first.
+    pub parts: Named<f64>,
+    /// In words.
+    pub says: String,
+}
+
+/// Correlation of the free estimates.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct CorrelationJson {
+    /// Names of rows and columns.
+    pub names: Vec<String>,
+    /// One row a name.
+    pub rows: Vec<Vec<Number>>,
+}
+
+/// Where the prediction errs most, against the noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WorstPlaceJson {
+    /// The place, in words.
+    pub place: String,
+    /// Error there over what the noise makes there.
+    pub ratio: Number,
+    /// Root mean square error there.
+    #[serde(rename = "rmse_V")]
+    pub rmse_v: Number,
+    /// Share of the whole excess over the noise.
+    pub share: Number,
+}
+
+/// `fit.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "fit.json")]
+pub struct FitJson {
+    /// What was fitted: `film`, `forearm`, `robot`, `sample`, `coupon`, `hinge`, `axis`.
+    pub job: String,
+    /// Whether it fits, in one sentence.
+    pub verdict: String,
+    /// All recordings together.
+    #[serde(flatten)]
+    pub errors: Errors,
+    /// Unit of the errors, here and below: `V`, `N m` for a hinge, `Pa` for a coupon, that of the input for an axis.
+    pub rmse_unit: String,
+    /// Samples over which `rmse_V` is taken: `above_1kV` or `all`.
+    pub rmse_basis: String,
+    /// Whether the fit converged.
+    pub converged: bool,
+    /// Why it stopped.
+    pub reason: String,
+    /// Evaluations of all starts and rounds.
+    pub evaluations: usize,
+    /// Those that failed.
+    pub failed_evaluations: usize,
+    /// Sum of weighted squares per residual.
+    pub weighted_mean_square: Number,
+    /// What the noise alone would make of it.
+    pub noise_mean_square: Number,
+    /// Every parameter, by name.
+    pub parameters: Named<ParameterJson>,
+    /// Relative permittivity used.
+    pub eps_r: Number,
+    /// Combinations of parameters that the recordings leave open, worst first.
+    pub weak_directions: Vec<WeakDirectionJson>,
+    /// Correlation of the free estimates.
+    pub correlation: CorrelationJson,
+    /// Each recording.
+    pub recordings: Vec<RecordingFit>,
+    /// Range of forearm swing that the recordings cover, deg.
+    pub swing_range_deg: Option<[f64; 2]>,
+    /// Where the prediction errs most.
+    pub worst: Vec<WorstPlaceJson>,
+    /// The starts, best first.
+    pub starts: Vec<StartJson>,
+    /// Choices made for each recording; `plan.toml` holds the same.
+    pub plan: Vec<Plan>,
+    /// Further sentences a reader should see.
+    pub remarks: Vec<String>,
+    /// What the result was made of.
+    pub provenance: Provenance,
+}
+
+impl FitJson {
+    /// Of a calibration of the robot.
+    #[must_use]
+    pub fn new(outcome: &Outcome, provenance: Provenance) -> Self {
+        let [low, high] = outcome.swing_range_deg;
+        FitJson {
+            job: outcome.job.to_owned(),
+            verdict: outcome.verdict.clone(),
+            errors: (&outcome.total).into(),
+            rmse_unit: "V".to_owned(),
+            rmse_basis: ABOVE_1KV.to_owned(),
+            converged: outcome.converged,
+            reason: outcome.reason.clone(),
+            evaluations: outcome.evaluations,
+            failed_evaluations: outcome.failed_evaluations,
+            weighted_mean_square: finite(outcome.weighted_mean_square),
+            noise_mean_square: finite(outcome.noise_mean_square),
+            parameters: Named(
+                outcome
+                    .estimates
+                    .iter()
+                    .map(|e| (e.name.clone(), e.into()))
+                    .collect(),
+            ),
+            eps_r: finite(outcome.eps_r),
+            weak_directions: outcome
+                .weak_directions
+                .iter()
+                .map(|w| WeakDirectionJson {
+                    relative_sd: finite(w.relative_sd),
+                    parts: Named(w.parts.clone()),
+                    says: w.says.clone(),
+                })
+                .collect(),
+            correlation: CorrelationJson {
+                names: outcome.correlation.0.clone(),
+                rows: outcome
+                    .correlation
+                    .1
+                    .iter()
+                    .map(|row| row.iter().map(|&v| finite(v)).collect())
+                    .collect(),
+            },
+            recordings: outcome.recordings.iter().map(RecordingFit::from).collect(),
+            swing_range_deg: (low.is_finite() && high.is_finite()).then_some([low, high]),
+            worst: outcome
+                .worst
+                .iter()
+                .map(|w| WorstPlaceJson {
+                    place: w.place.clone(),
+                    ratio: finite(w.ratio),
+                    rmse_v: finite(w.rmse_v),
+                    share: finite(w.share),
+                })
+                .collect(),
+            starts: outcome
+                .starts
+                .iter()
+                .map(|s| StartJson {
+                    origin: s.origin.clone(),
+                    cost: finite(s.cost),
+                    evaluations: s.evaluations,
+                    failed_evaluations: s.failed,
+                    ended: s.ended.clone(),
+                    reached: s.reached.iter().map(|&v| finite(v)).collect(),
+                })
+                .collect(),
+            plan: outcome.recordings.iter().map(|r| r.plan.clone()).collect(),
+            remarks: outcome.remarks.clone(),
+            provenance,
+        }
+    }
+}
+
+/// Predicted against recorded motion, per axis x, y, z.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PathErrors {
+    /// Root mean square, mm.
+    pub rmse_mm: [Number; 3],
+    /// Largest magnitude, mm.
+    pub max_mm: [Number; 3],
+    /// Root mean square over the range of the recorded axis.
+    pub rmse_relative: [Number; 3],
+    /// Largest magnitude over the range of the recorded axis.
+    pub max_relative: [Number; 3],
+}
+
+/// Predicted against measured output force in one phase of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ForceErrors {
+    /// Which phase: `hold`, `move`, ...
+    pub phase: String,
+    /// Root mean square, mN.
+    #[serde(rename = "rmse_mN")]
+    pub rmse_mn: Number,
+    /// Largest magnitude, mN.
+    #[serde(rename = "max_mN")]
+    pub max_mn: Number,
+    /// Root mean square over the largest measured force.
+    pub rmse_relative: Number,
+    /// Frames.
+    pub n_frames: usize,
+}
+
+/// Distance between lowest and highest position.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Stroke {
+    /// As recorded, mm.
+    pub recorded: Number,
+    /// As predicted, mm.
+    pub predicted: Number,
+}
+
+/// One recording of a validation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RecordingValidation {
+    /// Errors in volts, offset, gaps.
+    #[serde(flatten)]
+    pub fit: RecordingFit,
+    /// Predicted against recorded motion, where it was predicted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<PathErrors>,
+    /// Predicted against measured force, phase by phase, where it was predicted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<Vec<ForceErrors>>,
+    /// Stroke.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stroke_mm: Option<Stroke>,
+}
+
+/// One parameter file against all recordings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ModelValidation {
+    /// The parameter file.
+    pub params: FileSum,
+    /// Whether it predicts, in one sentence.
+    pub verdict: String,
+    /// All recordings together.
+    #[serde(flatten)]
+    pub errors: Errors,
+    /// Each recording.
+    pub recordings: Vec<RecordingValidation>,
+    /// Where the prediction errs most.
+    pub worst: Vec<WorstPlaceJson>,
+    /// Further sentences a reader should see.
+    pub remarks: Vec<String>,
+}
+
+impl ModelValidation {
+    /// Of parameters held against recordings; `path`, `force` and `stroke_mm` are left for the caller to fill.
+    #[must_use]
+    pub fn new(outcome: &Outcome, params: FileSum) -> Self {
+        let fit = FitJson::new(outcome, Provenance::default());
+        ModelValidation {
+            params,
+            verdict: fit.verdict,
+            errors: fit.errors,
+            recordings: fit
+                .recordings
+                .into_iter()
+                .map(|fit| RecordingValidation {
+                    fit,
+                    path: None,
+                    force: None,
+                    stroke_mm: None,
+                })
+                .collect(),
+            worst: fit.worst,
+            remarks: fit.remarks,
+        }
+    }
+}
+
+/// `validation.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "validation.json")]
+pub struct ValidationJson {
+    /// The first parameter file.
+    #[serde(flatten)]
+    pub model: ModelValidation,
+    /// Unit of the errors.
+    pub rmse_unit: String,
+    /// Samples over which `rmse_V` is taken: `above_1kV` or `all`.
+    pub rmse_basis: String,
+    /// Further parameter files, in the order of the command.
+    pub compared: Vec<ModelValidation>,
+    /// What the result was made of.
+    pub provenance: Provenance,
+}
+
+impl ValidationJson {
+    /// Of one or more parameter files against the same recordings.
+    #[must_use]
+    pub fn new(
+        first: ModelValidation,
+        compared: Vec<ModelValidation>,
+        provenance: Provenance,
+    ) -> Self {
+        ValidationJson {
+            model: first,
+            rmse_unit: "V".to_owned(),
+            rmse_basis: ABOVE_1KV.to_owned(),
+            compared,
+            provenance,
+        }
+    }
+}
+
+/// Something that was found in a file, or dropped from it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct NoteJson {
+    /// `info` or `warning`.
+    pub level: String,
+    /// The file.
+    pub file: String,
+    /// The line it is about, from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<u64>,
+    /// The sentence.
+    pub says: String,
+}
+
+impl From<&Note> for NoteJson {
+    fn from(n: &Note) -> Self {
+        NoteJson {
+            level: match n.level {
+                Level::Info => "info",
+                Level::Warning => "warning",
+            }
+            .to_owned(),
+            file: n.path.display().to_string(),
+            line: n.line,
+            says: n.text.clone(),
+        }
+    }
+}
+
+/// Smallest and largest value; null if there is none.
+fn range(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+    let [low, high] = values
+        .into_iter()
+        .filter(|v| v.is_finite())
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| {
+            [a.min(v), b.max(v)]
+        });
+    (low <= high).then_some([low, high])
+}
+
+fn rate_hz(time_s: &[f64]) -> Number {
+    match time_s {
+        [a, .., b] if b > a => Some((time_s.len() - 1) as f64 / (b - a)),
+        _ => None,
+    }
+}
+
+/// A column of a bare file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ColumnJson {
+    /// Its name, with that of its group.
+    pub name: String,
+    /// As the file says; empty where it says none.
+    pub unit: String,
+    /// Its cell in the row, from 1.
+    pub number: usize,
+    /// Empty cells.
+    pub missing: usize,
+    /// Smallest and largest value, in `unit`.
+    pub range: Option<[f64; 2]>,
+}
+
+/// A marker or a device of a bare file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct GroupJson {
+    /// As the file has it.
+    pub name: String,
+    /// Rows in which it has no value.
+    pub missing: usize,
+    /// Runs of such rows.
+    pub gaps: usize,
+}
+
+/// One table of a bare file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SectionJson {
+    /// `Trajectories`, `Devices`, `table`, ...
+    pub name: String,
+    /// Line at which it begins, from 1.
+    pub line: u64,
+    /// Rows.
+    pub rows: usize,
+    /// Samples per second: declared by the file, else from its time stamps, Hz.
+    pub rate_hz: Number,
+    /// First and last frame number, where the file counts frames.
+    pub frames: Option<[i64; 2]>,
+    /// First and last time on the file's own clock, s.
+    pub time_s: Option<[f64; 2]>,
+    /// Markers and devices.
+    pub groups: Vec<GroupJson>,
+    /// Columns.
+    pub columns: Vec<ColumnJson>,
+}
+
+impl From<&Section> for SectionJson {
+    fn from(s: &Section) -> Self {
+        let times = s.times_s().unwrap_or_default();
+        SectionJson {
+            name: s.name.clone(),
+            line: s.line,
+            rows: s.rows(),
+            rate_hz: s.rate_hz.and_then(finite).or_else(|| rate_hz(&times)),
+            frames: match s.frames.as_slice() {
+                [] => None,
+                all => Some([all[0], all[all.len() - 1]]),
+            },
+            time_s: range(times),
+            groups: s
+                .groups
+                .iter()
+                .map(|g| {
+                    let gaps = s.gaps(g.columns.clone());
+                    GroupJson {
+                        name: g.name.clone(),
+                        missing: gaps.missing,
+                        gaps: gaps.runs,
+                    }
+                })
+                .collect(),
+            columns: s
+                .columns
+                .iter()
+                .map(|c| ColumnJson {
+                    name: c.title(),
+                    unit: c.unit.clone(),
+                    number: c.number,
+                    missing: c.values.iter().filter(|v| v.is_nan()).count(),
+                    range: range(c.values.iter().copied()),
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A bare file: what is in it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImportFile {
+    /// Its path.
+    pub file: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+    /// The importer that read it.
+    pub format: String,
+    /// Its tables.
+    pub sections: Vec<SectionJson>,
+    /// What was found and dropped.
+    pub notes: Vec<NoteJson>,
+}
+
+impl ImportFile {
+    /// Of a file that an importer read.
+    #[must_use]
+    pub fn new(path: &Path, sha256: impl Into<String>, capture: &Capture) -> Self {
+        ImportFile {
+            file: path.display().to_string(),
+            sha256: sha256.into(),
+            format: capture.format.to_owned(),
+            sections: capture.sections.iter().map(SectionJson::from).collect(),
+            notes: capture.notes.iter().map(NoteJson::from).collect(),
+        }
+    }
+}
+
+/// A marker of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MarkerJson {
+    /// As the file has it.
+    pub label: String,
+    /// Frames in which it was not seen.
+    pub missing: usize,
+    /// Smallest and largest x, y, z in capture axes, in `motion.unit`.
+    pub range: [Option<[f64; 2]>; 3],
+}
+
+/// `[motion]` of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MotionJson {
+    /// Samples per second, Hz.
+    pub rate_hz: Number,
+    /// Frames.
+    pub frames: usize,
+    /// Number of the first frame, where the file counts frames.
+    pub first_frame: Option<i64>,
+    /// First and last time on the motion clock, s.
+    pub time_s: Option<[f64; 2]>,
+    /// Unit of the positions as recorded.
+    pub unit: String,
+    /// The marker that moves.
+    pub end_effector: MarkerJson,
+    /// The marker fixed to the frame.
+    pub base: Option<MarkerJson>,
+}
+
+/// A channel of voltages or currents, or a column of a table.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ChannelJson {
+    /// What the column is called.
+    pub label: String,
+    /// Unit as recorded.
+    pub unit: String,
+    /// Empty cells.
+    pub missing: usize,
+    /// Smallest and largest value, in `unit`.
+    pub range: Option<[f64; 2]>,
+}
+
+impl ChannelJson {
+    fn of(label: &str, unit: &str, values: &[f64]) -> Self {
+        ChannelJson {
+            label: label.to_owned(),
+            unit: unit.to_owned(),
+            missing: values.iter().filter(|v| v.is_nan()).count(),
+            range: range(values.iter().copied()),
+        }
+    }
+}
+
+/// A log with a clock of its own: `[voltage]`, `[monitor]`, or the one table of a coupon, bench or axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LogJson {
+    /// Samples per second, Hz, on average.
+    pub rate_hz: Number,
+    /// Rows.
+    pub rows: usize,
+    /// First and last time on its own clock, s.
+    pub time_s: Option<[f64; 2]>,
+    /// `linear` or `previous`: what holds between samples of a voltage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold: Option<String>,
+    /// Volts at the film per volt of the file, where stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
+    /// Its columns.
+    pub channels: Vec<ChannelJson>,
+}
+
+impl LogJson {
+    fn new(time_s: &[f64], rows: usize, channels: Vec<ChannelJson>) -> Self {
+        LogJson {
+            rate_hz: rate_hz(time_s),
+            rows,
+            time_s: range(time_s.iter().copied()),
+            hold: None,
+            scale: None,
+            channels,
+        }
+    }
+}
+
+/// The recording on one clock, in one frame, SI: what a calibration sees.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AlignedJson {
+    /// Frames per second, Hz.
+    pub rate_hz: Number,
+    /// Frames.
+    pub frames: usize,
+    /// First and last frame on the motion clock, s.
+    pub time_s: Option<[f64; 2]>,
+    /// Smallest and largest position of the end effector's centre x, y, z in the world, mm.
+    pub position_mm: [Option<[f64; 2]>; 3],
+    /// Standard deviation of the capture noise of each axis, mm.
+    pub noise_mm: [Number; 3],
+    /// Largest speed, mm/s.
+    pub max_speed_mm_s: Number,
+    /// Largest acceleration, mm/s^2.
+    pub max_acceleration_mm_s2: Number,
+    /// Smallest and largest command of each chain, V.
+    #[serde(rename = "command_V")]
+    pub command_v: Vec<Option<[f64; 2]>>,
+    /// Smallest and largest measured voltage of each chain, V.
+    #[serde(rename = "monitor_V", default, skip_serializing_if = "Option::is_none")]
+    pub monitor_v: Option<Vec<Option<[f64; 2]>>>,
+    /// Voltage clock minus motion clock, s.
+    pub offset_s: Number,
+    /// Its standard error, s, where it was estimated by a fit.
+    pub offset_std_error_s: Number,
+    /// `stated`, `coarse` (a first look: a fit refines it) or `estimated`.
+    pub offset_source: String,
+    /// Gaps of the capture.
+    pub gaps: Vec<GapJson>,
+    /// Frames that can be used: captured, or in a gap that is bridged.
+    pub usable_frames: usize,
+    /// Choices that were made.
+    pub plan: Plan,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+impl AlignedJson {
+    /// Of a dataset; `offset_std_error_s` where a fit estimated the clock offset.
+    #[must_use]
+    pub fn new(d: &Dataset, offset_std_error_s: Option<f64>) -> Self {
+        let n = d.samples();
+        let times: Vec<f64> = (0..n).map(|i| d.time_s(i)).collect();
+        let usable = || (0..n).filter(|&i| d.usable[i]);
+        let largest = |f: &dyn Fn(usize, usize) -> f64| {
+            let size = |i: usize| (0..3).map(|k| f(k, i).powi(2)).sum::<f64>().sqrt() * 1e3;
+            range(usable().map(size)).map(|r| r[1])
+        };
+        let volts = |v: &Voltage| {
+            let channels = v.channels_v().iter();
+            channels.map(|c| range(c.iter().copied())).collect()
+        };
+        AlignedJson {
+            rate_hz: finite(1.0 / d.step_s),
+            frames: n,
+            time_s: range(times.iter().copied()),
+            position_mm: [0, 1, 2].map(|k| range(usable().map(|i| d.axes[k].position[i] * 1e3))),
+            noise_mm: d.noise_m().map(|v| finite(v * 1e3)),
+            max_speed_mm_s: largest(&|k, i| d.axes[k].velocity[i]),
+            max_acceleration_mm_s2: largest(&|k, i| d.axes[k].acceleration[i]),
+            command_v: volts(&d.voltage),
+            monitor_v: d.monitor.as_ref().map(volts),
+            offset_s: finite(d.offset_s),
+            offset_std_error_s: offset_std_error_s.and_then(finite),
+            offset_source: match (d.offset_source, offset_std_error_s) {
+                (OffsetSource::Stated, _) => "stated",
+                (OffsetSource::Free, None) => "coarse",
+                (OffsetSource::Free, Some(_)) => "estimated",
+            }
+            .to_owned(),
+            gaps: gaps(&times, &d.gaps()),
+            usable_frames: usable().count(),
+            plan: d.plan.clone(),
+            notes: d.notes.clone(),
+        }
+    }
+}
+
+/// A recording: what its files hold, and what it became.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImportRecording {
+    /// Identity.
+    pub id: String,
+    /// `robot`, `film-sample`, `film-coupon`, `hinge-bench`, `axis`.
+    pub kind: String,
+    /// When it began, as the manifest has it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<String>,
+    /// Smallest and largest payload, g.
+    pub payload_g: [f64; 2],
+    /// Files that were read, with the importer of each.
+    pub files: Vec<ImportedFile>,
+    /// Motion as recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionJson>,
+    /// Voltage as recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voltage: Option<LogJson>,
+    /// The amplifier's own measurement as recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub monitor: Option<LogJson>,
+    /// The table of a coupon, bench or axis as recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<LogJson>,
+    /// On one clock, in one frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aligned: Option<AlignedJson>,
+    /// What was found and dropped.
+    pub notes: Vec<NoteJson>,
+}
+
+/// A file of a recording.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ImportedFile {
+    /// Role, path and SHA-256.
+    #[serde(flatten)]
+    pub sum: FileSum,
+    /// The importer that read it; `toml` for manifest and rig.
+    pub format: String,
+}
+
+impl ImportRecording {
+    /// Of a recording, and of the dataset that it became where it did.
+    #[must_use]
+    pub fn new(recording: &Recording, dataset: Option<&Dataset>) -> Self {
+        use crate::recording::{RawCoordinate, RawElongation, RawLoad};
+        let marker = |m: &crate::recording::Marker| MarkerJson {
+            label: m.label.clone(),
+            missing: m.xyz.iter().filter(|p| p[0].is_nan()).count(),
+            range: [0, 1, 2].map(|k| range(m.xyz.iter().map(|p| p[k]))),
+        };
+        let motion = recording.motion.as_ref().map(|m| MotionJson {
+            rate_hz: finite(m.rate_hz),
+            frames: m.time_s.len(),
+            first_frame: m.first_frame,
+            time_s: range(m.time_s.iter().copied()),
+            unit: m.unit.symbol.to_owned(),
+            end_effector: marker(&m.end_effector),
+            base: m.base.as_ref().map(marker),
+        });
+        let voltage = recording.voltage.as_ref().map(|v| LogJson {
+            hold: Some(
+                if v.hold_previous {
+                    "previous"
+                } else {
+                    "linear"
+                }
+                .to_owned(),
+            ),
+            scale: v.scale,
+            ..LogJson::new(
+                &v.time_s,
+                v.time_s.len(),
+                v.channels
+                    .iter()
+                    .enumerate()
+                    .map(|(i, c)| {
+                        ChannelJson::of(v.labels.get(i).map_or("", |l| l), v.unit.symbol, c)
+                    })
+                    .collect(),
+            )
+        });
+        let column = |c: &crate::recording::RawColumn| {
+            ChannelJson::of(&c.label, c.unit.map_or("", |u| u.symbol), &c.values)
+        };
+        let monitor = recording.monitor.as_ref().map(|m| {
+            let mut channels: Vec<ChannelJson> = m
+                .channels
+                .iter()
+                .enumerate()
+                .map(|(i, c)| {
+                    ChannelJson::of(&format!("voltage of chain {}", i + 1), m.unit.symbol, c)
+                })
+                .collect();
+            channels.extend(m.current.iter().map(column));
+            LogJson {
+                scale: m.scale,
+                ..LogJson::new(&m.time_s, m.time_s.len(), channels)
+            }
+        });
+        let table = |time: Option<&Vec<f64>>, columns: Vec<&crate::recording::RawColumn>| {
+            LogJson::new(
+                time.map_or(&[], |t| t),
+                columns.first().map_or(0, |c| c.values.len()),
+                columns.into_iter().map(column).collect(),
+            )
+        };
+        let coupon = recording.coupon.as_ref().map(|c| {
+            let elongation = match &c.elongation {
+                RawElongation::Displacement { displacement, .. } => displacement,
+                RawElongation::Stretch(stretch) => stretch,
+            };
+            let load = match &c.load {
+                RawLoad::Force { force, .. } => force,
+                RawLoad::NominalStress(stress) => stress,
+            };
+            table(c.time_s.as_ref(), vec![elongation, load])
+        });
+        let bench = || {
+            let b = recording.bench.as_ref()?;
+            Some(table(b.time_s.as_ref(), vec![&b.angle, &b.torque]))
+        };
+        let axis = || {
+            let a = recording.axis.as_ref()?;
+            let coordinate = match &a.coordinate {
+                RawCoordinate::Position(c) | RawCoordinate::Velocity(c) => c,
+            };
+            let mut columns = vec![coordinate, &a.input];
+            columns.extend(&a.load);
+            Some(table(Some(&a.time_s), columns))
+        };
+        ImportRecording {
+            id: recording.manifest.id.clone(),
+            kind: recording.manifest.kind.name().to_owned(),
+            start: recording.manifest.start.as_ref().map(|s| s.text.clone()),
+            payload_g: match &recording.manifest.payload {
+                Payload::Constant { mass_g } => [*mass_g; 2],
+                Payload::Steps(steps) => {
+                    let masses = steps.iter().map(|s| s.mass_g);
+                    range(masses.chain([0.0])).unwrap_or_default()
+                }
+            },
+            files: recording
+                .sources
+                .iter()
+                .map(|s| ImportedFile {
+                    sum: FileSum::of(s),
+                    format: s.format.clone(),
+                })
+                .collect(),
+            motion,
+            voltage,
+            monitor,
+            table: coupon.or_else(bench).or_else(axis),
+            aligned: dataset.map(|d| AlignedJson::new(d, None)),
+            notes: recording.notes.iter().map(NoteJson::from).collect(),
+        }
+    }
+}
+
+/// `import.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "import.json")]
+pub struct ImportJson {
+    /// Recordings, in the order of the command.
+    pub recordings: Vec<ImportRecording>,
+    /// Bare files, in the order of the command.
+    pub files: Vec<ImportFile>,
+    /// Program and command.
+    pub provenance: Provenance,
+}
+
+/// What a prediction gave, for `--json` of the predicting commands: the values themselves are in the CSV.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct PredictionJson {
+    /// Recording.
+    pub id: String,
+    /// The CSV; null where it went to standard output.
+    pub file: Option<String>,
+    /// Rows, one a capture sample.
+    pub rows: usize,
+    /// Rows without a flag.
+    pub predicted: usize,
+    /// Rows by kind of flag: `gap`, `out of reach`, `phi^2 < 0`, ...
+    pub flagged: std::collections::BTreeMap<String, usize>,
+}
+
+impl PredictionJson {
+    /// Counted from the flags of a predicted table.
+    #[must_use]
+    pub fn new(id: &str, file: Option<&Path>, flags: &[Option<super::csv::Missing>]) -> Self {
+        let mut flagged = std::collections::BTreeMap::new();
+        for flag in flags.iter().flatten() {
+            let text = flag.to_string();
+            let kind = text.split(':').next().unwrap_or("").to_owned();
+            *flagged.entry(kind).or_insert(0) += 1;
+        }
+        PredictionJson {
+            id: id.to_owned(),
+            file: file.map(|f| f.display().to_string()),
+            rows: flags.len(),
+            predicted: flags.iter().filter(|f| f.is_none()).count(),
+            flagged,
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! JSON Schemas of the files that the program writes, kept in `schemas/` as well.
+
+use schemars::{JsonSchema, schema_for};
+
+use super::json::{FitJson, ImportJson, ValidationJson};
+use super::parameter_file::ParametersJson;
+use super::plan_file::PlanFile;
+
+/// Name and text of every schema: `fit` is `schemas/fit.schema.json`.
+#[must_use]
+pub fn schemas() -> Vec<(&'static str, String)> {
+    vec![
+        ("fit", text::<FitJson>()),
+        ("validation", text::<ValidationJson>()),
+        ("import", text::<ImportJson>()),
+        ("parameters", text::<ParametersJson>()),
+        ("plan", text::<PlanFile>()),
+    ]
+}
+
+fn text<T: JsonSchema>() -> String {
+    super::json::to_text(&schema_for!(T))
+}

@@ -1,0 +1,221 @@
+//! Exports hold the same bits as the parameter file, as compilers and interpreters of those languages read them.
+
+use std::path::Path;
+use std::process::Command;
+
+use deacal::report::export::{Format, export};
+use deacal::report::parameter_file::*;
+use deacal::report::provenance::*;
+
+/// Numbers that are hard to print: long, tiny, subnormal, huge, negative zero.
+const HARD: [f64; 8] = [
+    1e5 / 7.0,
+    0.1 + 0.2,
+    f64::MIN_POSITIVE,
+    5e-324,
+    1.797_693_134_862_315_7e308,
+    -0.0,
+    1e16,
+    2.225_073_858_507_201e-308,
+];
+
+fn file() -> ParameterFile {
+    let mut mu: Vec<Quantity> = HARD.iter().map(|v| Quantity::exact(v.abs())).collect();
+    mu[0].std_error = 12.5;
+    let mut times: Vec<f64> = HARD[..7].iter().map(|v| v.abs() + 1e-3).collect();
+    times.sort_by(f64::total_cmp);
+    ParameterFile {
+        film: Some(FilmEntry {
+            mu_pa: mu,
+            relaxation_time_s: times.into_iter().map(Quantity::exact).collect(),
+            locking: Quantity {
+                value: 80.0 / 3.0,
+                std_error: 0.5,
+                ci95: [25.0, 28.0],
+            },
+            eps_r: Some(Quantity::exact(2.8)),
+        }),
+        forearm: Some(ForearmEntry {
+            nodes_deg: vec![-30.0, 1.0 / 3.0],
+            torque_n_m: vec![Quantity::exact(-1.6e-3 / 3.0), Quantity::exact(-0.0)],
+        }),
+        axis: vec![],
+        effects: vec![Effect {
+            id: "series_resistance".into(),
+            actuators: vec![1, 3],
+            values: vec![
+                ("resistance".into(), toml::Value::Float(9.8e6 / 7.0)),
+                (
+                    "kind".into(),
+                    toml::Value::String("it's \"odd\" \\ ??/ */ \u{e9}\n7".into()),
+                ),
+                ("on".into(), toml::Value::Boolean(true)),
+                (
+                    "knots".into(),
+                    toml::Value::Array(vec![toml::Value::Float(0.1), toml::Value::Integer(2)]),
+                ),
+            ],
+        }],
+        provenance: Provenance {
+            program: "deacal 0.1.0".into(),
+            command: "deacal fit robot a */ b \\".into(),
+            rig: None,
+            recordings: vec![RecordingSum {
+                id: "a".into(),
+                files: vec![FileSum {
+                    role: "motion".into(),
+                    file: "a.csv".into(),
+                    sha256: "00ff".into(),
+                }],
+            }],
+        },
+        ..ParameterFile::default()
+    }
+}
+
+/// Bits of every plain number, in the order in which the test programs print them.
+fn expected(file: &ParameterFile) -> String {
+    let film = file.film.as_ref().unwrap();
+    let forearm = file.forearm.as_ref().unwrap();
+    let mut all: Vec<f64> = Vec::new();
+    all.extend(film.mu_pa.iter().map(|q| q.value));
+    all.extend(film.relaxation_time_s.iter().map(|q| q.value));
+    all.push(film.locking.value);
+    all.push(film.eps_r.unwrap().value);
+    all.extend(&forearm.nodes_deg);
+    all.extend(forearm.torque_n_m.iter().map(|q| q.value));
+    all.push(file.effects[0].number("resistance").unwrap());
+    all.iter()
+        .map(|v| format!("{:016x}\n", v.to_bits()))
+        .collect()
+}
+
+fn run(program: &str, args: &[&Path]) -> Option<String> {
+    let output = match Command::new(program).args(args).output() {
+        Ok(output) => output,
+        Err(error) => {
+            eprintln!("skipped: {program}: {error}");
+            return None;
+        }
+    };
+    assert!(
+        output.status.success(),
+        "{program}: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    Some(String::from_utf8(output.stdout).unwrap())
+}
+
+#[test]
+fn c_compiles_without_a_warning_and_has_the_same_bits() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("p.h"), export(&file(), Format::C)).unwrap();
+    let program = r#"
+#include "p.h"
+#include "p.h"
+#include <stdio.h>
+#include <string.h>
+static void show(double v) { unsigned long long b; memcpy(&b, &v, 8); printf("%016llx\n", b); }
+#define ALL(a, n) do { int i; for (i = 0; i < n; i++) show(a[i]); } while (0)
+int main(void) {
+    ALL(deacal_film_mu_Pa, DEACAL_FILM_MU_PA_COUNT);
+    ALL(deacal_film_T_s, DEACAL_FILM_T_S_COUNT);
+    show(deacal_film_J);
+    show(deacal_film_eps_r);
+    ALL(deacal_forearm_nodes_deg, DEACAL_FOREARM_NODES_DEG_COUNT);
+    ALL(deacal_forearm_torque_N_m, DEACAL_FOREARM_TORQUE_N_M_COUNT);
+    show(deacal_effect_1_resistance);
+    return deacal_effect_1_on == 1 && deacal_effect_1_actuators[1] == 3
+        && strstr(deacal_effect_1_kind, "it's \"odd\" \\ \?\?/ */ \xc3\xa9 7") ? 0 : 1;
+}
+"#;
+    let source = dir.path().join("main.c");
+    std::fs::write(&source, program).unwrap();
+    let binary = dir.path().join("main");
+    let flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-o"].map(Path::new);
+    let mut args = flags.to_vec();
+    args.extend([binary.as_path(), source.as_path()]);
+    if run("cc", &args).is_none() {
+        return;
+    }
+    let got = run(binary.to_str().unwrap(), &[]).unwrap();
+    assert_eq!(got, expected(&file()));
+}
+
+#[test]
+fn python_has_the_same_bits() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(
+        dir.path().join("parameters.py"),
+        export(&file(), Format::Python),
+    )
+    .unwrap();
+    let script = dir.path().join("main.py");
+    std::fs::write(
+        &script,
+        r#"
+import struct, sys
+sys.dont_write_bytecode = True
+import parameters as p
+def show(*values):
+    for v in values:
+        sys.stdout.write(struct.pack(">d", v).hex() + "\n")
+d = p.PARAMETERS
+assert d["film"]["mu_Pa"] is p.FILM_mu_Pa
+show(*d["film"]["mu_Pa"], *p.FILM_T_s, p.FILM_J, p.FILM_eps_r, *p.FOREARM_nodes_deg)
+show(*p.FOREARM_torque_N_m, d["effect"][0]["resistance"])
+e = p.EFFECT_1
+assert e["kind"] == "it's \"odd\" \\ ??/ */ \u00e9\n7" and e["on"] is True and e["actuators"] == [1, 3], e
+assert e["knots"] == [0.1, 2.0]
+"#,
+    )
+    .unwrap();
+    if let Some(got) = run("python3", &[&script]) {
+        assert_eq!(got, expected(&file()));
+    }
+}
+
+#[test]
+fn json_has_the_same_bits() {
+    let text = export(&file(), Format::Json);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let film = file().film.unwrap();
+    let mu = json["film"]["mu_Pa"].as_array().unwrap();
+    for (got, want) in mu.iter().zip(&film.mu_pa) {
+        assert_eq!(got.as_f64().unwrap().to_bits(), want.value.to_bits());
+    }
+    assert!(json["film"]["mu_Pa_std_error"][1].is_null());
+    assert_eq!(json["film"]["mu_Pa_std_error"][0], 12.5);
+    assert_eq!(json["effect"][0]["id"], "series_resistance");
+    assert_eq!(json["provenance"]["recording"][0]["id"], "a");
+}
+
+#[test]
+fn matlab_is_written_as_matlab_reads_it() {
+    let text = export(&file(), Format::Matlab);
+    for part in [
+        "deacal = struct();\n",
+        "deacal.film.J = 26.666666666666668;\n",
+        "deacal.film.mu_Pa_std_error = [12.5 NaN ",
+        "deacal.forearm.torque_N_m = [-0.0005333333333333334 -0.0];\n",
+        "deacal.effect{1}.id = 'series_resistance';\n",
+        "deacal.effect{1}.kind = 'it''s \"odd\" ",
+        "deacal.effect{1}.knots = [0.1 2.0];\n",
+    ] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    assert!(text.lines().all(|l| l.starts_with(['%', 'd'])), "{text}");
+}
+
+#[test]
+fn an_empty_film_compiles_too() {
+    let mut file = file();
+    let film = file.film.as_mut().unwrap();
+    film.mu_pa.truncate(1);
+    film.relaxation_time_s.clear();
+    let text = export(&file, Format::C);
+    assert!(text.contains("#define DEACAL_FILM_T_S_COUNT 0\n"), "{text}");
+    assert!(!text.contains("deacal_film_T_s["), "{text}");
+    assert_eq!(Format::parse("c"), Some(Format::C));
+    assert_eq!(Format::parse("x"), None);
+}

@@ -282,19 +282,6 @@ impl Dataset {
         track
     }
 
-    /// The smoothed track as it would be with fresh capture noise on top: twice the noise, no more smoothing error.
-    pub fn noisier_track(&self, generator: &mut impl Rng) -> Track {
-        let mut track = self.track();
-        for (k, axis) in self.axes.iter().enumerate() {
-            axis.draw_noise(generator, |i, d| {
-                track.position_m[i][k] += d[0];
-                track.velocity_m_s[i][k] += d[1];
-                track.acceleration_m_s2[i][k] += d[2];
-            });
-        }
-        track
-    }
-
     /// Runs of frames that were not captured: first frame and length.
     pub fn gaps(&self) -> Vec<(usize, usize)> {
         let observed: Vec<bool> = (0..self.samples()).map(|i| self.captured(i)).collect();

@@ -424,43 +424,6 @@ fn run<const M: usize>(
 }
 
 impl<const M: usize> PosteriorOf<M> {
-    /// What the smoother makes of white noise of standard deviation `scale` on the observed samples.
-    fn respond(&self, scale: f64, generator: &mut impl Rng) -> Vec<[f64; M]> {
-        let predict = |x: &[f64; M]| {
-            let mut out = [0.0; M];
-            for j in 0..M {
-                out[j] = (j..M).map(|k| x[k] / factorial(k - j)).sum();
-            }
-            out
-        };
-        let mut x = [0.0; M];
-        let mut states = Vec::with_capacity(self.of_sample.len());
-        for &number in &self.of_sample {
-            let g = &self.gains[number as usize];
-            let normal: f64 = StandardNormal.sample(generator);
-            let e = scale * normal - x[0];
-            for j in 0..M {
-                x[j] += g.gain[j] * e;
-            }
-            states.push(x);
-            x = predict(&x);
-        }
-        for i in (0..states.len().saturating_sub(1)).rev() {
-            let g = &self.gains[self.of_sample[i] as usize];
-            let ahead = predict(&states[i]);
-            let mut change = [0.0; M];
-            for j in 0..M {
-                change[j] = (0..M)
-                    .map(|k| g.back[j][k] * (states[i + 1][k] - ahead[k]))
-                    .sum();
-            }
-            for j in 0..M {
-                states[i][j] += change[j];
-            }
-        }
-        states
-    }
-
     /// Standard deviation of the smoothed position: P_i = L L' + G P_{i+1} G', backwards.
     fn position_sd(&self, noise: f64) -> Vec<f64> {
         let mut p = [[0.0; M]; M];
@@ -513,27 +476,6 @@ impl SmoothedAxis {
         match &self.posterior {
             Posterior::Three(p) => p.draw(self.choice.noise, generator, |i, d| each(i, scaled(&d))),
             Posterior::Four(p) => p.draw(self.choice.noise, generator, |i, d| each(i, scaled(&d))),
-        }
-    }
-
-    /// What fresh capture noise would make of the smoothed track: only the noise, not what smoothing takes from the motion. Calls
-    /// `each` with the sample and the deviations of position, velocity and acceleration.
-    pub fn draw_noise(&self, generator: &mut impl Rng, mut each: impl FnMut(usize, [f64; 3])) {
-        let h = self.step_s;
-        let mut pass = |i: usize, d: &[f64]| each(i, [d[0], d[1] / h, d[2] / (h * h)]);
-        match &self.posterior {
-            Posterior::Three(p) => {
-                p.respond(self.choice.noise, generator)
-                    .iter()
-                    .enumerate()
-                    .for_each(|(i, d)| pass(i, d));
-            }
-            Posterior::Four(p) => {
-                p.respond(self.choice.noise, generator)
-                    .iter()
-                    .enumerate()
-                    .for_each(|(i, d)| pass(i, d));
-            }
         }
     }
 }

@@ -169,7 +169,7 @@ fn put(buffer: &mut Vec<u8>, flag: &Missing) {
     }
 }
 
-/// `pose (..) mm is out of reach: chain 2, elbow (bicep and forearm): ...` becomes `chain 2 elbow`.
+/// `pose (..) mm is out of reach: chain 2, bicep (bicep and forearm): ...` becomes `chain 2 elbow`.
 fn short_reach(why: &str) -> String {
     match why.split_once("out of reach: ") {
         Some((_, rest)) => {
@@ -383,7 +383,7 @@ mod tests {
             high: 1.0,
         };
         let flag = Missing::OutOfReach(short_reach(&error.to_string()));
-        assert_eq!(flag.to_string(), "out of reach: chain 2 elbow");
+        assert_eq!(flag.to_string(), "out of reach: chain 2 bicep");
         let flag = Missing::OutOfReach(short_reach("the actuators hold no force"));
         assert_eq!(flag.to_string(), "out of reach: singular pose");
         assert_eq!(

@@ -19,8 +19,6 @@ const BLOCK: usize = 64;
 const HELD: usize = 512;
 /// Tracks that are drawn from the capture's uncertainty to see what it does to the residual.
 const REPLICATES: usize = 12;
-/// Tracks with fresh noise that tell what the noise adds to the columns.
-const NOISE_TRACKS: usize = 6;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
 const COVARIANCE_REACH_S: f64 = 0.6;
 /// Length of a block of the noise scores, s: long against the correlation of the residual's noise.
@@ -69,15 +67,6 @@ struct Prepared<'a> {
     robust: Vec<f64>,
     /// Whitened residual changes of the replicates: replicate, kept sample, chain.
     errors: Vec<Vec<f64>>,
-    /// Mean Gram matrix of what the capture noise adds to the columns, and the parameters at which it was worked out.
-    noise_gram: Option<NoiseGram>,
-}
-
-/// See [`RobotResidual::weigh`].
-struct NoiseGram {
-    gram: Vec<f64>,
-    eta: Vec<f64>,
-    beta: Vec<f64>,
 }
 
 /// Residual of several robot recordings that share film and forearms.
@@ -239,12 +228,12 @@ impl<'a> RobotResidual<'a> {
     /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has three rows.
     fn for_each_block(
         &self,
-        r: &Prepared,
         recording: usize,
         eta: &[f64],
         reference: &[f64],
         mut each: impl FnMut(usize, &[f64]),
     ) -> Result<(), Locked> {
+        let r = &self.recordings[recording];
         let n = self.layout.branches;
         let springs = n + 1;
         let nodes = self.layout.nodes;
@@ -364,117 +353,14 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
-    /// Gram matrix of one recording, columns as in [`RobotResidual::width`] (lower triangle), less what the capture noise adds to it.
+    /// Gram matrix of one recording, columns as in [`RobotResidual::width`].
     fn gram(&self, recording: usize, eta: &[f64], reference: &[f64]) -> Result<Vec<f64>, Locked> {
         let width = self.width();
         let mut gram = vec![0.0; width * width];
-        self.for_each_block(
-            &self.recordings[recording],
-            recording,
-            eta,
-            reference,
-            |_, rows| {
-                add_rows(self.arch, rows, width, &mut gram);
-            },
-        )?;
-        if let Some(noise) = &self.recordings[recording].noise_gram {
-            self.remove_noise(recording, noise, eta, reference, &mut gram);
-        }
-        Ok(gram)
-    }
-
-    /// Takes the noise's own inner products out of `gram`. They are known at (eta_0, beta_0); to first order the residual's
-    /// noise at (eta, reference) is that of the residual there plus its columns' noise times the change of the parameters. The
-    /// constant part of the residual's own square stays, so that the sum of squares keeps its meaning.
-    fn remove_noise(
-        &self,
-        recording: usize,
-        noise: &NoiseGram,
-        eta: &[f64],
-        reference: &[f64],
-        gram: &mut [f64],
-    ) {
-        let width = self.width();
-        let linear = self.layout.linear();
-        let columns = self.columns(recording);
-        let last = columns[columns.len() - 1].expect("the residual has a column");
-        // new residual column = old one + sum of columns times these
-        let mut move_by = vec![0.0; width];
-        for (b, m) in move_by.iter_mut().enumerate().take(linear) {
-            *m = reference[b] - noise.beta[b];
-        }
-        for (s, slope) in self.slopes().iter().enumerate() {
-            if let Some(c) = columns[linear + s] {
-                let change = eta[slope.nonlinear] - noise.eta[slope.nonlinear];
-                move_by[c] += slope.linear.map_or(1.0, |b| noise.beta[b]) * change;
-            }
-        }
-        let c = |i: usize, j: usize| noise.gram[i.max(j) * width + i.min(j)];
-        let mut residual = vec![0.0; width];
-        for (i, r) in residual.iter_mut().enumerate() {
-            *r = c(i, last) + (0..last).map(|j| c(i, j) * move_by[j]).sum::<f64>();
-        }
-        let square = residual[last] + (0..last).map(|i| move_by[i] * residual[i]).sum::<f64>();
-        for i in 0..last {
-            for j in 0..=i {
-                gram[i * width + j] -= c(i, j);
-            }
-            gram[last * width + i] -= residual[i];
-        }
-        gram[last * width + last] -= square - c(last, last);
-    }
-
-    /// Mean Gram matrix of what fresh capture noise adds to the whitened columns of a recording at the parameters.
-    fn noise_gram(&self, number: usize, eta: &[f64], beta: &[f64]) -> Result<NoiseGram, Locked> {
-        let r = &self.recordings[number];
-        let width = self.width();
-        let mut base = vec![0.0; 3 * r.centres.len() * width];
-        self.for_each_block(r, number, eta, beta, |first, rows| {
-            base[3 * first * width..3 * first * width + rows.len()].copy_from_slice(rows);
+        self.for_each_block(recording, eta, reference, |_, rows| {
+            add_rows(self.arch, rows, width, &mut gram);
         })?;
-        let grams: Vec<Vec<f64>> = (0..NOISE_TRACKS)
-            .into_par_iter()
-            .map(|m| {
-                let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca12 + m as u64);
-                generator.set_stream(number as u64);
-                let track = r.dataset.noisier_track(&mut generator);
-                let mut gram = vec![0.0; width * width];
-                let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
-                    return Ok(gram);
-                };
-                if mechanics.unreachable.len() > r.mechanics.unreachable.len() {
-                    return Ok(gram);
-                }
-                let mut noisier = prepare(r.dataset, mechanics, &self.forearm, self.layout.nodes);
-                if noisier.centres != r.centres {
-                    return Ok(gram);
-                }
-                noisier.whitening.clone_from(&r.whitening);
-                noisier.robust.clone_from(&r.robust);
-                let mut change = Vec::new();
-                self.for_each_block(&noisier, number, eta, beta, |first, rows| {
-                    change.clear();
-                    change.extend(
-                        rows.iter()
-                            .zip(&base[3 * first * width..])
-                            .map(|(a, b)| a - b),
-                    );
-                    add_rows(self.arch, &change, width, &mut gram);
-                })?;
-                Ok(gram)
-            })
-            .collect::<Result<_, Locked>>()?;
-        let mut gram = vec![0.0; width * width];
-        for own in &grams {
-            for (sum, g) in gram.iter_mut().zip(own) {
-                *sum += g / grams.len() as f64;
-            }
-        }
-        Ok(NoiseGram {
-            gram,
-            eta: eta.to_vec(),
-            beta: beta.to_vec(),
-        })
+        Ok(gram)
     }
 
     fn slopes(&self) -> Vec<Slope> {
@@ -510,17 +396,11 @@ impl<'a> RobotResidual<'a> {
         let width = self.width();
         let last = 2 * self.layout.branches + 2 + self.layout.branches + self.layout.nodes + 1;
         let mut out = vec![0.0; self.recordings[recording].centres.len()];
-        self.for_each_block(
-            &self.recordings[recording],
-            recording,
-            eta,
-            beta,
-            |first, rows| {
-                for (i, row) in rows.chunks_exact(width).enumerate() {
-                    out[first + i / 3] += row[last] * row[last];
-                }
-            },
-        )?;
+        self.for_each_block(recording, eta, beta, |first, rows| {
+            for (i, row) in rows.chunks_exact(width).enumerate() {
+                out[first + i / 3] += row[last] * row[last];
+            }
+        })?;
         Ok(out)
     }
 
@@ -674,10 +554,6 @@ impl<'a> RobotResidual<'a> {
                 }
             }
         }
-        for number in 0..self.recordings.len() {
-            let noise = self.noise_gram(number, eta, beta)?;
-            self.recordings[number].noise_gram = Some(noise);
-        }
         Ok(())
     }
 
@@ -711,7 +587,7 @@ impl<'a> RobotResidual<'a> {
             let blocks = r.centres.len().div_ceil(per_block);
             let mut scores = vec![DMatrix::<f64>::zeros(size, r.errors.len()); blocks];
             let mut x = vec![0.0; size];
-            self.for_each_block(r, number, eta, beta, |first, rows| {
+            self.for_each_block(number, eta, beta, |first, rows| {
                 for (i, row) in rows.chunks_exact(width).enumerate() {
                     let kept = first + i / 3;
                     x.fill(0.0);
@@ -906,7 +782,6 @@ fn prepare<'a>(
         whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
         robust: vec![1.0; kept],
         errors: Vec::new(),
-        noise_gram: None,
     };
     if !free {
         prepared.maxwell = Some(prepared.maxwell_at(dataset.offset_s));

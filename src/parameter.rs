@@ -7,6 +7,8 @@ pub enum Transform {
     Linear,
     /// By its natural logarithm: positive, and a step is a ratio.
     Log,
+    /// By its reciprocal: what the data tell of a limit that may lie far away.
+    Reciprocal,
 }
 
 impl Transform {
@@ -15,6 +17,7 @@ impl Transform {
         match self {
             Transform::Linear => value,
             Transform::Log => value.ln(),
+            Transform::Reciprocal => 1.0 / value,
         }
     }
 
@@ -23,6 +26,7 @@ impl Transform {
         match self {
             Transform::Linear => search,
             Transform::Log => search.exp(),
+            Transform::Reciprocal => 1.0 / search,
         }
     }
 
@@ -31,6 +35,7 @@ impl Transform {
         match self {
             Transform::Linear => search_error,
             Transform::Log => value * search_error,
+            Transform::Reciprocal => value * value * search_error,
         }
     }
 }
@@ -64,7 +69,7 @@ mod tests {
 
     #[test]
     fn transforms_invert_each_other() {
-        for t in [Transform::Linear, Transform::Log] {
+        for t in [Transform::Linear, Transform::Log, Transform::Reciprocal] {
             assert!((t.to_model(t.to_search(0.37)) - 0.37).abs() < 1e-15);
         }
         assert!((Transform::Log.std_error(2.0, 0.1) - 0.2).abs() < 1e-15);

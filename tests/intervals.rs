@@ -205,6 +205,28 @@ fn intervals_hold_the_truth() {
                 .unwrap();
             let inside = e.ci95[0] <= truth && truth <= e.ci95[1];
             all_held += usize::from(inside);
+            if e.identifiable
+                && !inside
+                && std::env::var("SHOW").is_ok()
+                && (estimate == "T_6" || estimate == "T_5" || estimate == "mu_1")
+            {
+                println!(
+                    "{estimate} truth {truth:.4} est {:.4} se {:.4} ci {:?}",
+                    e.value, e.std_error, e.ci95
+                );
+                for k in &outcome.estimates {
+                    if !k.fixed {
+                        print!(
+                            " {}={:.4}({:.2}{})",
+                            k.name,
+                            k.value,
+                            k.std_error / k.value,
+                            if k.identifiable { "" } else { "!" }
+                        );
+                    }
+                }
+                println!("\n   film {film:?}");
+            }
             if e.identifiable {
                 own_called += 1;
                 own_held += usize::from(inside);

@@ -462,8 +462,17 @@ pub fn calibrate_coupons(
         .collect();
     let uncertainty = Uncertainty::new(&gram, &noise, &precision, &is_free);
     let of_misfit = Uncertainty::new(&gram, &misfit, &precision, &is_free);
-    let by_noise = estimates(&list, &state, &uncertainty, &resting, &order, split);
-    let by_misfit = estimates(&list, &state, &of_misfit, &resting, &order, split);
+    let curved = vec![None; list.len()];
+    let by_noise = estimates(
+        &list,
+        &state,
+        &uncertainty,
+        &curved,
+        &resting,
+        &order,
+        split,
+    );
+    let by_misfit = estimates(&list, &state, &of_misfit, &curved, &resting, &order, split);
     outcome.misfit_std_error = by_misfit.iter().map(|e| e.std_error).collect();
     outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
     outcome.correlation = correlation(&list, &uncertainty, &order);

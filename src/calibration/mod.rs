@@ -5,6 +5,7 @@
 
 mod coupon;
 mod outcome;
+mod profile;
 mod robot;
 mod statistics;
 

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;
 
 use super::outcome::*;
+use super::profile::{Candidate, TWO_SIDED_95, profile};
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
@@ -78,6 +79,8 @@ impl Request {
 const START_TIMES_S: [f64; 2] = [0.03, 100.0];
 /// Locking constant of a start, of the order of silicone and acrylic films.
 const START_LOCKING: f64 = 50.0;
+/// What is known of 1/J beforehand: films lock at an invariant of ten or more.
+const RECIPROCAL_LOCKING_SD: f64 = 0.05;
 /// What is known of a relaxation time or the locking constant beforehand: its order of magnitude (half a decade).
 const LOG_PRIOR_SD: f64 = 1.15;
 /// What is known of a nodal torque beforehand: a few mN m, N m.
@@ -86,6 +89,10 @@ const TORQUE_PRIOR_N_M: f64 = 5e-3;
 const ROUNDS: usize = 2;
 /// Relative standard error up to which a parameter counts as determined.
 const IDENTIFIABLE: f64 = 0.25;
+/// Relative standard error of a relaxation time beyond which its modulus does not count as determined either.
+const HARDLY_KNOWN: f64 = 0.5;
+/// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it counts as open anyway.
+const PROFILED: std::ops::Range<f64> = 0.05..0.35;
 /// Standard error up to which a nodal torque counts as determined, N m.
 const IDENTIFIABLE_TORQUE_N_M: f64 = 2e-4;
 /// Relative standard deviation above which a combination of parameters is reported as open.
@@ -135,11 +142,11 @@ fn parameters(request: &Request, datasets: &[&Dataset]) -> Result<(Vec<Parameter
         name: "J".into(),
         meaning: "locking constant of the Gent springs".into(),
         unit: "1",
-        transform: Transform::Log,
+        transform: Transform::Reciprocal,
         start: start.map_or(START_LOCKING, |p| p.film.locking),
         lower: 0.05,
         upper: 1e4,
-        prior_sd: Some(LOG_PRIOR_SD),
+        prior_sd: Some(RECIPROCAL_LOCKING_SD),
         fixed: hold_film,
     });
     for d in datasets
@@ -208,7 +215,7 @@ pub(super) fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(
             })
     };
     let check = |p: &Parameter, value: f64| {
-        if value.is_nan() || (p.transform == Transform::Log && value <= 0.0) {
+        if value.is_nan() || (p.transform != Transform::Linear && value <= 0.0) {
             let what = format!("{value} {} is not possible: it must be above 0", p.unit);
             return Err(Error::BadValue {
                 name: p.name.clone(),
@@ -247,10 +254,14 @@ pub(super) fn unknown(p: &Parameter) -> Unknown {
     if p.fixed {
         return Unknown::fixed(start);
     }
+    let (a, b) = (
+        p.transform.to_search(p.lower),
+        p.transform.to_search(p.upper),
+    );
     Unknown {
         start,
-        lower: p.transform.to_search(p.lower),
-        upper: p.transform.to_search(p.upper),
+        lower: a.min(b),
+        upper: a.max(b),
         prior: p.prior_sd.map(|sd| Prior { mean: start, sd }),
     }
 }
@@ -318,7 +329,11 @@ pub fn calibrate_robot(
             evaluations: s.evaluations,
             failed: s.failed,
             ended: s.ended.map_or("", Ended::words).into(),
-            reached: s.eta[..=branches].iter().map(|e| e.exp()).collect(),
+            reached: list[..=branches]
+                .iter()
+                .zip(&s.eta)
+                .map(|(p, x)| p.transform.to_model(*x))
+                .collect(),
         })
         .collect();
     let mut state = states.swap_remove(0).1;
@@ -368,18 +383,26 @@ pub fn calibrate_robot(
             }
         })
         .collect();
-    let is_free: Vec<bool> = (0..unknowns.len())
-        .map(|i| !unknowns[i].is_fixed() && resting[i].is_none())
-        .collect();
+    // What rests on a bound by chance moves the others all the same: it counts as free in the covariance.
+    let is_free: Vec<bool> = unknowns.iter().map(|u| !u.is_fixed()).collect();
     let size = unknowns.len();
-    let uncertainty = Uncertainty::new(
-        &gram.view((0, 0), (size, size)).into_owned(),
-        &scores,
-        &precision,
-        &is_free,
-    );
+    let gram = gram.view((0, 0), (size, size)).into_owned();
+    let uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
     let order = rising(&state.eta[..branches], &list, split);
-    let estimates = estimates(&list, &state, &uncertainty, &resting, &order, split);
+    let white = Uncertainty::new(&gram, &gram, &precision, &is_free);
+    let candidates = candidates(&list, &state, &uncertainty, &white, split);
+    let (reach, spent) = profile(&residual, nonlinear, linear, &state, &candidates);
+    evaluations += spent;
+    let mut ends: Vec<Option<[f64; 2]>> = vec![None; size];
+    for (candidate, reach) in candidates.iter().zip(reach) {
+        ends[candidate.unknown] = Some(reach);
+    }
+    let mut estimates = estimates(&list, &state, &uncertainty, &ends, &resting, &order, split);
+    let longest_s = datasets
+        .iter()
+        .map(|d| d.step_s * d.samples() as f64)
+        .fold(0.0, f64::max);
+    doubt_slow_branches(&mut estimates, longest_s);
     let parameters = sorted_parameters(&residual, &state, &order[..branches]);
     let stage = request.stage;
     let mut outcome = assemble(stage.name(), &residual, &state.eta, &state.beta, parameters)?;
@@ -543,10 +566,74 @@ fn sorted_parameters(residual: &RobotResidual, state: &State, by_time: &[usize])
     p
 }
 
+/// A branch whose relaxation time is longer than half the longest recording, or hardly known, is not called determined, whatever
+/// the curvature says: it shows only its beginning, which the equilibrium spring and its neighbours can imitate.
+fn doubt_slow_branches(estimates: &mut [Estimate], longest_s: f64) {
+    let times: Vec<(String, f64, f64)> = estimates
+        .iter()
+        .filter_map(|e| {
+            let number = e.name.strip_prefix("T_")?;
+            Some((number.to_string(), e.value, e.std_error / e.value))
+        })
+        .collect();
+    for (number, time_s, relative) in times {
+        let slow = time_s > 0.5 * longest_s;
+        if !slow && relative < HARDLY_KNOWN {
+            continue;
+        }
+        let modulus = number.parse::<usize>().map_or(0, |n| n + 1);
+        for e in estimates.iter_mut() {
+            let of_branch = e.name == format!("T_{number}") || e.name == format!("mu_{modulus}");
+            if of_branch && e.identifiable {
+                e.identifiable = false;
+                e.says = if slow {
+                    format!(
+                        "not determined: {longest_s:.0} s of recording are too short for a branch of {time_s:.0} s"
+                    )
+                } else {
+                    format!(
+                        "not determined: the relaxation time of its branch is open to {:.0} %",
+                        100.0 * relative
+                    )
+                };
+            }
+        }
+    }
+}
+
+/// Film parameters of middling certainty: those whose interval the curvature alone may get wrong, and that may still be called
+/// determined.
+fn candidates(
+    list: &[Parameter],
+    state: &State,
+    uncertainty: &Uncertainty,
+    white: &Uncertainty,
+    split: usize,
+) -> Vec<Candidate> {
+    (0..list.len())
+        .filter(|&i| uncertainty.free[i])
+        .filter_map(|unknown| {
+            let std_error = uncertainty.std_error(unknown);
+            let relative = match (list[unknown].transform, list[unknown].unit) {
+                (Transform::Log, _) => std_error,
+                (_, "Pa") => std_error / state.beta[unknown - split].abs(),
+                _ => return None,
+            };
+            let own = white.covariance[(unknown, unknown)];
+            PROFILED.contains(&relative).then(|| Candidate {
+                unknown,
+                std_error,
+                inflation: (std_error * std_error / own).max(1.0),
+            })
+        })
+        .collect()
+}
+
 pub(super) fn estimates(
     list: &[Parameter],
     state: &State,
     uncertainty: &Uncertainty,
+    profiled: &[Option<[f64; 2]>],
     resting: &[Option<AtBound>],
     order: &[usize],
     split: usize,
@@ -565,16 +652,27 @@ pub(super) fn estimates(
         .map(|(place, &i)| {
             let p = &list[i];
             let (search, value) = value_of(i);
-            let search_error = uncertainty.std_error(i);
+            let local = uncertainty.std_error(i);
+            // Never surer than the curvature says, nor than the profile does.
+            let reach = profiled[i]
+                .unwrap_or([0.0; 2])
+                .map(|d| d.max(TWO_SIDED_95 * local));
+            let search_error = local.max((reach[0] + reach[1]) / (2.0 * TWO_SIDED_95));
             let std_error = p.transform.std_error(value, search_error);
             let ends = if p.fixed {
                 [value, value]
             } else if resting[i].is_some() || !search_error.is_finite() {
                 [p.lower, p.upper]
             } else {
-                let half = 1.96 * search_error;
-                [search - half, search + half]
-                    .map(|x| p.transform.to_model(x).clamp(p.lower, p.upper))
+                let ends = [search - reach[0], search + reach[1]].map(|x| {
+                    let positive = p.transform == Transform::Reciprocal && x <= 0.0;
+                    if positive {
+                        p.upper
+                    } else {
+                        p.transform.to_model(x).clamp(p.lower, p.upper)
+                    }
+                });
+                [ends[0].min(ends[1]), ends[0].max(ends[1])]
             };
             let torque = p.unit == "N m";
             let relative = std_error / value.abs();
@@ -662,6 +760,7 @@ pub(super) fn weak_directions(
         .enumerate()
         .map(|(i, p)| match (p.transform, p.unit) {
             (Transform::Log, _) => 1.0,
+            (Transform::Reciprocal, _) => 0.05,
             (_, "N m") => torque_size,
             (_, "s") => 0.01,
             _ => state.beta[i - split].abs().max(1.0),

@@ -29,7 +29,7 @@ pub(crate) const OFFSET_REACH_S: f64 = 0.25;
 /// Where the parameters stand in eta and beta.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
-    /// Viscoelastic branches: eta holds ln T_1 .. ln T_n, ln J, then the free offsets; beta n + 1 moduli, then nodes.
+    /// Viscoelastic branches: eta holds ln T_1 .. ln T_n, 1/J, then the free offsets; beta n + 1 moduli, then nodes.
     pub branches: usize,
     /// Nodes of the forearm torque curve.
     pub nodes: usize,
@@ -213,13 +213,13 @@ impl<'a> RobotResidual<'a> {
             film: crate::film::Film {
                 mu_pa: beta[..=n].to_vec(),
                 relaxation_time_s: eta[..n].iter().map(|t| t.exp()).collect(),
-                locking: eta[n].exp(),
+                locking: 1.0 / eta[n],
             },
             forearm: self.forearm.with_torques(&beta[n + 1..]),
         }
     }
 
-    /// Columns of a row: springs, nodes, d/d ln T, d/d ln J, d/d offset, residual; padded.
+    /// Columns of a row: springs, nodes, d/d ln T, d/d(1/J), d/d offset, residual; padded.
     fn width(&self) -> usize {
         let s = self.layout.branches + 1;
         (s + self.layout.nodes + (s - 1) + s + 2).next_multiple_of(PAD)
@@ -240,7 +240,7 @@ impl<'a> RobotResidual<'a> {
         let relaxation: Vec<f64> = eta[..n].iter().map(|t| t.exp()).collect();
         let shape = Shape {
             relaxation_time_s: &relaxation,
-            locking: eta[n].exp(),
+            locking: 1.0 / eta[n],
         };
         let computed;
         let (maxwell, maxwell_slope) = match &r.maxwell {
@@ -266,6 +266,7 @@ impl<'a> RobotResidual<'a> {
         let mut rows = Vec::new();
         let mut next_kept = 0;
         let (node_at, t_at) = (springs, springs + nodes);
+        let per_reciprocal = -1.0 / eta[n]; // d ln J / d(1/J)
         let (j_at, offset_at) = (t_at + n, t_at + n + springs);
         let last = offset_at + 1;
         while next_kept < r.centres.len() {
@@ -323,8 +324,12 @@ impl<'a> RobotResidual<'a> {
                         let here = (springs - pack * LANES).min(LANES);
                         let at = pack * LANES;
                         row[at..at + here].copy_from_slice(&film[..here]);
-                        row[j_at + at..j_at + at + here]
-                            .copy_from_slice(&film[2 * LANES..2 * LANES + here]);
+                        for (out, d) in row[j_at + at..j_at + at + here]
+                            .iter_mut()
+                            .zip(&film[2 * LANES..])
+                        {
+                            *out = per_reciprocal * d;
+                        }
                         let skip = usize::from(pack == 0); // the equilibrium spring has no T
                         row[t_at + at + skip - 1..t_at + at + here - 1]
                             .copy_from_slice(&film[LANES + skip..LANES + here]);

@@ -1111,14 +1111,19 @@ pub fn predict_force(
     parameters: &Parameters,
     offset_s: f64,
 ) -> Result<Vec<crate::kinematics::Vec3>, Error> {
-    let mechanics = Mechanics::new(robot, &dataset.track()).map_err(|(sample, why)| Error::Unreachable {
-        recording: dataset.id.clone(),
-        time_s: dataset.time_s(sample),
-        why: why.to_string(),
-    })?;
+    let mechanics =
+        Mechanics::new(robot, &dataset.track()).map_err(|(sample, why)| Error::Unreachable {
+            recording: dataset.id.clone(),
+            time_s: dataset.time_s(sample),
+            why: why.to_string(),
+        })?;
     let n = dataset.samples();
-    let squared =
-        [0, 1, 2].map(|k| dataset.voltage.squared(k, dataset.start_s + offset_s, dataset.step_s, n).0);
+    let squared = [0, 1, 2].map(|k| {
+        dataset
+            .voltage
+            .squared(k, dataset.start_s + offset_s, dataset.step_s, n)
+            .0
+    });
     let phi: Vec<[f64; 3]> = (0..n).map(|i| [0, 1, 2].map(|k| squared[k][i])).collect();
     let mut force = mechanics.external_force_n(parameters, &phi)?;
     for (i, force) in force.iter_mut().enumerate() {

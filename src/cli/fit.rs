@@ -6,7 +6,9 @@ use clap::{Args, Subcommand};
 
 use super::progress::Progress;
 use super::{Failure, Talk, load};
-use crate::calibration::{CouponRequest, Outcome, Request, Stage, calibrate_coupons, calibrate_robot};
+use crate::calibration::{
+    CouponRequest, Outcome, Request, Stage, calibrate_coupons, calibrate_robot,
+};
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
 use crate::report::html;
@@ -83,13 +85,17 @@ pub(super) struct Coupons {
 
 fn parse_fix(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
-    let value = value.parse().map_err(|_| format!("`{value}` is no number"))?;
+    let value = value
+        .parse()
+        .map_err(|_| format!("`{value}` is no number"))?;
     Ok((name.to_string(), value))
 }
 
 fn parse_bound(text: &str) -> Result<(String, [f64; 2]), String> {
     let (name, range) = text.rsplit_once('=').ok_or("expected NAME=LOW..HIGH")?;
-    let (low, high) = range.split_once("..").ok_or("expected NAME=LOW..HIGH, with two dots")?;
+    let (low, high) = range
+        .split_once("..")
+        .ok_or("expected NAME=LOW..HIGH, with two dots")?;
     let number = |t: &str| t.parse::<f64>().map_err(|_| format!("`{t}` is no number"));
     Ok((name.to_string(), [number(low)?, number(high)?]))
 }
@@ -105,7 +111,8 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
 
 fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
-    let recordings = load::recordings(&a.common.recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let recordings =
+        load::recordings(&a.common.recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
     let file = a.start.as_deref().map(load::parameters).transpose()?;
     let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
     let provenance = Provenance::of(command, &recordings);
@@ -130,7 +137,10 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     drop(progress);
     talk.result(&fit);
     say_outcome(&outcome, talk);
-    talk.say(&format!("Report: {}", a.common.output.join("report.html").display()));
+    talk.say(&format!(
+        "Report: {}",
+        a.common.output.join("report.html").display()
+    ));
     Ok(())
 }
 
@@ -144,7 +154,10 @@ pub(super) fn write_fit(
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
     let mut set = OutputSet::new(output)?;
     set.write("report.html", html::render(outcome, &provenance))?;
-    set.write("parameters.toml", ParameterFile::of_outcome(outcome, provenance).to_toml())?;
+    set.write(
+        "parameters.toml",
+        ParameterFile::of_outcome(outcome, provenance).to_toml(),
+    )?;
     set.write("fit.json", to_text(fit))?;
     set.write("plan.toml", plan_to_toml(&plans))?;
     set.commit()?;
@@ -168,7 +181,10 @@ pub(super) fn say_outcome(outcome: &Outcome, talk: Talk) {
         talk.say(&format!("Determined: {}.", known.join(", ")));
     }
     if !open.is_empty() {
-        talk.say(&format!("Not determined by these recordings: {}.", open.join(", ")));
+        talk.say(&format!(
+            "Not determined by these recordings: {}.",
+            open.join(", ")
+        ));
     }
     for remark in &outcome.remarks {
         talk.say(remark);
@@ -179,7 +195,10 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
     let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
     let provenance = Provenance::of(command, &recordings);
-    let coupons = recordings.iter().map(Coupon::from_recording).collect::<Result<Vec<_>, _>>()?;
+    let coupons = recordings
+        .iter()
+        .map(Coupon::from_recording)
+        .collect::<Result<Vec<_>, _>>()?;
     let refs: Vec<_> = coupons.iter().collect();
     let request = CouponRequest {
         fix: a.common.fix.clone(),
@@ -192,13 +211,22 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
     progress.stopped()?;
     let fit = FitJson::of_coupons(&outcome, provenance.clone());
     let mut set = OutputSet::new(&a.common.output)?;
-    set.write("report.html", html::coupon::render_coupons(&outcome, &provenance))?;
-    set.write("parameters.toml", ParameterFile::of_coupons(&outcome, provenance).to_toml())?;
+    set.write(
+        "report.html",
+        html::coupon::render_coupons(&outcome, &provenance),
+    )?;
+    set.write(
+        "parameters.toml",
+        ParameterFile::of_coupons(&outcome, provenance).to_toml(),
+    )?;
     set.write("fit.json", to_text(&fit))?;
     set.commit()?;
     drop(progress);
     talk.result(&fit);
     talk.say(&outcome.verdict);
-    talk.say(&format!("Report: {}", a.common.output.join("report.html").display()));
+    talk.say(&format!(
+        "Report: {}",
+        a.common.output.join("report.html").display()
+    ));
     Ok(())
 }

@@ -21,8 +21,10 @@ pub(super) fn recordings(
 ) -> Result<Vec<Recording>, Failure> {
     progress.step(format!("reading {} recording(s)", paths.len()));
     let options = OpenOptions { rig: rig.cloned() };
-    let all: Vec<Recording> =
-        paths.par_iter().map(|p| Recording::open_with(p, &options)).collect::<Result<_, _>>()?;
+    let all: Vec<Recording> = paths
+        .par_iter()
+        .map(|p| Recording::open_with(p, &options))
+        .collect::<Result<_, _>>()?;
     for r in &all {
         if r.manifest.kind != kind {
             let (found, wanted) = (r.manifest.kind.name(), kind.name());
@@ -69,7 +71,12 @@ pub(super) fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
     let mut found: Option<(&Recording, &RobotRig)> = None;
     for r in recordings {
         let Some(Rig::Robot(rig)) = &r.rig else {
-            return Err(format!("{}: recording `{}` has no robot rig", r.path.display(), r.manifest.id).into());
+            return Err(format!(
+                "{}: recording `{}` has no robot rig",
+                r.path.display(),
+                r.manifest.id
+            )
+            .into());
         };
         match found {
             None => found = Some((r, rig)),
@@ -83,12 +90,17 @@ pub(super) fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
             Some(_) => {}
         }
     }
-    found.map(|f| f.1).ok_or_else(|| "no recording was given".into())
+    found
+        .map(|f| f.1)
+        .ok_or_else(|| "no recording was given".into())
 }
 
 /// The robot of a rig, with the permittivity of a parameter file where that has one.
 pub(super) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Result<Robot, Failure> {
-    Ok(Robot::from_rig(rig, parameters.and_then(ParameterFile::eps_r))?)
+    Ok(Robot::from_rig(
+        rig,
+        parameters.and_then(ParameterFile::eps_r),
+    )?)
 }
 
 /// Reads a parameter file.

@@ -45,8 +45,12 @@ pub(super) struct Arguments {
 pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     let (Predict::Voltage(a) | Predict::Force(a)) = predict;
     let progress = Progress::new(talk);
-    let recordings =
-        load::recordings(std::slice::from_ref(&a.recording), a.rig.as_ref(), Kind::Robot, &progress)?;
+    let recordings = load::recordings(
+        std::slice::from_ref(&a.recording),
+        a.rig.as_ref(),
+        Kind::Robot,
+        &progress,
+    )?;
     let file = load::parameters(&a.params)?;
     let robot = load::robot(load::rig(&recordings)?, Some(&file))?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
@@ -57,7 +61,9 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     let mut flags = csv::missing(r);
     drop(progress);
     match predict {
-        Predict::Voltage(_) => write(a.output.as_deref(), talk, |out| csv::predicted_voltage(out, r))?,
+        Predict::Voltage(_) => write(a.output.as_deref(), talk, |out| {
+            csv::predicted_voltage(out, r)
+        })?,
         Predict::Force(_) => {
             let force = predict_force(&robot, &datasets[0], &parameters, r.offset_s)?;
             for (flag, f) in flags.iter_mut().zip(&force) {
@@ -69,7 +75,9 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
                     *flag = Some(Missing::NoVoltage);
                 }
             }
-            write(a.output.as_deref(), talk, |out| csv::predicted_force(out, &r.time_s, &force, &flags))?;
+            write(a.output.as_deref(), talk, |out| {
+                csv::predicted_force(out, &r.time_s, &force, &flags)
+            })?;
         }
     }
     talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
@@ -86,7 +94,7 @@ fn write(
     fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), Failure> {
     match path {
-        Some(path) => write_atomic_with(path, |out| fill(out))?,
+        Some(path) => write_atomic_with(path, |mut out| fill(&mut out))?,
         None if talk.json => {}
         None => fill(&mut std::io::BufWriter::new(std::io::stdout().lock()))?,
     }

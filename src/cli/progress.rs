@@ -30,7 +30,11 @@ impl Progress {
                 }
             });
         });
-        let bar = if talk.quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
+        let bar = if talk.quiet {
+            ProgressBar::hidden()
+        } else {
+            ProgressBar::new_spinner()
+        };
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} ({elapsed})") {
             bar.set_style(style);
         }
@@ -50,9 +54,16 @@ impl Progress {
     pub(super) fn watch(&self, state: &State) -> ControlFlow<()> {
         let count = self.evaluations.fetch_add(1, Ordering::Relaxed);
         if count.is_multiple_of(5) {
-            self.bar.set_message(format!("fitting: {count} evaluations, cost {:.4}", state.cost / state.rows.max(1) as f64));
+            self.bar.set_message(format!(
+                "fitting: {count} evaluations, cost {:.4}",
+                state.cost / state.rows.max(1) as f64
+            ));
         }
-        if STOP.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if STOP.load(Ordering::Relaxed) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     }
 
     /// An error when a stop was asked for.

@@ -1,0 +1,139 @@
+//! `demo`: the main job on recordings that come with the program.
+
+use std::path::Path;
+
+use super::fit::{say_outcome, write_fit};
+use super::progress::Progress;
+use super::{Failure, Talk, load};
+use crate::calibration::{
+    CouponRequest, Request, Stage, calibrate_coupons, calibrate_robot, validate_robot,
+};
+use crate::dataset::Coupon;
+use crate::recording::Kind;
+use crate::report::html;
+use crate::report::json::{FitJson, ModelValidation, ValidationJson, to_text};
+use crate::report::output::OutputSet;
+use crate::report::parameter_file::ParameterFile;
+use crate::report::provenance::{FileSum, Provenance};
+
+pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
+    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets");
+    let base = if base.is_dir() {
+        base
+    } else {
+        "datasets".into()
+    };
+    if !base.is_dir() {
+        return Err("the folder `datasets` that comes with the source is not here: run the demo from the project's folder".into());
+    }
+    let progress = Progress::new(talk);
+    let watch = |state: &_| progress.watch(state);
+
+    talk.say("A real film coupon: 3M VHB 4910, pulled to 5.4 times its length and back (Miles et al. 2015)");
+    let recordings = load::recordings(
+        &[base.join("miles2015_vhb4910")],
+        None,
+        Kind::FilmCoupon,
+        &progress,
+    )?;
+    let coupon = Coupon::from_recording(&recordings[0])?;
+    let outcome = calibrate_coupons(&[&coupon], &CouponRequest::new(3), &watch)?;
+    let provenance = Provenance::of("deacal demo", &recordings);
+    let mut set = OutputSet::new(output.join("coupon"))?;
+    set.write(
+        "report.html",
+        html::coupon::render_coupons(&outcome, &provenance),
+    )?;
+    set.write(
+        "fit.json",
+        to_text(&FitJson::of_coupons(&outcome, provenance.clone())),
+    )?;
+    set.write(
+        "parameters.toml",
+        ParameterFile::of_coupons(&outcome, provenance).to_toml(),
+    )?;
+    set.commit()?;
+    talk.say(&format!("  {}", outcome.verdict));
+
+    let twin = base.join("twin2026_delta");
+    let folders = |names: &[&str]| names.iter().map(|n| twin.join(n)).collect::<Vec<_>>();
+    let all = load::recordings(
+        &folders(&["symmetric", "single-1", "single-2", "single-3"]),
+        None,
+        Kind::Robot,
+        &progress,
+    )?;
+    let robot = load::robot(load::rig(&all)?, None)?;
+    let datasets = load::datasets(&all, None, &progress)?;
+    let refs: Vec<_> = datasets.iter().collect();
+
+    talk.say("\nThe film, from the symmetric drive");
+    let film = calibrate_robot(&robot, &refs[..1], &Request::new(Stage::Film), &watch)?;
+    talk.say(&format!("  {}", film.verdict));
+    let provenance = Provenance::of("deacal demo", &all[..1]);
+    write_fit(
+        &output.join("film"),
+        &film,
+        &FitJson::new(&film, provenance.clone()),
+        provenance,
+    )?;
+
+    talk.say("\nThe forearms, from one actuator at a time");
+    let request = Request {
+        start: Some(film.parameters.clone()),
+        ..Request::new(Stage::Forearm)
+    };
+    let forearm = calibrate_robot(&robot, &refs[1..], &request, &watch)?;
+    talk.say(&format!("  {}", forearm.verdict));
+    let provenance = Provenance::of("deacal demo", &all[1..]);
+    write_fit(
+        &output.join("forearm"),
+        &forearm,
+        &FitJson::new(&forearm, provenance.clone()),
+        provenance,
+    )?;
+
+    talk.say("\nBoth, jointly from all four");
+    let request = Request {
+        start: Some(forearm.parameters.clone()),
+        ..Request::new(Stage::Robot)
+    };
+    let joint = calibrate_robot(&robot, &refs, &request, &watch)?;
+    let provenance = Provenance::of("deacal demo", &all);
+    write_fit(
+        output,
+        &joint,
+        &FitJson::new(&joint, provenance.clone()),
+        provenance,
+    )?;
+    say_outcome(&joint, talk);
+
+    talk.say("\nHeld against a circle that was not fitted");
+    let held = load::recordings(&folders(&["circle-3s"]), None, Kind::Robot, &progress)?;
+    let circle = load::datasets(&held, None, &progress)?;
+    let validation = validate_robot(&robot, &[&circle[0]], &joint.parameters)?;
+    talk.say(&format!("  {}", validation.verdict));
+    let provenance = Provenance::of("deacal demo", &held);
+    let parameters = output.join("parameters.toml");
+    let sum = FileSum {
+        role: "parameters".into(),
+        sha256: crate::recording::sha256(&parameters)?,
+        file: parameters.display().to_string(),
+    };
+    let json = ValidationJson::new(
+        ModelValidation::new(&validation, sum),
+        Vec::new(),
+        provenance.clone(),
+    );
+    let mut set = OutputSet::new(output.join("validation"))?;
+    set.write("validation.json", to_text(&json))?;
+    set.write("report.html", html::render(&validation, &provenance))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&json);
+    talk.say(&format!(
+        "\nReport: {}",
+        output.join("report.html").display()
+    ));
+    Ok(())
+}

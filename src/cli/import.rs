@@ -1,0 +1,158 @@
+//! `import`: what is in a recording or a file.
+
+use std::path::{Path, PathBuf};
+
+use super::progress::Progress;
+use super::{Failure, Talk};
+use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
+use crate::dataset::{Dataset, OffsetSource};
+use crate::model::Robot;
+use crate::recording::{Kind, Level, Recording, Rig, read_file, sha256};
+use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
+use crate::report::output::OutputSet;
+use crate::report::provenance::Provenance;
+use crate::report::{csv, mcap};
+
+/// What to import.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// recording.toml files, folders that have one, or bare files of any known format
+    #[arg(required = true, value_name = "REC|FILE")]
+    paths: Vec<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, default_value = "out/import")]
+    output: PathBuf,
+}
+
+pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let mut set = OutputSet::new(&a.output)?;
+    let mut provenance = Provenance::new(command);
+    let (mut recordings, mut files) = (Vec::new(), Vec::new());
+    let mut lines = Vec::new();
+    for path in &a.paths {
+        progress.step(format!("reading {}", path.display()));
+        if is_recording(path) {
+            let recording = Recording::open(path)?;
+            provenance.add(&recording);
+            recordings.push(one(
+                &recording,
+                &mut set,
+                &provenance,
+                &progress,
+                &mut lines,
+            )?);
+        } else {
+            let capture = read_file(path)?;
+            lines.push(format!("{}: {}", path.display(), capture.format));
+            for s in &capture.sections {
+                let rate = s.rate_hz.map_or(String::new(), |r| format!(", {r} Hz"));
+                lines.push(format!("  {}: {} columns{rate}", s.name, s.columns.len()));
+            }
+            lines.extend(
+                capture
+                    .notes
+                    .iter()
+                    .filter(|n| n.level == Level::Warning)
+                    .map(|n| format!("  ! {}", n.text)),
+            );
+            files.push(ImportFile::new(path, sha256(path)?, &capture));
+        }
+        progress.stopped()?;
+    }
+    let json = ImportJson {
+        recordings,
+        files,
+        provenance,
+    };
+    set.write("import.json", to_text(&json))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&json);
+    for line in lines {
+        talk.say(&line);
+    }
+    talk.say(&format!("Written to {}", a.output.display()));
+    Ok(())
+}
+
+fn is_recording(path: &Path) -> bool {
+    path.is_dir()
+        || path.file_name().is_some_and(|n| n == "recording.toml")
+        || path.extension().is_some_and(|e| e == "toml")
+}
+
+/// One recording: aligned where it is a robot's, described in any case.
+fn one(
+    recording: &Recording,
+    set: &mut OutputSet,
+    provenance: &Provenance,
+    progress: &Progress,
+    lines: &mut Vec<String>,
+) -> Result<ImportRecording, Failure> {
+    let id = recording.manifest.id.clone();
+    lines.push(format!("{id}: kind {}", recording.manifest.kind.name()));
+    lines.extend(
+        recording
+            .notes
+            .iter()
+            .filter(|n| n.level == Level::Warning)
+            .map(|n| format!("  ! {}", n.text)),
+    );
+    if recording.manifest.kind != Kind::Robot {
+        return Ok(ImportRecording::new(recording, None));
+    }
+    progress.step(format!("smoothing and aligning {id}"));
+    let mut dataset = Dataset::from_recording(recording, None)?;
+    // A free clock offset is found by fitting the film along with it.
+    let mut fitted: Option<Outcome> = None;
+    if let (OffsetSource::Free, Some(Rig::Robot(rig))) = (dataset.offset_source, &recording.rig) {
+        progress.step(format!("estimating the clock offset of {id}"));
+        let robot = Robot::from_rig(rig, None)?;
+        let outcome = calibrate_robot(&robot, &[&dataset], &Request::new(Stage::Robot), &|s| {
+            progress.watch(s)
+        })?;
+        progress.stopped()?;
+        dataset.offset_s = outcome.recordings[0].offset_s;
+        fitted = Some(outcome);
+    }
+    let error_s = fitted
+        .as_ref()
+        .and_then(|f| f.recordings[0].offset_std_error_s);
+    let n = dataset.samples();
+    let gaps = dataset.gaps();
+    lines.push(format!(
+        "  {n} frames at {:.3} Hz, {:.2} s; {} gap(s), {} frames missing",
+        1.0 / dataset.step_s,
+        dataset.step_s * n as f64,
+        gaps.len(),
+        gaps.iter().map(|g| g.1).sum::<usize>()
+    ));
+    let noise = dataset
+        .noise_m()
+        .map(|s| format!("{:.3}", s * 1e3))
+        .join(", ");
+    lines.push(format!("  capture noise {noise} mm (x, y, z)"));
+    match error_s {
+        Some(e) => lines.push(format!(
+            "  clock offset {:.2} ms, standard error {:.2} ms (estimated with the film free)",
+            dataset.offset_s * 1e3,
+            e * 1e3
+        )),
+        None => lines.push(format!(
+            "  clock offset {:.2} ms (stated)",
+            dataset.offset_s * 1e3
+        )),
+    }
+    lines.extend(dataset.notes.iter().map(|note| format!("  ! {note}")));
+    set.write_with(&format!("{id}.csv"), |out| {
+        csv::aligned(out, &dataset, dataset.offset_s)
+    })?;
+    let prediction = fitted.as_ref().map(|f| &f.recordings[0]);
+    set.write_with(&format!("{id}.mcap"), |out| {
+        mcap::aligned(out, &dataset, prediction, provenance)
+    })?;
+    let mut json = ImportRecording::new(recording, Some(&dataset));
+    json.aligned = Some(AlignedJson::new(&dataset, error_s));
+    Ok(json)
+}

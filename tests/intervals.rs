@@ -74,7 +74,7 @@ fn recording(robot: &Robot, film: &Film, generator: &mut ChaCha12Rng, duration_s
             (
                 2.0 * std::f64::consts::PI * f * (0.9 + 0.2 * generator.random::<f64>()),
                 a,
-                6.28 * generator.random::<f64>(),
+                std::f64::consts::TAU * generator.random::<f64>(),
             )
         })
         .collect();

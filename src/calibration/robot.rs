@@ -419,6 +419,7 @@ pub fn calibrate_robot(
     outcome.weighted_mean_square = state.data_cost / state.rows.max(1) as f64;
     outcome.noise_mean_square = residual.noise_mean_square();
     torque_band(&mut outcome, &uncertainty, split + branches + 1);
+    say_open_level(&mut outcome);
     for (place, number) in residual.layout().free_offsets.iter().enumerate() {
         let error = uncertainty.std_error(branches + 1 + place);
         outcome.recordings[*number].offset_std_error_s = Some(error);
@@ -808,6 +809,27 @@ pub(super) fn weak_directions(
             }
         })
         .collect()
+}
+
+/// Nodes that the recordings reach and yet do not determine: what is open there is the level of the whole curve.
+fn say_open_level(outcome: &mut Outcome) {
+    let [low, high] = outcome.swing_range_deg;
+    for e in outcome
+        .estimates
+        .iter_mut()
+        .filter(|e| e.unit == "N m" && !e.fixed && !e.identifiable)
+    {
+        let angle = e
+            .name
+            .trim_start_matches("torque_")
+            .trim_end_matches("deg")
+            .parse::<f64>();
+        if angle.is_ok_and(|a| (low - 1.0..=high + 1.0).contains(&a)) {
+            e.says = "level open: a torque that is the same at every angle nearly cancels between the three chains; differences \
+                      between the nodes within the swing are determined"
+                .into();
+        }
+    }
 }
 
 /// The torque curve with its band over the nodes' range.

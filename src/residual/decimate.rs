@@ -7,28 +7,35 @@
 pub struct Decimation {
     /// Taps on one side of the middle one.
     pub half: usize,
+    /// Samples left out at both ends.
+    pub edge: usize,
     /// One sample in so many is kept.
     pub every: usize,
     /// 2 half + 1 weights that sum to one.
     pub weights: Vec<f64>,
 }
 
-/// Cutoff of the filter, Hz: the robot moves below it, and the capture noise above it says nothing.
-const CUTOFF_HZ: f64 = 5.0;
-/// Half length of the filter, s: also what is left out at both ends.
-const HALF_S: f64 = 0.32;
-/// Distance of the kept samples, s.
-const KEEP_S: f64 = 0.08;
+/// Lowest cutoff, Hz: slow robots move below it, and the capture noise above it says nothing.
+const LOWEST_CUTOFF_HZ: f64 = 5.0;
+/// Half length of the filter in periods of the cutoff; with the lowest cutoff 0.32 s, which is also left out at both ends.
+const HALF_PERIODS: f64 = 1.6;
+/// Distance of the kept samples in periods of the cutoff: 80 ms with the lowest.
+const KEEP_PERIODS: f64 = 0.4;
+/// What is left out at both ends at least, s.
+const EDGE_S: f64 = 0.3;
 
 impl Decimation {
-    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at 5 Hz; none where the rate is
-    /// too low for one.
-    pub fn new(step_s: f64) -> Self {
-        let half = (HALF_S / step_s).round() as usize;
-        let every = ((KEEP_S / step_s).round() as usize).max(1);
+    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`, the band in which the
+    /// motion is known, or 5 Hz if that is more; none where the rate is too low for one.
+    pub fn new(step_s: f64, band_hz: f64) -> Self {
+        let cutoff_hz = band_hz.max(LOWEST_CUTOFF_HZ).min(0.2 / step_s);
+        let half = (HALF_PERIODS / (cutoff_hz * step_s)).round() as usize;
+        let every = ((KEEP_PERIODS / (cutoff_hz * step_s)).round() as usize).max(1);
+        let edge = (EDGE_S / step_s).round() as usize;
         if every == 1 {
             return Decimation {
                 half: 0,
+                edge,
                 every,
                 weights: vec![1.0],
             };
@@ -38,7 +45,7 @@ impl Decimation {
             .map(|i| {
                 let x = i as f64 - half as f64;
                 let window = 0.54 + 0.46 * (pi * x / (half as f64 + 1.0)).cos();
-                let angle = 2.0 * pi * CUTOFF_HZ * step_s * x;
+                let angle = 2.0 * pi * cutoff_hz * step_s * x;
                 let sinc = if x == 0.0 { 1.0 } else { angle.sin() / angle };
                 window * sinc
             })
@@ -47,6 +54,7 @@ impl Decimation {
         weights.iter_mut().for_each(|w| *w /= sum);
         Decimation {
             half,
+            edge,
             every,
             weights,
         }
@@ -59,7 +67,7 @@ impl Decimation {
         for i in 0..n {
             bad[i + 1] = bad[i] + usize::from(!usable[i]);
         }
-        (self.half..n.saturating_sub(self.half))
+        (self.half.max(self.edge)..n.saturating_sub(self.half.max(self.edge)))
             .step_by(self.every)
             .filter(|&c| bad[c + self.half + 1] == bad[c - self.half])
             .collect()
@@ -82,7 +90,7 @@ mod tests {
 
     #[test]
     fn passes_slow_motion_and_stops_fast_noise() {
-        let d = Decimation::new(0.01);
+        let d = Decimation::new(0.01, 3.0);
         let gain = |f: f64| {
             d.apply(500, |i| {
                 (2.0 * std::f64::consts::PI * f * (i as f64 - 500.0) * 0.01).cos()
@@ -96,7 +104,7 @@ mod tests {
 
     #[test]
     fn windows_with_an_unusable_sample_are_left_out() {
-        let d = Decimation::new(0.01);
+        let d = Decimation::new(0.01, 3.0);
         let mut usable = vec![true; 400];
         assert_eq!(d.centres(&usable)[0], 32);
         usable[200] = false;

@@ -13,6 +13,8 @@ use crate::film::Locked;
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Unreachable};
 
+/// The residual's band over the half-power frequency of the smoothed motion.
+const BAND_PER_CUTOFF: f64 = 1.6;
 /// Samples of one kernel block.
 const BLOCK: usize = 64;
 /// Samples that are held before they move to the front.
@@ -49,6 +51,9 @@ impl Layout {
     }
 }
 
+/// A number for each kept sample and chain.
+type Triples = Vec<[f64; 3]>;
+
 /// One recording, worked out as far as it does not depend on the parameters.
 struct Prepared<'a> {
     dataset: &'a Dataset,
@@ -60,7 +65,7 @@ struct Prepared<'a> {
     /// Filtered forearm columns: kept sample, chain, node.
     forearm: Vec<f64>,
     /// Filtered 1/2 C' phi^2 and its derivative with respect to the offset, at a fixed offset.
-    maxwell: Option<(Vec<[f64; 3]>, Vec<[f64; 3]>)>,
+    maxwell: Option<(Triples, Triples)>,
     /// Lower triangle of the inverse Cholesky factor of the noise covariance at each kept sample: 11, 21, 22, 31, 32, 33.
     whitening: Vec<[f64; 6]>,
     /// Weight of a kept sample in a robust fit.
@@ -107,7 +112,7 @@ impl Prepared<'_> {
     }
 
     /// Filtered Maxwell torque and its derivative with respect to the clock offset.
-    fn maxwell_at(&self, offset_s: f64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    fn maxwell_at(&self, offset_s: f64) -> (Triples, Triples) {
         let mut value = vec![[0.0; 3]; self.centres.len()];
         let mut slope = value.clone();
         for k in 0..3 {
@@ -732,7 +737,12 @@ fn prepare<'a>(
     forearm: &ForearmTorque,
     nodes: usize,
 ) -> Prepared<'a> {
-    let decimation = Decimation::new(dataset.step_s);
+    let band_hz = dataset
+        .axes
+        .iter()
+        .map(|a| BAND_PER_CUTOFF * a.choice.cutoff_hz)
+        .fold(0.0, f64::max);
+    let decimation = Decimation::new(dataset.step_s, band_hz);
     let free = dataset.offset_source == OffsetSource::Free;
     let margin = if free { OFFSET_REACH_S } else { 0.0 };
     let mut usable = dataset.usable.clone();

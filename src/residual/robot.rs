@@ -72,6 +72,8 @@ struct Prepared<'a> {
     robust: Vec<f64>,
     /// Whitened residual changes of the replicates: replicate, kept sample, chain.
     errors: Vec<Vec<f64>>,
+    /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been worked out.
+    torque_variance: Vec<[f64; 3]>,
 }
 
 /// Residual of several robot recordings that share film and forearms.
@@ -500,6 +502,7 @@ impl<'a> RobotResidual<'a> {
             let errors = self.replicate_errors(number, eta, beta)?;
             let offset = self.offset_s(number, eta);
             let r = &mut self.recordings[number];
+            r.torque_variance = variance(&errors);
             let kept = r.centres.len();
             let filtered: Vec<Vec<f64>> = errors
                 .par_iter()
@@ -624,7 +627,8 @@ impl<'a> RobotResidual<'a> {
         Ok(covariance)
     }
 
-    /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it.
+    /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it (as it was last worked
+    /// out by [`RobotResidual::weigh`], or now where it was not).
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -637,7 +641,13 @@ impl<'a> RobotResidual<'a> {
         let r = &self.recordings[recording];
         let parameters = self.parameters(eta, beta);
         let offset = self.offset_s(recording, eta);
-        let errors = self.replicate_errors(recording, eta, beta)?;
+        let fresh;
+        let torque_variance = if r.torque_variance.is_empty() {
+            fresh = variance(&self.replicate_errors(recording, eta, beta)?);
+            &fresh
+        } else {
+            &r.torque_variance
+        };
         let predicted = r.mechanics.phi_squared_v2(&parameters)?;
         let n = r.dataset.samples();
         let edge = (EDGE_S / r.dataset.step_s).round() as usize;
@@ -665,12 +675,8 @@ impl<'a> RobotResidual<'a> {
             out.sd_v.push([0, 1, 2].map(|k| {
                 let slope = r.mechanics.chains[k].half_capacitance_slope[i];
                 let squared = out.predicted_squared_v2[i][k];
-                let at = root_v(squared);
-                let sum: f64 = errors
-                    .iter()
-                    .map(|e| (root_v(squared + e[k][i] / slope) - at).powi(2))
-                    .sum();
-                (sum / errors.len() as f64).sqrt()
+                let spread = torque_variance[i][k].sqrt() / slope.abs();
+                0.5 * (root_v(squared + spread) - root_v(squared - spread))
             }));
         }
         Ok(out)
@@ -715,6 +721,18 @@ impl SeparableResidual for RobotResidual<'_> {
             rows: self.rows(),
         })
     }
+}
+
+/// Mean square of the replicates at each frame and chain.
+fn variance(errors: &[[Vec<f64>; 3]]) -> Vec<[f64; 3]> {
+    let frames = errors.first().map_or(0, |e| e[0].len());
+    (0..frames)
+        .map(|i| {
+            [0, 1, 2].map(|k| {
+                errors.iter().map(|e| e[k][i] * e[k][i]).sum::<f64>() / errors.len() as f64
+            })
+        })
+        .collect()
 }
 
 /// Finest step between values of each channel, V: the resolution of the recorded voltage.
@@ -797,6 +815,7 @@ fn prepare<'a>(
         whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
         robust: vec![1.0; kept],
         errors: Vec::new(),
+        torque_variance: Vec::new(),
     };
     if !free {
         prepared.maxwell = Some(prepared.maxwell_at(dataset.offset_s));

@@ -1,0 +1,374 @@
+//! The program as a user runs it: the main job, and bad input. A failed run says in one line what, where and what to do, exits with 1,
+//! and leaves nothing.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::cargo::CommandCargoExt;
+
+const TWIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/datasets/twin2026_delta");
+
+/// A copy of one bundled recording and its rig, to spoil.
+struct Bench {
+    dir: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new(recording: &str) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let bench = Bench { dir };
+        fs::create_dir(bench.path("rec")).unwrap();
+        fs::copy(format!("{TWIN}/rig.toml"), bench.path("rig.toml")).unwrap();
+        for file in ["recording.toml", "motion.csv", "voltage.csv"] {
+            fs::copy(
+                format!("{TWIN}/{recording}/{file}"),
+                bench.path(&format!("rec/{file}")),
+            )
+            .unwrap();
+        }
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn edit(&self, name: &str, change: impl Fn(String) -> String) -> &Self {
+        let path = self.path(name);
+        let old = fs::read_to_string(&path).unwrap();
+        let new = change(old.clone());
+        assert_ne!(old, new, "the edit of {name} must change it");
+        fs::write(path, new).unwrap();
+        self
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = std::process::Command::cargo_bin("deacal").unwrap();
+        command
+            .current_dir(self.dir.path())
+            .args(arguments)
+            .output()
+            .unwrap()
+    }
+
+    /// Runs, expects failure, and gives the message.
+    fn refused(&self, arguments: &[&str]) -> String {
+        let out = self.run(arguments);
+        let text = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(1), "{arguments:?}: {text}");
+        assert_eq!(text.trim_end().lines().count(), 1, "one line, not:\n{text}");
+        assert!(
+            !self.path("out").exists(),
+            "a refused run left something: {text}"
+        );
+        text
+    }
+
+    /// Runs `fit film rec` with more arguments, and gives fit.json.
+    fn film(&self, more: &[&str]) -> serde_json::Value {
+        let arguments = [
+            &["fit", "film", "rec", "-o", "out", "--json", "--starts", "2"],
+            more,
+        ]
+        .concat();
+        let out = self.run(&arguments);
+        assert!(
+            out.status.success(),
+            "{}",
+            String::from_utf8_lossy(&out.stderr)
+        );
+        let printed: serde_json::Value =
+            serde_json::from_slice(&out.stdout).expect("--json prints JSON and nothing else");
+        let written = fs::read_to_string(self.path("out/fit.json")).unwrap();
+        assert_eq!(
+            printed,
+            serde_json::from_str::<serde_json::Value>(&written).unwrap()
+        );
+        printed
+    }
+}
+
+fn assert_says(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "`{word}` is not in: {text}");
+    }
+}
+
+#[test]
+fn the_main_job_ends_in_parameters_that_predict_a_recording_that_was_not_fitted() {
+    let dir = tempfile::tempdir().unwrap();
+    let twin = Path::new(TWIN);
+    let go = |arguments: &[&str]| {
+        let mut command = std::process::Command::cargo_bin("deacal").unwrap();
+        let out = command
+            .current_dir(dir.path())
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert!(
+            out.status.success(),
+            "{arguments:?}: {}",
+            String::from_utf8_lossy(&out.stderr)
+        );
+    };
+    let rec = |name: &str| twin.join(name).to_str().unwrap().to_string();
+    let singles = [rec("single-1"), rec("single-2"), rec("single-3")];
+    go(&["fit", "film", &rec("symmetric"), "-o", "film", "-q"]);
+    let forearm = ["fit", "forearm", &singles[0], &singles[1], &singles[2]];
+    go(&[
+        &forearm[..],
+        &["--params", "film/parameters.toml", "-o", "forearm", "-q"],
+    ]
+    .concat());
+    let robot = [
+        "fit",
+        "robot",
+        &rec("symmetric"),
+        &singles[0],
+        &singles[1],
+        &singles[2],
+    ];
+    go(&[
+        &robot[..],
+        &["--start", "forearm/parameters.toml", "-o", "robot", "-q"],
+    ]
+    .concat());
+    go(&[
+        "validate",
+        &rec("circle-3s"),
+        "--params",
+        "robot/parameters.toml",
+        "-o",
+        "validate",
+        "-q",
+    ]);
+    go(&[
+        "predict",
+        "voltage",
+        &rec("circle-3s"),
+        "--params",
+        "robot/parameters.toml",
+        "-o",
+        "phi.csv",
+    ]);
+    go(&[
+        "predict",
+        "force",
+        &rec("circle-3s"),
+        "--params",
+        "robot/parameters.toml",
+        "-o",
+        "force.csv",
+    ]);
+    go(&[
+        "export",
+        "robot/parameters.toml",
+        "--format",
+        "c",
+        "-o",
+        "parameters.h",
+    ]);
+    let read = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();
+    let validation: serde_json::Value =
+        serde_json::from_str(&read("validate/validation.json")).unwrap();
+    let rmse = validation["rmse_V"].as_f64().unwrap();
+    // The true parameters reach 4.5 V with a simple low-pass on the same motion.
+    assert!(rmse < 1.15 * 4.5, "{rmse} V");
+    assert_eq!(validation["rmse_basis"], "above_1kV");
+    let phi = read("phi.csv");
+    assert!(phi.starts_with("time_s,phi1_V,phi2_V,phi3_V,"));
+    assert_eq!(phi.lines().count(), 1 + 3051, "one row a captured frame");
+    assert!(read("force.csv").starts_with("time_s,Fx_N,Fy_N,Fz_N,flag"));
+    assert!(read("parameters.h").contains("static const double"));
+    assert!(read("robot/report.html").contains("</html>"));
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let bench = Bench::new("single-1");
+    let run = |out: &str| {
+        let done = bench.run(&["fit", "film", "rec", "-o", out, "-q", "--starts", "3"]);
+        assert!(done.status.success());
+        fs::read_to_string(bench.path(out).join("parameters.toml")).unwrap()
+    };
+    let strip = |text: String| {
+        text.lines()
+            .filter(|l| !l.starts_with("command"))
+            .collect::<Vec<_>>()
+            .join("\n")
+    };
+    assert_eq!(strip(run("a")), strip(run("b")));
+}
+
+#[test]
+fn what_is_not_there_is_named() {
+    let bench = Bench::new("single-1");
+    assert_says(
+        &bench.refused(&["fit", "film", "nowhere", "-o", "out"]),
+        &["nowhere"],
+    );
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out", "--fix", "mu1=3e5"]);
+    assert_says(&text, &["mu1", "nearest is `mu_1`", "T_6"]);
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out", "--bound", "T_1=3..1"]);
+    assert_says(&text, &["T_1", "3 .. 1", "empty"]);
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out", "--start", "none.toml"]);
+    assert_says(&text, &["none.toml"]);
+    let text = bench.refused(&["fit", "forearm", "rec", "-o", "out"]);
+    assert_says(&text, &["film", "--params"]);
+    bench.edit("rec/recording.toml", |t| t.replace("payload_g", "payloadg"));
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out"]);
+    assert_says(&text, &["payloadg", "payload_g", "recording.toml"]);
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    let bench = Bench::new("single-1");
+    let code = |arguments: &[&str]| bench.run(arguments).status.code();
+    assert_eq!(code(&["fit", "film"]), Some(2));
+    assert_eq!(code(&["fit", "film", "rec", "--branches", "9"]), Some(2));
+    assert_eq!(code(&["fit", "film", "rec", "--fix", "J"]), Some(2));
+    assert_eq!(code(&["nonsense"]), Some(2));
+    assert_eq!(code(&["--help"]), Some(0));
+}
+
+#[test]
+fn clocks_that_do_not_overlap() {
+    let bench = Bench::new("single-1");
+    bench.edit("rec/recording.toml", |t| {
+        t.replace("offset_s = 0.0", "offset_s = 500.0")
+    });
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out"]);
+    assert_says(&text, &["do not overlap", "offset_s", "500"]);
+}
+
+#[test]
+fn poses_out_of_reach_name_sample_chain_and_joint() {
+    let bench = Bench::new("single-1");
+    bench.edit("rec/recording.toml", |t| {
+        t.replace("95.0, 12.5]", "95.0, -112.5]")
+    });
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out"]);
+    assert_says(
+        &text,
+        &["single-1", " s:", "chain 1", "bicep", "base_position_mm"],
+    );
+    let bench = Bench::new("single-1");
+    bench.edit("rig.toml", |t| t.replace("d_mm = 62.0", "d_mm = 45.0"));
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out"]);
+    assert_says(&text, &["chain 1", "SAM"]);
+}
+
+#[test]
+fn a_film_past_its_locking_stretch() {
+    let bench = Bench::new("single-1");
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out", "--fix", "J=0.3"]);
+    assert_says(&text, &["locking stretch", "J = 0.3", "spring 1"]);
+}
+
+#[test]
+fn a_long_gap_is_masked_and_said() {
+    let bench = Bench::new("symmetric");
+    bench.edit("rec/motion.csv", |t| {
+        let rows = t.lines().enumerate().map(|(i, line)| {
+            let blank = (805..1205).contains(&i);
+            let kept: Vec<&str> = line.split(',').take(2).collect();
+            if blank {
+                format!("{},,,,,,", kept.join(","))
+            } else {
+                line.to_string()
+            }
+        });
+        rows.collect::<Vec<_>>().join("\n")
+    });
+    let fit = bench.film(&[]);
+    let notes = fit["recordings"][0]["notes"].to_string();
+    assert_says(
+        &notes,
+        &["gap of 4.00 s", "longer than the smoother can bridge"],
+    );
+    let rmse = fit["rmse_V"].as_f64().unwrap();
+    assert!(rmse < 3.0, "the rest fits as before: {rmse} V");
+}
+
+#[test]
+fn a_negative_squared_voltage_is_counted_and_shown() {
+    let bench = Bench::new("single-1");
+    let fit = bench.film(&[]);
+    assert_says(
+        &fit["remarks"].to_string(),
+        &["phi^2 < 0", "no voltage holds that pose"],
+    );
+}
+
+#[test]
+fn a_recording_too_short_for_its_slow_branches_is_fitted_and_they_are_called_open() {
+    let bench = Bench::new("symmetric");
+    bench.edit("rec/motion.csv", |t| {
+        t.lines().take(5 + 800).collect::<Vec<_>>().join("\n")
+    });
+    let fit = bench.film(&[]);
+    for name in ["T_5", "T_6", "mu_6", "mu_7"] {
+        assert_eq!(fit["parameters"][name]["identifiable"], false, "{name}");
+    }
+    let too_short = Bench::new("symmetric");
+    too_short.edit("rec/motion.csv", |t| {
+        t.lines().take(5 + 110).collect::<Vec<_>>().join("\n")
+    });
+    let text = too_short.refused(&["fit", "film", "rec", "-o", "out"]);
+    assert_says(&text, &["independent samples", "record longer"]);
+}
+
+#[test]
+fn recordings_of_another_kind_or_another_rig() {
+    let bench = Bench::new("single-1");
+    let text = bench.refused(&["fit", "coupon", "rec", "-o", "out"]);
+    assert_says(&text, &["robot", "film-coupon"]);
+    let other = Bench::new("single-2");
+    other.edit("rig.toml", |t| t.replace("q_mm = 50.0", "q_mm = 50.5"));
+    let path = other.path("rec");
+    let text = bench.refused(&["fit", "film", "rec", path.to_str().unwrap(), "-o", "out"]);
+    assert_says(&text, &["single-1", "single-2", "different rigs", "--rig"]);
+}
+
+#[test]
+fn a_file_where_the_folder_should_be_is_left_as_it_is() {
+    let bench = Bench::new("single-1");
+    fs::write(bench.path("taken"), "mine").unwrap();
+    let out = bench.run(&["fit", "film", "rec", "-o", "taken", "-q"]);
+    assert_eq!(out.status.code(), Some(1));
+    assert_says(&String::from_utf8_lossy(&out.stderr), &["taken"]);
+    assert_eq!(fs::read_to_string(bench.path("taken")).unwrap(), "mine");
+}
+
+#[test]
+fn a_failed_run_does_not_touch_earlier_results() {
+    let bench = Bench::new("single-1");
+    bench.film(&[]);
+    let before = fs::read(bench.path("out/parameters.toml")).unwrap();
+    bench.edit("rec/voltage.csv", |t| t.replacen("0.5", "NaN", 1));
+    let out = bench.run(&["fit", "film", "rec", "-o", "out", "-q"]);
+    assert_eq!(out.status.code(), Some(1));
+    assert_says(
+        &String::from_utf8_lossy(&out.stderr),
+        &["voltage.csv", "NaN"],
+    );
+    assert_eq!(fs::read(bench.path("out/parameters.toml")).unwrap(), before);
+}
+
+#[test]
+fn import_describes_a_recording_and_a_bare_file() {
+    let bench = Bench::new("symmetric");
+    let out = bench.run(&["import", "rec", "rec/voltage.csv", "-o", "out", "--json"]);
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(json["recordings"].as_array().unwrap().len(), 1);
+    assert_eq!(json["files"].as_array().unwrap().len(), 1);
+    for file in ["import.json", "symmetric.csv", "symmetric.mcap"] {
+        assert!(bench.path("out").join(file).exists(), "{file}");
+    }
+}

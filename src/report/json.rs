@@ -254,7 +254,7 @@ impl From<&RecordingOutcome> for RecordingFit {
 /// What only a coupon has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CouponJson {
-    /// `uniaxial`, `equibiaxial` or `pure_shear`.
+    /// `uniaxial`, `equibiaxial` or `pure-shear`.
     pub mode: String,
     /// `relaxed` or `virgin` at the first row.
     pub film_state: String,
@@ -289,7 +289,7 @@ impl From<&CouponFit> for RecordingFit {
         let mode = match c.mode {
             CouponMode::Uniaxial => "uniaxial",
             CouponMode::Equibiaxial => "equibiaxial",
-            CouponMode::PureShear => "pure_shear",
+            CouponMode::PureShear => "pure-shear",
         };
         let film_state = match c.initial {
             InitialState::Relaxed => "relaxed",

@@ -1,10 +1,13 @@
 //! Files about recordings: CSV, MCAP, JSON and plans.
 
+mod common;
+
 use std::io::Cursor;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+use common::check;
 use deacal::calibration::*;
 use deacal::dataset::{Dataset, Parts, Plan, SmoothingPlan, Voltage};
 use deacal::film::{Film, InitialState};
@@ -175,60 +178,6 @@ fn outcome(d: &Dataset) -> Outcome {
         verdict: "v".into(),
         remarks: vec![],
     }
-}
-
-/// Whether a value is what a schema says: types, required and known keys, items.
-fn conforms(root: &Value, schema: &Value, value: &Value, place: &str) {
-    if let Some(name) = schema["$ref"].as_str() {
-        let name = name.trim_start_matches("#/$defs/");
-        return conforms(root, &root["$defs"][name], value, place);
-    }
-    if let Some(list) = schema["anyOf"].as_array() {
-        let null = |s: &&Value| s["type"] == "null";
-        if value.is_null() {
-            assert!(list.iter().any(|s| null(&s)), "{place}");
-            return;
-        }
-        let other = list.iter().find(|s| !null(s)).unwrap();
-        return conforms(root, other, value, place);
-    }
-    let fits = |t: &Value| match t.as_str().unwrap_or("") {
-        "null" => value.is_null(),
-        "number" => value.is_number(),
-        "integer" => value.is_i64() || value.is_u64(),
-        "string" => value.is_string(),
-        "boolean" => value.is_boolean(),
-        "array" => value.is_array(),
-        "object" => value.is_object(),
-        _ => true,
-    };
-    match &schema["type"] {
-        Value::Array(types) => assert!(types.iter().any(fits), "{place}: {value}"),
-        one => assert!(fits(one), "{place}: {value}, not {one}"),
-    }
-    if let Some(map) = value.as_object() {
-        for key in schema["required"].as_array().into_iter().flatten() {
-            assert!(map.contains_key(key.as_str().unwrap()), "{place}: no {key}");
-        }
-        for (key, v) in map {
-            let known = match schema["properties"].get(key) {
-                Some(known) => known,
-                None => &schema["additionalProperties"],
-            };
-            assert!(!known.is_null(), "{place}: {key} is in no schema");
-            conforms(root, known, v, &format!("{place}/{key}"));
-        }
-    }
-    for (i, v) in value.as_array().into_iter().flatten().enumerate() {
-        conforms(root, &schema["items"], v, &format!("{place}/{i}"));
-    }
-}
-
-fn check(name: &str, text: &str) {
-    let all = deacal::report::schema::schemas();
-    let schema = &all.iter().find(|(n, _)| *n == name).unwrap().1;
-    let schema: Value = serde_json::from_str(schema).unwrap();
-    conforms(&schema, &schema, &serde_json::from_str(text).unwrap(), name);
 }
 
 fn rows(bytes: Vec<u8>) -> (Vec<String>, Vec<Vec<String>>) {

@@ -43,6 +43,13 @@ const DOWN_TO_NOISE: f64 = 1.25;
 /// Error over the stress range, %, that the grid itself may make (measured in `tests/coupon.rs`): less is not a misfit.
 const GRID_ERROR_PERCENT: f64 = 0.01;
 
+/// Places of the largest excess over the noise that are kept, and the share of all rows below which one is not judged by itself.
+const WORST: usize = 4;
+const LEAST_SHARE: f64 = 0.01;
+/// A stretch between two corners is a hold when it changes less than this share of the range of the stretch, and is slower than this
+/// share of the fastest.
+const HOLD: f64 = 0.01;
+
 /// Relative difference of cost up to which two starts found the same minimum.
 const SAME_COST: f64 = 1e-6;
 /// What is said of the relaxation time of a branch without a modulus.
@@ -106,6 +113,8 @@ pub struct CouponFit {
     pub correlation_rows: f64,
     /// What a row was divided by in the fit, Pa.
     pub scale_pa: f64,
+    /// Whether the file has a time.
+    pub timed: bool,
     /// Time of each row that counts, s (row number where the file has no time).
     pub time_s: Vec<f64>,
     /// Its stretch.
@@ -120,6 +129,67 @@ pub struct CouponFit {
     pub verdict: String,
     /// What a reader should know.
     pub notes: Vec<String>,
+}
+
+impl CouponFit {
+    /// Whether the misfit is more than the noise, and more than the grid makes. False where the noise is not known.
+    #[must_use]
+    pub fn exceeds_noise(&self) -> bool {
+        self.noise_known
+            && self.rmse_pa > DOWN_TO_NOISE * self.noise_pa
+            && self.nrmse_percent > GRID_ERROR_PERCENT
+    }
+}
+
+/// Where the prediction of a coupon errs most.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CouponPlace {
+    /// Identity of the coupon.
+    pub coupon: String,
+    /// The place, in words.
+    pub place: String,
+    /// Root mean square error there over the noise; NaN where the noise is not known.
+    pub ratio: f64,
+    /// Root mean square error there, Pa.
+    pub rmse_pa: f64,
+    /// Mean error there (predicted minus measured), Pa.
+    pub mean_pa: f64,
+    /// Share of the whole excess over the noise, every coupon on its own stress range as in the fit.
+    pub share: f64,
+}
+
+/// Errors of all rows of all coupons together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CouponTotal {
+    /// Root mean square error of the nominal stress, Pa; NaN without a coupon.
+    pub rmse_pa: f64,
+    /// Largest magnitude of the error, Pa.
+    pub max_error_pa: f64,
+    /// Rows.
+    pub n_samples: usize,
+    /// Root mean square of the noise, Pa; NaN unless it is known of every coupon.
+    pub noise_pa: f64,
+}
+
+impl CouponOutcome {
+    /// All coupons together.
+    #[must_use]
+    pub fn total(&self) -> CouponTotal {
+        let n_samples = self.coupons.iter().map(|c| c.n_samples).sum();
+        let mean = |f: &dyn Fn(&CouponFit) -> f64| {
+            let sum: f64 = self.coupons.iter().map(|c| c.n_samples as f64 * f(c)).sum();
+            (sum / n_samples as f64).sqrt()
+        };
+        CouponTotal {
+            rmse_pa: mean(&|c| c.rmse_pa.powi(2)),
+            max_error_pa: self.coupons.iter().fold(0.0, |m, c| m.max(c.max_error_pa)),
+            n_samples,
+            noise_pa: mean(&|c| match c.noise_known {
+                true => c.noise_pa.powi(2),
+                false => f64::NAN,
+            }),
+        }
+    }
 }
 
 /// Everything that a coupon calibration found.
@@ -139,6 +209,8 @@ pub struct CouponOutcome {
     pub weak_directions: Vec<WeakDirection>,
     /// The coupons.
     pub coupons: Vec<CouponFit>,
+    /// Where the prediction errs most, largest share of the excess first.
+    pub worst: Vec<CouponPlace>,
     /// Root of the mean squared NRMSE over the coupons, %: what the fit makes small.
     pub nrmse_percent: f64,
     /// The starts, best first.
@@ -484,7 +556,7 @@ pub fn calibrate_coupons(
             e.says = format!("{MEANINGLESS}: mu_{} is zero", place + 2);
         }
     }
-    let exceeds = outcome.coupons.iter().any(exceeds_noise);
+    let exceeds = outcome.coupons.iter().any(CouponFit::exceeds_noise);
     if exceeds {
         for (e, m) in outcome.estimates.iter_mut().zip(&by_misfit) {
             if !e.fixed && e.at_bound.is_none() && !e.says.starts_with(MEANINGLESS) {
@@ -541,10 +613,6 @@ pub fn validate_coupons(coupons: &[&Coupon], film: &Film) -> Result<CouponOutcom
     outcome.converged = true;
     outcome.reason = "nothing was fitted".into();
     Ok(outcome)
-}
-
-fn exceeds_noise(c: &CouponFit) -> bool {
-    c.noise_known && c.rmse_pa > DOWN_TO_NOISE * c.noise_pa && c.nrmse_percent > GRID_ERROR_PERCENT
 }
 
 /// 1 + 2 sum of the autocorrelation up to its first value that is not positive, rows: how many rows say the same thing.
@@ -610,6 +678,7 @@ fn assemble(
                 noise_known: c.noise_known,
                 correlation_rows: correlation_rows(&error),
                 scale_pa: residual.scale_pa(number),
+                timed: c.timed,
                 time_s,
                 stretch,
                 measured_pa,
@@ -625,6 +694,7 @@ fn assemble(
     let mean = coupons.iter().map(|c| c.nrmse_percent.powi(2)).sum::<f64>() / coupons.len() as f64;
     let nrmse_percent = mean.sqrt();
     let verdict = verdict(&coupons, nrmse_percent);
+    let worst = worst(&coupons);
     Ok(CouponOutcome {
         job,
         film,
@@ -633,6 +703,7 @@ fn assemble(
         correlation: Default::default(),
         weak_directions: Vec::new(),
         coupons,
+        worst,
         nrmse_percent,
         starts: Vec::new(),
         converged: false,
@@ -644,6 +715,130 @@ fn assemble(
     })
 }
 
+/// What the film is made to do between two corners of its stretch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Phase {
+    Up,
+    Hold,
+    Down,
+}
+
+/// Phase of each row of a coupon, and in which third (of the range of the stretch, of the duration of a hold) it lies.
+fn phases(c: &CouponFit) -> Vec<(Phase, usize)> {
+    let last = c.time_s.len() - 1;
+    // Without a time there are no corners: up to the largest stretch, and back.
+    let top = (0..=last).max_by(|&a, &b| c.stretch[a].total_cmp(&c.stretch[b]));
+    let mut at: Vec<usize> = c
+        .plan
+        .corners_s
+        .iter()
+        .map(|&t| c.time_s.partition_point(|&x| x < t).min(last))
+        .chain([0, last])
+        .chain(top.filter(|_| !c.timed))
+        .collect();
+    at.sort_unstable();
+    at.dedup();
+    let [low, high] = c
+        .stretch
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &l| {
+            [a.min(l), b.max(l)]
+        });
+    let change = |w: &[usize]| c.stretch[w[1]] - c.stretch[w[0]];
+    let slope = |w: &[usize]| change(w) / (c.time_s[w[1]] - c.time_s[w[0]]);
+    let fastest = at
+        .windows(2)
+        .map(|w| slope(w).abs())
+        .fold(0.0_f64, f64::max);
+    let third = |share: f64| ((3.0 * share) as usize).min(2);
+    let mut out = Vec::with_capacity(last + 1);
+    for w in at.windows(2) {
+        let still = change(w).abs() < HOLD * (high - low) && slope(w).abs() < HOLD * fastest;
+        let end = if w[1] == last { last + 1 } else { w[1] };
+        out.extend((w[0]..end).map(|i| {
+            if still {
+                let share = (c.time_s[i] - c.time_s[w[0]]) / (c.time_s[w[1]] - c.time_s[w[0]]);
+                return (Phase::Hold, third(share));
+            }
+            let share = (c.stretch[i] - low) / (high - low);
+            match change(w) > 0.0 {
+                true => (Phase::Up, third(share)),
+                false => (Phase::Down, third(share)),
+            }
+        }));
+    }
+    out
+}
+
+/// The places with the largest excess over the noise: coupon by coupon while stretching, holding and releasing, by thirds.
+fn worst(coupons: &[CouponFit]) -> Vec<CouponPlace> {
+    let noise = |c: &CouponFit| if c.noise_known { c.noise_pa } else { 0.0 };
+    let excess = |c: &CouponFit, sum: f64, n: f64| {
+        (sum - n * noise(c).powi(2)) / (c.n_samples as f64 * (c.rmse_pa / c.nrmse_percent).powi(2))
+    };
+    let whole: f64 = coupons
+        .iter()
+        .map(|c| {
+            excess(
+                c,
+                c.n_samples as f64 * c.rmse_pa.powi(2),
+                c.n_samples as f64,
+            )
+            .max(0.0)
+        })
+        .sum();
+    let mut out = Vec::new();
+    for c in coupons.iter().filter(|c| c.rmse_pa > 0.0) {
+        let phases = phases(c);
+        let mut kinds = phases.clone();
+        kinds.sort_unstable();
+        kinds.dedup();
+        for kind in kinds {
+            let rows: Vec<usize> = (0..phases.len()).filter(|&i| phases[i] == kind).collect();
+            let n = rows.len() as f64;
+            if n < LEAST_SHARE * c.n_samples as f64 {
+                continue;
+            }
+            let error = |i: &usize| c.predicted_pa[*i] - c.measured_pa[*i];
+            let sum: f64 = rows.iter().map(|i| error(i).powi(2)).sum();
+            let rmse_pa = (sum / n).sqrt();
+            let among = |v: &[f64]| {
+                let of = rows.iter().map(|&i| v[i]);
+                of.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| {
+                    [a.min(x), b.max(x)]
+                })
+            };
+            let [low, high] = among(&c.stretch);
+            let third = ["first", "second", "last"][kind.1];
+            let place = match kind.0 {
+                Phase::Up => format!("stretching from {low:.2} to {high:.2}"),
+                Phase::Down => format!("releasing from {high:.2} to {low:.2}"),
+                Phase::Hold => {
+                    format!("{third} third of holding, stretch {low:.2} to {high:.2}")
+                }
+            };
+            out.push(CouponPlace {
+                coupon: c.id.clone(),
+                place,
+                ratio: match c.noise_known {
+                    true => rmse_pa / c.noise_pa,
+                    false => f64::NAN,
+                },
+                rmse_pa,
+                mean_pa: rows.iter().map(error).sum::<f64>() / n,
+                share: match whole > 0.0 {
+                    true => (excess(c, sum, n).max(0.0) / whole).min(1.0),
+                    false => 0.0,
+                },
+            });
+        }
+    }
+    let descending = |a: f64, b: f64| b.total_cmp(&a);
+    out.sort_by(|a, b| descending(a.share, b.share).then_with(|| descending(a.rmse_pa, b.rmse_pa)));
+    out.truncate(WORST);
+    out
+}
+
 fn verdict_of(c: &CouponFit) -> String {
     let error = format!(
         "{:.2} % of the stress range (rms {:.1} Pa over {} rows)",
@@ -652,7 +847,7 @@ fn verdict_of(c: &CouponFit) -> String {
     let times = c.rmse_pa / c.noise_pa;
     if !c.noise_known {
         format!("Off by {error}; too few rows to tell the noise.")
-    } else if exceeds_noise(c) {
+    } else if c.exceeds_noise() {
         format!(
             "Off by {error}, {times:.1} times the noise of {:.1} Pa.",
             c.noise_pa
@@ -669,7 +864,7 @@ fn verdict(coupons: &[CouponFit], nrmse_percent: f64) -> String {
     else {
         return String::new();
     };
-    let exceed = coupons.iter().filter(|c| exceeds_noise(c)).count();
+    let exceed = coupons.iter().filter(|c| c.exceeds_noise()).count();
     let known = coupons.iter().filter(|c| c.noise_known).count();
     let size = format!(
         "NRMSE {nrmse_percent:.2} % of the stress range (worst: {:.2} % of {})",

@@ -9,7 +9,10 @@ mod profile;
 mod robot;
 mod statistics;
 
-pub use coupon::{CouponFit, CouponOutcome, CouponRequest, calibrate_coupons, validate_coupons};
+pub use coupon::{
+    CouponFit, CouponOutcome, CouponPlace, CouponRequest, CouponTotal, calibrate_coupons,
+    validate_coupons,
+};
 pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,

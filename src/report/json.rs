@@ -8,8 +8,12 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
 use super::provenance::{FileSum, Provenance};
-use crate::calibration::{AtBound, ChainError, Estimate, Outcome, RecordingOutcome};
-use crate::dataset::{Dataset, OffsetSource, Plan, Voltage};
+use crate::calibration::{
+    AtBound, ChainError, CouponFit, CouponOutcome, CouponPlace, CouponTotal, Estimate, Outcome,
+    RecordingOutcome, StartOutcome, WeakDirection,
+};
+use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
+use crate::film::InitialState;
 use crate::recording::{Capture, Level, Note, Payload, Recording, Section};
 
 /// A number, or null where there is none.
@@ -159,7 +163,24 @@ impl From<&ChainError> for Errors {
     }
 }
 
-/// `above_1kV` or `all`.
+impl From<CouponTotal> for Errors {
+    fn from(t: CouponTotal) -> Self {
+        let rmse_pa = finite(t.rmse_pa);
+        Errors {
+            rmse_v: rmse_pa,
+            max_error_v: finite(t.max_error_pa).filter(|_| t.n_samples > 0),
+            n_samples: t.n_samples,
+            rmse_all_v: rmse_pa,
+            n_samples_all: t.n_samples,
+            noise_floor_v: finite(t.noise_pa),
+            n_negative: 0,
+        }
+    }
+}
+
+/// `rmse_basis` of everything that has no voltage.
+pub const ALL: &str = "all";
+/// `rmse_basis` of a robot or a film sample.
 pub const ABOVE_1KV: &str = "above_1kV";
 
 /// A gap of the capture.
@@ -197,8 +218,11 @@ pub struct RecordingFit {
     /// All chains together.
     #[serde(flatten)]
     pub errors: Errors,
-    /// Chains 1 to 3; one for a film sample.
+    /// Chains 1 to 3; one for a film sample or a coupon.
     pub chains: Vec<Errors>,
+    /// What only a coupon has.
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub coupon: Option<CouponJson>,
     /// Voltage clock minus motion clock, s.
     pub offset_s: Number,
     /// Its standard error where it was estimated, s.
@@ -217,11 +241,81 @@ impl From<&RecordingOutcome> for RecordingFit {
             id: r.id.clone(),
             errors: (&r.total).into(),
             chains: r.chains.iter().map(Errors::from).collect(),
+            coupon: None,
             offset_s: finite(r.offset_s),
             offset_std_error_s: r.offset_std_error_s.and_then(finite),
             gaps: gaps(&r.time_s, &r.gaps),
             n_unreachable: r.unreachable.len(),
             notes: r.notes.clone(),
+        }
+    }
+}
+
+/// What only a coupon has.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CouponJson {
+    /// `uniaxial`, `equibiaxial` or `pure-shear`.
+    pub mode: String,
+    /// `relaxed` or `virgin` at the first row.
+    pub film_state: String,
+    /// Root mean square error over the range of the measured stress, %.
+    pub nrmse_percent: Number,
+    /// Root mean square error over the largest measured stress, %.
+    pub nrmse_of_max_percent: Number,
+    /// Standard deviation of the stress noise, Pa.
+    #[serde(rename = "noise_Pa")]
+    pub noise_pa: Number,
+    /// Whether `noise_Pa` is the noise, not only an upper bound; `noise_floor_V` is null where it is not.
+    pub noise_known: bool,
+    /// Whether the error is more than the noise.
+    pub exceeds_noise: bool,
+    /// Correlation length of the error, rows.
+    pub correlation_rows: Number,
+    /// What a row was divided by in the fit, Pa.
+    #[serde(rename = "scale_Pa")]
+    pub scale_pa: Number,
+    /// Whether it fits, in one sentence.
+    pub verdict: String,
+}
+
+impl From<&CouponFit> for RecordingFit {
+    fn from(c: &CouponFit) -> Self {
+        let errors = Errors::from(CouponTotal {
+            rmse_pa: c.rmse_pa,
+            max_error_pa: c.max_error_pa,
+            n_samples: c.n_samples,
+            noise_pa: if c.noise_known { c.noise_pa } else { f64::NAN },
+        });
+        let mode = match c.mode {
+            CouponMode::Uniaxial => "uniaxial",
+            CouponMode::Equibiaxial => "equibiaxial",
+            CouponMode::PureShear => "pure-shear",
+        };
+        let film_state = match c.initial {
+            InitialState::Relaxed => "relaxed",
+            InitialState::Virgin => "virgin",
+        };
+        RecordingFit {
+            id: c.id.clone(),
+            errors,
+            chains: vec![errors],
+            coupon: Some(CouponJson {
+                mode: mode.to_owned(),
+                film_state: film_state.to_owned(),
+                nrmse_percent: finite(c.nrmse_percent),
+                nrmse_of_max_percent: finite(c.nrmse_of_max_percent),
+                noise_pa: finite(c.noise_pa),
+                noise_known: c.noise_known,
+                exceeds_noise: c.exceeds_noise(),
+                correlation_rows: finite(c.correlation_rows),
+                scale_pa: finite(c.scale_pa),
+                verdict: c.verdict.clone(),
+            }),
+            offset_s: None,
+            offset_std_error_s: None,
+            gaps: Vec::new(),
+            n_unreachable: 0,
+            notes: c.notes.clone(),
         }
     }
 }
@@ -235,6 +329,10 @@ pub struct ParameterJson {
     pub unit: String,
     /// Standard error; null where it was fixed or rests on a bound.
     pub std_error: Number,
+    /// Standard error as if the misfit were noise of its own size and correlation length: of coupons, of which `std_error` is what
+    /// the noise alone leaves open. Null where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit_std_error: Number,
     /// 95 % interval; null where it was fixed.
     pub ci95: Option<[Number; 2]>,
     /// Whether it rests on a bound.
@@ -261,6 +359,7 @@ impl From<&Estimate> for ParameterJson {
             value: finite(e.value),
             unit: e.unit.to_owned(),
             std_error: finite(e.std_error),
+            misfit_std_error: None,
             ci95: (!e.fixed && e.ci95.iter().any(|v| v.is_finite())).then(|| e.ci95.map(finite)),
             at_bound: bound.is_some(),
             bound,
@@ -289,6 +388,19 @@ pub struct StartJson {
     pub reached: Vec<Number>,
 }
 
+impl From<&StartOutcome> for StartJson {
+    fn from(s: &StartOutcome) -> Self {
+        StartJson {
+            origin: s.origin.clone(),
+            cost: finite(s.cost),
+            evaluations: s.evaluations,
+            failed_evaluations: s.failed,
+            ended: s.ended.clone(),
+            reached: s.reached.iter().map(|&v| finite(v)).collect(),
+        }
+    }
+}
+
 /// A combination of parameters that the recordings leave open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WeakDirectionJson {
@@ -300,6 +412,16 @@ pub struct WeakDirectionJson {
     pub says: String,
 }
 
+impl From<&WeakDirection> for WeakDirectionJson {
+    fn from(w: &WeakDirection) -> Self {
+        WeakDirectionJson {
+            relative_sd: finite(w.relative_sd),
+            parts: Named(w.parts.clone()),
+            says: w.says.clone(),
+        }
+    }
+}
+
 /// Correlation of the free estimates.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct CorrelationJson {
@@ -307,6 +429,18 @@ pub struct CorrelationJson {
     pub names: Vec<String>,
     /// One row a name.
     pub rows: Vec<Vec<Number>>,
+}
+
+impl From<&(Vec<String>, Vec<Vec<f64>>)> for CorrelationJson {
+    fn from((names, rows): &(Vec<String>, Vec<Vec<f64>>)) -> Self {
+        CorrelationJson {
+            names: names.clone(),
+            rows: rows
+                .iter()
+                .map(|row| row.iter().map(|&v| finite(v)).collect())
+                .collect(),
+        }
+    }
 }
 
 /// Where the prediction errs most, against the noise.
@@ -323,6 +457,27 @@ pub struct WorstPlaceJson {
     pub share: Number,
 }
 
+impl From<&CouponPlace> for WorstPlaceJson {
+    fn from(w: &CouponPlace) -> Self {
+        WorstPlaceJson {
+            place: format!("{}, {}", w.coupon, w.place),
+            ratio: finite(w.ratio),
+            rmse_v: finite(w.rmse_pa),
+            share: finite(w.share),
+        }
+    }
+}
+
+/// Choices made for a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum PlanJson {
+    /// Of a robot or a film sample.
+    Motion(Plan),
+    /// Of a coupon.
+    Coupon(CouponPlan),
+}
+
 /// `fit.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "fit.json")]
@@ -334,6 +489,9 @@ pub struct FitJson {
     /// All recordings together.
     #[serde(flatten)]
     pub errors: Errors,
+    /// Root of the mean squared NRMSE (error over the range of the measured stress) of coupons, %: what their fit makes small.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nrmse_percent: Number,
     /// Unit of the errors, here and below: `V`, `N m` for a hinge, `Pa` for a coupon, that of the input for an axis.
     pub rmse_unit: String,
     /// Samples over which `rmse_V` is taken: `above_1kV` or `all`.
@@ -366,8 +524,8 @@ pub struct FitJson {
     pub worst: Vec<WorstPlaceJson>,
     /// The starts, best first.
     pub starts: Vec<StartJson>,
-    /// Choices made for each recording; `plan.toml` holds the same.
-    pub plan: Vec<Plan>,
+    /// Choices made for each recording; of motions `plan.toml` holds the same.
+    pub plan: Vec<PlanJson>,
     /// Further sentences a reader should see.
     pub remarks: Vec<String>,
     /// What the result was made of.
@@ -383,6 +541,7 @@ impl FitJson {
             job: outcome.job.to_owned(),
             verdict: outcome.verdict.clone(),
             errors: (&outcome.total).into(),
+            nrmse_percent: None,
             rmse_unit: "V".to_owned(),
             rmse_basis: ABOVE_1KV.to_owned(),
             converged: outcome.converged,
@@ -399,24 +558,8 @@ impl FitJson {
                     .collect(),
             ),
             eps_r: finite(outcome.eps_r),
-            weak_directions: outcome
-                .weak_directions
-                .iter()
-                .map(|w| WeakDirectionJson {
-                    relative_sd: finite(w.relative_sd),
-                    parts: Named(w.parts.clone()),
-                    says: w.says.clone(),
-                })
-                .collect(),
-            correlation: CorrelationJson {
-                names: outcome.correlation.0.clone(),
-                rows: outcome
-                    .correlation
-                    .1
-                    .iter()
-                    .map(|row| row.iter().map(|&v| finite(v)).collect())
-                    .collect(),
-            },
+            weak_directions: outcome.weak_directions.iter().map(Into::into).collect(),
+            correlation: (&outcome.correlation).into(),
             recordings: outcome.recordings.iter().map(RecordingFit::from).collect(),
             swing_range_deg: (low.is_finite() && high.is_finite()).then_some([low, high]),
             worst: outcome
@@ -429,19 +572,61 @@ impl FitJson {
                     share: finite(w.share),
                 })
                 .collect(),
-            starts: outcome
-                .starts
+            starts: outcome.starts.iter().map(Into::into).collect(),
+            plan: outcome
+                .recordings
                 .iter()
-                .map(|s| StartJson {
-                    origin: s.origin.clone(),
-                    cost: finite(s.cost),
-                    evaluations: s.evaluations,
-                    failed_evaluations: s.failed,
-                    ended: s.ended.clone(),
-                    reached: s.reached.iter().map(|&v| finite(v)).collect(),
-                })
+                .map(|r| PlanJson::Motion(r.plan.clone()))
                 .collect(),
-            plan: outcome.recordings.iter().map(|r| r.plan.clone()).collect(),
+            remarks: outcome.remarks.clone(),
+            provenance,
+        }
+    }
+
+    /// Of a calibration on coupons: errors of the nominal stress in Pa over all rows, under the keys of the others.
+    #[must_use]
+    pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
+        let misfit = outcome.misfit_std_error.iter().copied();
+        FitJson {
+            job: outcome.job.to_owned(),
+            verdict: outcome.verdict.clone(),
+            errors: outcome.total().into(),
+            nrmse_percent: finite(outcome.nrmse_percent),
+            rmse_unit: "Pa".to_owned(),
+            rmse_basis: ALL.to_owned(),
+            converged: outcome.converged,
+            reason: outcome.reason.clone(),
+            evaluations: outcome.evaluations,
+            failed_evaluations: outcome.failed_evaluations,
+            weighted_mean_square: None,
+            noise_mean_square: None,
+            parameters: Named(
+                outcome
+                    .estimates
+                    .iter()
+                    .zip(misfit.chain(std::iter::repeat(f64::NAN)))
+                    .map(|(e, misfit)| {
+                        let misfit_std_error = finite(misfit);
+                        let parameter = ParameterJson {
+                            misfit_std_error,
+                            ..e.into()
+                        };
+                        (e.name.clone(), parameter)
+                    })
+                    .collect(),
+            ),
+            eps_r: None,
+            weak_directions: outcome.weak_directions.iter().map(Into::into).collect(),
+            correlation: (&outcome.correlation).into(),
+            recordings: outcome.coupons.iter().map(Into::into).collect(),
+            swing_range_deg: None,
+            worst: outcome.worst.iter().map(Into::into).collect(),
+            starts: outcome.starts.iter().map(Into::into).collect(),
+            plan: outcome
+                .coupons
+                .iter()
+                .map(|c| PlanJson::Coupon(c.plan.clone()))
+                .collect(),
             remarks: outcome.remarks.clone(),
             provenance,
         }

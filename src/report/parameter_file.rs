@@ -19,7 +19,7 @@ use serde::Serialize;
 use toml::de::DeValue;
 
 use super::provenance::{FileSum, Provenance, RecordingSum};
-use crate::calibration::{Estimate, Outcome};
+use crate::calibration::{CouponOutcome, Estimate, Outcome};
 use crate::film::Film;
 use crate::model::{ForearmTorque, Parameters};
 use crate::recording::keys::{Document, Keys, Value, describe};
@@ -70,6 +70,26 @@ pub struct FilmEntry {
     pub locking: Quantity,
     /// Relative permittivity; wins over the rig's.
     pub eps_r: Option<Quantity>,
+}
+
+impl FilmEntry {
+    /// A film with the errors of those of its parameters that are among `estimates`.
+    fn of(film: &Film, eps_r: Option<f64>, estimates: &[Estimate]) -> Self {
+        let quantity =
+            |name: &str, value: f64| Quantity::of(value, estimates.iter().find(|e| e.name == name));
+        let list = |letter: &str, values: &[f64]| {
+            let numbered = values.iter().enumerate();
+            numbered
+                .map(|(i, &v)| quantity(&format!("{letter}_{}", i + 1), v))
+                .collect()
+        };
+        FilmEntry {
+            mu_pa: list("mu", &film.mu_pa),
+            relaxation_time_s: list("T", &film.relaxation_time_s),
+            locking: quantity("J", film.locking),
+            eps_r: eps_r.filter(|e| e.is_finite()).map(Quantity::exact),
+        }
+    }
 }
 
 /// `[forearm]`.
@@ -176,15 +196,9 @@ impl ParameterFile {
     #[must_use]
     pub fn of(parameters: &Parameters, eps_r: Option<f64>) -> Self {
         let exact = |list: &[f64]| list.iter().map(|&v| Quantity::exact(v)).collect();
-        let film = &parameters.film;
         let forearm = &parameters.forearm;
         ParameterFile {
-            film: Some(FilmEntry {
-                mu_pa: exact(&film.mu_pa),
-                relaxation_time_s: exact(&film.relaxation_time_s),
-                locking: Quantity::exact(film.locking),
-                eps_r: eps_r.filter(|e| e.is_finite()).map(Quantity::exact),
-            }),
+            film: Some(FilmEntry::of(&parameters.film, eps_r, &[])),
             forearm: Some(ForearmEntry {
                 nodes_deg: forearm.nodes_rad().iter().map(|&r| degrees(r)).collect(),
                 torque_n_m: exact(&forearm.torque_n_m),
@@ -197,16 +211,11 @@ impl ParameterFile {
     #[must_use]
     pub fn of_outcome(outcome: &Outcome, provenance: Provenance) -> Self {
         let mut file = ParameterFile::of(&outcome.parameters, Some(outcome.eps_r));
-        let find = |name: &str| outcome.estimates.iter().find(|e| e.name == name);
-        if let Some(film) = &mut file.film {
-            for (i, q) in film.mu_pa.iter_mut().enumerate() {
-                *q = Quantity::of(q.value, find(&format!("mu_{}", i + 1)));
-            }
-            for (i, q) in film.relaxation_time_s.iter_mut().enumerate() {
-                *q = Quantity::of(q.value, find(&format!("T_{}", i + 1)));
-            }
-            film.locking = Quantity::of(film.locking.value, find("J"));
-        }
+        file.film = Some(FilmEntry::of(
+            &outcome.parameters.film,
+            Some(outcome.eps_r),
+            &outcome.estimates,
+        ));
         if let Some(forearm) = &mut file.forearm {
             // nodes and torque estimates are in the same order
             let torques = outcome
@@ -219,6 +228,16 @@ impl ParameterFile {
         }
         file.provenance = provenance;
         file
+    }
+
+    /// The film that a calibration on coupons found, with its errors: those of the noise of the stress alone, as in `fit.json`.
+    #[must_use]
+    pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
+        ParameterFile {
+            film: Some(FilmEntry::of(&outcome.film, None, &outcome.estimates)),
+            provenance,
+            ..ParameterFile::default()
+        }
     }
 
     /// Film and forearm, as the model wants them. Without `[forearm]`: no torque, at the default nodes.

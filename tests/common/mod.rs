@@ -132,3 +132,74 @@ pub fn track(case: &Value, times: &[f64], step_s: f64) -> deacal::model::Track {
         initial: initial(&case["film"]["start"]),
     }
 }
+
+/// Whether a value is what a schema says: types, required and known keys, items.
+fn conforms(root: &Value, schema: &Value, value: &Value, place: &str) {
+    if let Some(name) = schema["$ref"].as_str() {
+        let name = name.trim_start_matches("#/$defs/");
+        return conforms(root, &root["$defs"][name], value, place);
+    }
+    if let Some(list) = schema["anyOf"].as_array() {
+        let null = |s: &&Value| s["type"] == "null";
+        if value.is_null() {
+            assert!(list.iter().any(|s| null(&s)), "{place}");
+            return;
+        }
+        // of several objects the one whose required keys are all there
+        let whole = |s: &&Value| {
+            let name = s["$ref"].as_str().unwrap_or("");
+            let at = &root["$defs"][name.trim_start_matches("#/$defs/")];
+            let keys = at["required"].as_array().into_iter().flatten();
+            keys.map(|k| k.as_str().unwrap())
+                .all(|k| value.get(k).is_some())
+        };
+        let mut others = list.iter().filter(|s| !null(s));
+        let other = match others.clone().count() {
+            1 => others.next(),
+            _ => others.find(whole),
+        };
+        let other = other.unwrap_or_else(|| panic!("{place}: {value} is none of {list:?}"));
+        return conforms(root, other, value, place);
+    }
+    let fits = |t: &Value| match t.as_str().unwrap_or("") {
+        "null" => value.is_null(),
+        "number" => value.is_number(),
+        "integer" => value.is_i64() || value.is_u64(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "array" => value.is_array(),
+        "object" => value.is_object(),
+        _ => true,
+    };
+    match &schema["type"] {
+        Value::Array(types) => assert!(types.iter().any(fits), "{place}: {value}"),
+        one => assert!(fits(one), "{place}: {value}, not {one}"),
+    }
+    if let Some(map) = value.as_object() {
+        for key in schema["required"].as_array().into_iter().flatten() {
+            assert!(map.contains_key(key.as_str().unwrap()), "{place}: no {key}");
+        }
+        for (key, v) in map {
+            let known = match schema["properties"].get(key) {
+                Some(known) => known,
+                None => &schema["additionalProperties"],
+            };
+            assert!(
+                !known.is_null() && *known != false,
+                "{place}: {key} is in no schema"
+            );
+            conforms(root, known, v, &format!("{place}/{key}"));
+        }
+    }
+    for (i, v) in value.as_array().into_iter().flatten().enumerate() {
+        conforms(root, &schema["items"], v, &format!("{place}/{i}"));
+    }
+}
+
+/// Whether a text conforms to the schema of that name.
+pub fn check(name: &str, text: &str) {
+    let all = deacal::report::schema::schemas();
+    let schema = &all.iter().find(|(n, _)| *n == name).unwrap().1;
+    let schema: Value = serde_json::from_str(schema).unwrap();
+    conforms(&schema, &schema, &serde_json::from_str(text).unwrap(), name);
+}

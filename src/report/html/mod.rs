@@ -6,6 +6,7 @@
 //! includes the distance of two curves that are drawn over each other).
 
 mod contributions;
+mod coupon;
 mod errors;
 pub mod number;
 pub mod page;
@@ -22,6 +23,8 @@ mod torque;
 use crate::calibration::Outcome;
 use crate::report::provenance::Provenance;
 use page::Section;
+
+pub use coupon::render_coupons;
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 

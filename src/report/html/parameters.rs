@@ -4,12 +4,15 @@ use minijinja::{Value, context};
 
 use super::page::{Cell, Section, Table, safe};
 use super::{Provenance, number, plot};
-use crate::calibration::{AtBound, Estimate, Outcome};
+use crate::calibration::{AtBound, Estimate, Outcome, WeakDirection};
 
 const TEMPLATE: &str = include_str!("parameters.html");
 
+/// Behind value and standard error.
+const MISFIT_COLUMN: usize = 4;
+
 /// The unit in which a value reads well, and the factor to it.
-fn shown(e: &Estimate) -> (&'static str, f64) {
+pub fn shown(e: &Estimate) -> (&'static str, f64) {
     match e.unit {
         "Pa" => ("kPa", 1e-3),
         "N m" => ("mN m", 1e3),
@@ -45,7 +48,21 @@ fn interval(e: &Estimate, factor: f64) -> String {
     format!("{} to {}", ends[0], ends[1])
 }
 
-fn row(e: &Estimate) -> Vec<Cell> {
+/// What the section shows, of whatever job.
+pub struct Shown<'a> {
+    /// Every parameter, in order.
+    pub estimates: &'a [Estimate],
+    /// Standard error of each counting the misfit, where that is another; else empty.
+    pub misfit: &'a [f64],
+    /// Correlation of the free ones.
+    pub correlation: &'a (Vec<String>, Vec<Vec<f64>>),
+    /// Combinations that stay open.
+    pub weak_directions: &'a [WeakDirection],
+    /// Relative permittivity used; NaN where there is none.
+    pub eps_r: f64,
+}
+
+fn row(e: &Estimate, misfit: Option<f64>) -> Vec<Cell> {
     let (unit, factor) = shown(e);
     let (value, error) = number::with_error(e.value * factor, e.std_error * factor);
     let error = match error {
@@ -53,7 +70,7 @@ fn row(e: &Estimate) -> Vec<Cell> {
         None if e.fixed => "held".into(),
         None => number::MISSING.into(),
     };
-    vec![
+    let mut cells = vec![
         Cell::text(&e.name),
         Cell::text(&e.meaning),
         Cell::number(value),
@@ -62,15 +79,34 @@ fn row(e: &Estimate) -> Vec<Cell> {
         Cell::of("nowrap", unit),
         trust(e),
         Cell::of("quiet", number::words(&e.says)),
-    ]
+    ];
+    if let Some(misfit) = misfit {
+        let text = match misfit.is_finite() {
+            true => format!("\u{b1} {}", number::significant(misfit * factor, 2)),
+            false => number::MISSING.into(),
+        };
+        cells.insert(MISFIT_COLUMN, Cell::number(text));
+    }
+    cells
 }
 
 /// See the module.
 pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
-    if outcome.estimates.is_empty() {
+    of(&Shown {
+        estimates: &outcome.estimates,
+        misfit: &[],
+        correlation: &outcome.correlation,
+        weak_directions: &outcome.weak_directions,
+        eps_r: outcome.eps_r,
+    })
+}
+
+/// The section of any job.
+pub fn of(shown: &Shown) -> Option<Section> {
+    if shown.estimates.is_empty() {
         return None;
     }
-    let head = vec![
+    let mut head = vec![
         Cell::text("name"),
         Cell::text("meaning"),
         Cell::number("value"),
@@ -80,14 +116,20 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
         Cell::text("trust"),
         Cell::text("why"),
     ];
-    let mut table = Table::new(
+    let mut caption = String::from(
         "Every parameter. Intervals are of 95 %; where a parameter was held or rests on a bound there is none.",
-        head,
     );
-    for e in &outcome.estimates {
-        table.row(row(e));
+    if !shown.misfit.is_empty() {
+        head[MISFIT_COLUMN - 1] = Cell::number("standard error by the noise");
+        head.insert(MISFIT_COLUMN, Cell::number("counting the misfit"));
+        head[MISFIT_COLUMN + 1] = Cell::number("95 % interval by the noise");
+        caption += " The misfit exceeds the noise: the error counting it as correlated noise is an order of magnitude, the others are too small.";
     }
-    let (names, rows) = &outcome.correlation;
+    let mut table = Table::new(&caption, head);
+    for (i, e) in shown.estimates.iter().enumerate() {
+        table.row(row(e, shown.misfit.get(i).copied()));
+    }
+    let (names, rows) = shown.correlation;
     let figure = if names.len() > 1 {
         let drawing = plot::heat_map("Correlation of the estimates", names, rows);
         let key = plot::colour_key(&[
@@ -103,13 +145,13 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
     } else {
         String::new()
     };
-    let weak: Vec<Value> = outcome
+    let weak: Vec<Value> = shown
         .weak_directions
         .iter()
         .map(|w| Value::from(number::words(&w.says)))
         .collect();
-    let eps_r = if outcome.eps_r.is_finite() {
-        number::significant(outcome.eps_r, 3)
+    let eps_r = if shown.eps_r.is_finite() {
+        number::significant(shown.eps_r, 3)
     } else {
         String::new()
     };

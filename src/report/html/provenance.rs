@@ -10,6 +10,11 @@ const TEMPLATE: &str = include_str!("provenance.html");
 
 /// See the module.
 pub fn section(_: &Outcome, provenance: &Provenance) -> Option<Section> {
+    Some(of(provenance))
+}
+
+/// The section of any job.
+pub fn of(provenance: &Provenance) -> Section {
     let head = ["of", "file", "role", "SHA-256"].map(Cell::text);
     let mut table = Table::new("Files read, and the SHA-256 of their bytes.", head.to_vec());
     let mut add = |of: &str, file: &FileSum| {
@@ -33,5 +38,5 @@ pub fn section(_: &Outcome, provenance: &Provenance) -> Option<Section> {
         any => any,
         table => table.html(),
     };
-    Some(Section::new("provenance", "Provenance", TEMPLATE, context))
+    Section::new("provenance", "Provenance", TEMPLATE, context)
 }

@@ -96,7 +96,8 @@ fn item(r: &RecordingOutcome) -> Value {
     context! { id => r.id.clone(), facts => facts, table => table.html() }
 }
 
-fn plural(n: usize, thing: &str) -> String {
+/// `1 gap`, `2 gaps`.
+pub fn plural(n: usize, thing: &str) -> String {
     let s = if n == 1 { "" } else { "s" };
     format!("{} {thing}{s}", number::count(n))
 }

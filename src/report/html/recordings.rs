@@ -56,7 +56,8 @@ fn column(r: &RecordingOutcome, rows: &[[f64; 3]], k: usize, scale: f64) -> Vec<
     r.time_s.iter().zip(rows).map(pair).collect()
 }
 
-fn curve(name: &str, role: Role, mark: Mark, points: Vec<[f64; 2]>) -> Series {
+/// A named curve.
+pub fn curve(name: &str, role: Role, mark: Mark, points: Vec<[f64; 2]>) -> Series {
     Series {
         name: name.into(),
         role,

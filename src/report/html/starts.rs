@@ -4,7 +4,7 @@ use minijinja::context;
 
 use super::page::{Cell, Section, Table, safe};
 use super::{Provenance, number, plot};
-use crate::calibration::Outcome;
+use crate::calibration::{Outcome, StartOutcome};
 
 const TEMPLATE: &str = include_str!("starts.html");
 /// Relative difference of cost up to which a start counts as having reached the best.
@@ -12,7 +12,14 @@ const SAME: f64 = 1e-3;
 
 /// See the module.
 pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
-    let starts = &outcome.starts;
+    of(
+        &outcome.starts,
+        "sum of squares per residual with equal weights",
+    )
+}
+
+/// The section of any job; `cost` says what the cost is.
+pub fn of(starts: &[StartOutcome], cost: &str) -> Option<Section> {
     let costs: Vec<f64> = starts.iter().map(|s| s.cost).collect();
     let best = costs.iter().copied().filter(|c| c.is_finite());
     let best = best.fold(f64::INFINITY, f64::min);
@@ -50,10 +57,7 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
         true => Cell::number(text),
         false => Cell::text(text),
     });
-    let mut table = Table::new(
-        "Starts, best first. Cost: sum of squares per residual with equal weights.",
-        head.to_vec(),
-    );
+    let mut table = Table::new(&format!("Starts, best first. Cost: {cost}."), head.to_vec());
     for (i, s) in starts.iter().enumerate() {
         table.row(vec![
             Cell::number((i + 1).to_string()),

@@ -2,7 +2,16 @@
 
 use super::number;
 use super::page::{Item, Note, Status, Summary, Tile};
-use crate::calibration::{Estimate, Outcome};
+use crate::calibration::{Estimate, Outcome, WeakDirection};
+
+/// Questions that every report of a fit answers.
+pub const WHERE: &str = "Where does it err most?";
+/// See [`WHERE`].
+pub const TRUSTED: &str = "Which parameters to trust?";
+/// See [`WHERE`].
+pub const DOUBTED: &str = "Which not to trust, and why?";
+/// See [`WHERE`].
+pub const HOW_IT_ENDED: &str = "How did the fit end?";
 
 /// Heading of the whole report.
 pub fn title(outcome: &Outcome) -> &'static str {
@@ -16,7 +25,7 @@ pub fn title(outcome: &Outcome) -> &'static str {
 }
 
 /// Error over noise up to which a fit is as good as the data, and up to which it nearly is: where the verdict draws its lines.
-const RATIOS: [f64; 2] = [1.25, 2.0];
+pub const RATIOS: [f64; 2] = [1.25, 2.0];
 
 /// The first screen.
 pub fn summary(outcome: &Outcome) -> Summary {
@@ -34,9 +43,9 @@ pub fn summary(outcome: &Outcome) -> Summary {
         worst(outcome),
         trusted(outcome),
         covered(outcome),
-        ended(outcome),
-        doubted(outcome),
-        remarks(outcome),
+        how_it_ended(outcome),
+        doubted(&outcome.estimates, &outcome.weak_directions),
+        remarks(&outcome.remarks),
     ];
     Summary {
         status,
@@ -47,12 +56,16 @@ pub fn summary(outcome: &Outcome) -> Summary {
     }
 }
 
-fn tiles(outcome: &Outcome) -> Vec<Tile> {
-    let tile = |label: &str, value: String, unit: &str| Tile {
+/// A key number with its unit, or without where there is none.
+pub fn tile(label: &str, value: String, unit: &str) -> Tile {
+    Tile {
         label: label.into(),
         unit: if value == number::MISSING { "" } else { unit }.into(),
         value,
-    };
+    }
+}
+
+fn tiles(outcome: &Outcome) -> Vec<Tile> {
     let t = &outcome.total;
     let volt = |v: f64| number::significant(v, 3);
     let largest = if t.samples == 0 {
@@ -75,7 +88,8 @@ fn tiles(outcome: &Outcome) -> Vec<Tile> {
     out
 }
 
-fn note(heading: &str, lead: impl Into<String>, items: Vec<Item>) -> Note {
+/// A question and its answer.
+pub fn note(heading: &str, lead: impl Into<String>, items: Vec<Item>) -> Note {
     Note {
         heading: heading.into(),
         lead: lead.into(),
@@ -83,7 +97,8 @@ fn note(heading: &str, lead: impl Into<String>, items: Vec<Item>) -> Note {
     }
 }
 
-fn item(strong: impl Into<String>, text: impl Into<String>) -> Item {
+/// A line of an answer.
+pub fn item(strong: impl Into<String>, text: impl Into<String>) -> Item {
     Item {
         strong: strong.into(),
         text: text.into(),
@@ -120,7 +135,7 @@ fn worst(outcome: &Outcome) -> Option<Note> {
             item(format!("{}:", number::words(&w.place)), text)
         })
         .collect();
-    Some(note("Where does it err most?", lead, items))
+    Some(note(WHERE, lead, items))
 }
 
 /// What is said of the estimates, each saying once with the names of which it is said. A saying is taken apart where its
@@ -171,26 +186,26 @@ fn trusted(outcome: &Outcome) -> Option<Note> {
             "The recordings determine {count} of {number} free parameters (to 25 % of the value; torques to 0.2 mN m; clock offsets to 10 ms)."
         )
     };
-    Some(note("Which parameters to trust?", lead, grouped(good)))
+    Some(note(TRUSTED, lead, grouped(good)))
 }
 
-fn doubted(outcome: &Outcome) -> Option<Note> {
-    let bad = outcome
-        .estimates
+/// Parameters that are not determined, and why.
+pub fn doubted(estimates: &[Estimate], weak_directions: &[WeakDirection]) -> Option<Note> {
+    let bad = estimates
         .iter()
         .filter(|e| !e.fixed && (!e.identifiable || e.at_bound.is_some()));
     let mut items = grouped(bad);
-    let weak = outcome.weak_directions.iter();
+    let weak = weak_directions.iter();
     items.extend(weak.map(|w| item("Open together:", format!("{}.", number::words(&w.says)))));
     if items.is_empty() {
         return None;
     }
-    let lead = if outcome.weak_directions.is_empty() {
+    let lead = if weak_directions.is_empty() {
         ""
     } else {
         "Parameters that are open together may move jointly while the prediction hardly changes."
     };
-    Some(note("Which not to trust, and why?", lead, items))
+    Some(note(DOUBTED, lead, items))
 }
 
 fn covered(outcome: &Outcome) -> Option<Note> {
@@ -206,25 +221,30 @@ fn covered(outcome: &Outcome) -> Option<Note> {
     Some(note("What do the recordings cover?", lead, Vec::new()))
 }
 
-fn ended(outcome: &Outcome) -> Option<Note> {
-    if outcome.evaluations == 0 {
-        return None;
-    }
-    let how = if outcome.converged {
+/// How the fit ended, in a sentence.
+pub fn ended(converged: bool, reason: &str) -> String {
+    let how = if converged {
         "The fit converged"
     } else {
         "The fit did not converge: take its numbers as provisional. It ended"
     };
-    let reason = number::words(&outcome.reason);
+    let reason = number::words(reason);
     let reason = ["converged: ", "not converged: "]
         .iter()
         .find_map(|p| reason.strip_prefix(p))
         .unwrap_or(&reason);
-    let mut lead = if reason.is_empty() {
+    if reason.is_empty() {
         format!("{how}.")
     } else {
         format!("{how}: {reason}.")
-    };
+    }
+}
+
+fn how_it_ended(outcome: &Outcome) -> Option<Note> {
+    if outcome.evaluations == 0 {
+        return None;
+    }
+    let mut lead = ended(outcome.converged, &outcome.reason);
     if outcome.weighted_mean_square.is_finite() && outcome.noise_mean_square.is_finite() {
         lead += &format!(
             " The weighted mean square residual is {}, where the noise alone makes {}.",
@@ -232,14 +252,11 @@ fn ended(outcome: &Outcome) -> Option<Note> {
             number::significant(outcome.noise_mean_square, 3)
         );
     }
-    Some(note("How did the fit end?", lead, Vec::new()))
+    Some(note(HOW_IT_ENDED, lead, Vec::new()))
 }
 
-fn remarks(outcome: &Outcome) -> Option<Note> {
-    let items: Vec<_> = outcome
-        .remarks
-        .iter()
-        .map(|r| item("", number::words(r)))
-        .collect();
+/// What else to know.
+pub fn remarks(remarks: &[String]) -> Option<Note> {
+    let items: Vec<_> = remarks.iter().map(|r| item("", number::words(r))).collect();
     (!items.is_empty()).then(|| note("What else to know", "", items))
 }

@@ -224,7 +224,7 @@ fn provenance() -> Provenance {
 }
 
 /// Opens and closes its tags in order, as far as a plain count can tell.
-fn assert_balanced(html: &str) {
+pub fn assert_balanced(html: &str) {
     let mut open: Vec<&str> = Vec::new();
     let mut rest = html;
     while let Some(start) = rest.find('<') {
@@ -241,7 +241,8 @@ fn assert_balanced(html: &str) {
     assert!(open.is_empty(), "{open:?} stay open");
 }
 
-fn assert_self_contained(html: &str) {
+/// Nothing is fetched from anywhere.
+pub fn assert_self_contained(html: &str) {
     for absent in [
         "http://",
         "https://",

@@ -65,7 +65,7 @@ fn main() {
     let forearm = ForearmTorque::zero();
     let residual = RobotResidual::new(&robot, &datasets, 6, &forearm).expect("in reach");
     let mut eta: Vec<f64> = film.relaxation_time_s.iter().map(|t| t.ln()).collect();
-    eta.push(film.locking.ln());
+    eta.push(1.0 / film.locking);
     let mut beta = film.mu_pa.clone();
     beta.extend([0.0; 7]);
     let evaluation = best(60, || {

@@ -287,8 +287,9 @@ fn a_long_gap_is_masked_and_said() {
         &notes,
         &["gap of 4.00 s", "longer than the smoother can bridge"],
     );
-    let rmse = fit["rmse_V"].as_f64().unwrap();
-    assert!(rmse < 3.0, "the rest fits as before: {rmse} V");
+    assert_says(&notes, &["history in the gap is not known"]);
+    let n = fit["n_samples"].as_u64().unwrap();
+    assert!(n > 3000, "what is left is used: {n}");
 }
 
 #[test]
@@ -313,7 +314,7 @@ fn a_recording_too_short_for_its_slow_branches_is_fitted_and_they_are_called_ope
     }
     let too_short = Bench::new("symmetric");
     too_short.edit("rec/motion.csv", |t| {
-        t.lines().take(5 + 110).collect::<Vec<_>>().join("\n")
+        t.lines().take(5 + 75).collect::<Vec<_>>().join("\n")
     });
     let text = too_short.refused(&["fit", "film", "rec", "-o", "out"]);
     assert_says(&text, &["independent samples", "record longer"]);

@@ -40,10 +40,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let outcome = calibrate_coupons(&[&coupon], &CouponRequest::new(3), &watch)?;
     let provenance = Provenance::of("deacal demo", &recordings);
     let mut set = OutputSet::new(output.join("coupon"))?;
-    set.write(
-        "report.html",
-        html::coupon::render_coupons(&outcome, &provenance),
-    )?;
+    set.write("report.html", html::render_coupons(&outcome, &provenance))?;
     set.write(
         "fit.json",
         to_text(&FitJson::of_coupons(&outcome, provenance.clone())),

@@ -211,10 +211,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
     progress.stopped()?;
     let fit = FitJson::of_coupons(&outcome, provenance.clone());
     let mut set = OutputSet::new(&a.common.output)?;
-    set.write(
-        "report.html",
-        html::coupon::render_coupons(&outcome, &provenance),
-    )?;
+    set.write("report.html", html::render_coupons(&outcome, &provenance))?;
     set.write(
         "parameters.toml",
         ParameterFile::of_coupons(&outcome, provenance).to_toml(),

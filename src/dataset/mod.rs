@@ -186,7 +186,7 @@ impl Dataset {
         let (first, last) = parts.voltage.span_s();
         let voltage_s = (first - offset_s, last - offset_s);
         let shared = motion_s.1.min(voltage_s.1) - motion_s.0.max(voltage_s.0);
-        if shared < 1.0 {
+        if shared < 10.0 * parts.step_s {
             return Err(Error::NoOverlap {
                 id: parts.id,
                 motion_s,
@@ -310,6 +310,9 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
+/// Samples masked after a gap that cannot be bridged, in lengths of the gap.
+const AFTER_GAP: usize = 2;
+
 /// Which samples can be used, and a note on every gap that cannot be bridged.
 fn bridged(
     observed: &[bool],
@@ -326,9 +329,19 @@ fn bridged(
         if within && inside {
             usable[start..start + length].fill(true);
         } else {
+            // What the film went through is not known either: its branches carry the error on for a while.
+            let after = (AFTER_GAP * length).min(observed.len() - start - length);
+            let settled = if start > 0 {
+                start + length + after
+            } else {
+                start + length
+            };
+            usable[start..settled].fill(false);
             notes.push(format!(
-                "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked",
-                length as f64 * step_s
+                "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked, and {:.2} s \
+                 after it, because the film's history in the gap is not known",
+                length as f64 * step_s,
+                (settled - start - length) as f64 * step_s
             ));
         }
     }

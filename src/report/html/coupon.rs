@@ -98,13 +98,15 @@ fn tiles(outcome: &CouponOutcome) -> Vec<page::Tile> {
             figure(outcome.nrmse_percent),
             "%",
         ),
-        tile("Worst coupon", figure(worst), "%"),
         tile("Error of stress, rms", figure(t.rmse_pa), "Pa"),
         tile("Noise of stress, rms", figure(t.noise_pa), "Pa"),
         tile("Largest error", figure(largest), "Pa"),
         tile("Coupons", number::count(outcome.coupons.len()), ""),
         tile("Rows", number::count(t.n_samples), ""),
     ];
+    if outcome.coupons.len() > 1 {
+        out.insert(1, tile("Worst coupon", figure(worst), "%"));
+    }
     if outcome.evaluations > 0 {
         out.push(tile("Evaluations", number::count(outcome.evaluations), ""));
         let failed = number::count(outcome.failed_evaluations);

@@ -658,7 +658,11 @@ pub(super) fn estimates(
             let reach = profiled[i]
                 .unwrap_or([0.0; 2])
                 .map(|d| d.max(TWO_SIDED_95 * local));
-            let search_error = local.max((reach[0] + reach[1]) / (2.0 * TWO_SIDED_95));
+            // `max` alone would make 0 of the NaN of a parameter that was fixed or rests on a bound.
+            let search_error = match local.is_nan() {
+                true => f64::NAN,
+                false => local.max((reach[0] + reach[1]) / (2.0 * TWO_SIDED_95)),
+            };
             let std_error = p.transform.std_error(value, search_error);
             let ends = if p.fixed {
                 [value, value]

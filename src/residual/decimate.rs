@@ -25,8 +25,8 @@ const KEEP_PERIODS: f64 = 0.4;
 const EDGE_S: f64 = 0.3;
 
 impl Decimation {
-    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`, the band in which the
-    /// motion is known, or 5 Hz if that is more; none where the rate is too low for one.
+    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`, or at 5 Hz if that is
+    /// more; none where the rate is too low for one.
     pub fn new(step_s: f64, band_hz: f64) -> Self {
         let cutoff_hz = band_hz.max(LOWEST_CUTOFF_HZ).min(0.2 / step_s);
         let half = (HALF_PERIODS / (cutoff_hz * step_s)).round() as usize;

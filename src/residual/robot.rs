@@ -13,7 +13,8 @@ use crate::film::Locked;
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Unreachable};
 
-/// The residual's band over the half-power frequency of the smoothed motion.
+/// Where a clock offset is free: the residual's band over the half-power frequency of the smoothed motion. Timing shows in fast
+/// motion; for the film alone the wider band only lets in what smoothing takes from the motion.
 const BAND_PER_CUTOFF: f64 = 1.6;
 /// Samples of one kernel block.
 const BLOCK: usize = 64;
@@ -755,13 +756,18 @@ fn prepare<'a>(
     forearm: &ForearmTorque,
     nodes: usize,
 ) -> Prepared<'a> {
-    let band_hz = dataset
+    let free = dataset.offset_source == OffsetSource::Free;
+    let known_hz = dataset
         .axes
         .iter()
-        .map(|a| BAND_PER_CUTOFF * a.choice.cutoff_hz)
+        .map(|a| a.choice.cutoff_hz)
         .fold(0.0, f64::max);
+    let band_hz = if free {
+        BAND_PER_CUTOFF * known_hz
+    } else {
+        0.0
+    };
     let decimation = Decimation::new(dataset.step_s, band_hz);
-    let free = dataset.offset_source == OffsetSource::Free;
     let margin = if free { OFFSET_REACH_S } else { 0.0 };
     let mut usable = dataset.usable.clone();
     for (i, usable) in usable.iter_mut().enumerate() {

@@ -5,7 +5,7 @@ use minijinja::{Value, context};
 use super::page::{self, Cell, Item, Note, Section, Status, Summary, Table, safe};
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
-use super::summary::{self, item, note, tile};
+use super::summary::{self, capital, item, note, tile};
 use super::{Provenance, number, parameters, provenance, quality, starts};
 use crate::calibration::{CouponFit, CouponOutcome, Estimate};
 use crate::dataset::CouponMode;
@@ -25,7 +25,7 @@ pub fn render_coupons(outcome: &CouponOutcome, provenance: &Provenance) -> Strin
         coupons(outcome),
         starts::of(
             &outcome.starts,
-            "mean over all rows of the squared error, each coupon on the scale of its own stress range",
+            "squared error per row, in units of the noise of the coupon that its noise limits most, each coupon weighed by its stress range",
         ),
         parameters::of(&parameters::Shown {
             estimates: &outcome.estimates,
@@ -98,13 +98,15 @@ fn tiles(outcome: &CouponOutcome) -> Vec<page::Tile> {
             figure(outcome.nrmse_percent),
             "%",
         ),
-        tile("Worst coupon", figure(worst), "%"),
         tile("Error of stress, rms", figure(t.rmse_pa), "Pa"),
         tile("Noise of stress, rms", figure(t.noise_pa), "Pa"),
         tile("Largest error", figure(largest), "Pa"),
         tile("Coupons", number::count(outcome.coupons.len()), ""),
         tile("Rows", number::count(t.n_samples), ""),
     ];
+    if outcome.coupons.len() > 1 {
+        out.insert(1, tile("Worst coupon", figure(worst), "%"));
+    }
     if outcome.evaluations > 0 {
         out.push(tile("Evaluations", number::count(outcome.evaluations), ""));
         let failed = number::count(outcome.failed_evaluations);
@@ -151,7 +153,11 @@ fn worst(outcome: &CouponOutcome) -> Option<Note> {
             };
             text += &format!("; {} of the {of}", number::per_cent(w.share));
         }
-        item(format!("{}, {}:", w.coupon, w.place), text)
+        let place = match outcome.coupons.len() {
+            1 => format!("{}:", capital(&w.place)),
+            _ => format!("{}, {}:", w.coupon, w.place),
+        };
+        item(place, text)
     };
     let items = outcome.worst.iter().map(line).collect();
     Some(note(summary::WHERE, lead, items))
@@ -557,10 +563,8 @@ fn facts(c: &CouponFit) -> Vec<String> {
     ];
     let sentence = |n: &String| {
         let n = number::words(n);
-        let mut letters = n.chars();
-        let first = letters.next().map(|f| f.to_uppercase().to_string());
         let dot = if n.ends_with('.') { "" } else { "." };
-        first.unwrap_or_default() + letters.as_str() + dot
+        capital(&n) + dot
     };
     out.extend(c.notes.iter().map(sentence));
     out
@@ -655,7 +659,7 @@ mod tests {
             "times the noise",
             "of the excess",
             "counting the misfit",
-            "95 % interval by the noise",
+            "95 % by noise",
             "stretching from",
             "predicted minus measured, kPa",
             "3 starts reached the",

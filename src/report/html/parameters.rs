@@ -86,6 +86,12 @@ fn row(e: &Estimate, misfit: Option<f64>) -> Vec<Cell> {
             false => number::MISSING.into(),
         };
         cells.insert(MISFIT_COLUMN, Cell::number(text));
+        // Both figures stand in their columns.
+        if let (Some(why), Some((_, rest))) =
+            (cells.last_mut(), e.says.split_once("counting the misfit: "))
+        {
+            why.text = number::words(rest);
+        }
     }
     cells
 }
@@ -120,10 +126,10 @@ pub fn of(shown: &Shown) -> Option<Section> {
         "Every parameter. Intervals are of 95 %; where a parameter was held or rests on a bound there is none.",
     );
     if !shown.misfit.is_empty() {
-        head[MISFIT_COLUMN - 1] = Cell::number("standard error by the noise");
-        head.insert(MISFIT_COLUMN, Cell::number("counting the misfit"));
-        head[MISFIT_COLUMN + 1] = Cell::number("95 % interval by the noise");
-        caption += " The misfit exceeds the noise: the error counting it as correlated noise is an order of magnitude, the others are too small.";
+        head[MISFIT_COLUMN - 1] = Cell::number("\u{b1} by noise");
+        head.insert(MISFIT_COLUMN, Cell::number("\u{b1} with misfit"));
+        head[MISFIT_COLUMN + 1] = Cell::number("95 % by noise");
+        caption += " The misfit exceeds the noise: the standard error with misfit, which counts it as correlated noise, is an order of magnitude; what the noise alone leaves open is too small.";
     }
     let mut table = Table::new(&caption, head);
     for (i, e) in shown.estimates.iter().enumerate() {

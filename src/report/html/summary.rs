@@ -138,6 +138,13 @@ fn worst(outcome: &Outcome) -> Option<Note> {
     Some(note(WHERE, lead, items))
 }
 
+/// A sentence with its first letter large.
+pub fn capital(sentence: &str) -> String {
+    let mut letters = sentence.chars();
+    let first = letters.next().map(|c| c.to_uppercase().to_string());
+    first.unwrap_or_default() + letters.as_str()
+}
+
 /// What is said of the estimates, each saying once with the names of which it is said. A saying is taken apart where its
 /// figures begin, so that `determined to 0.9 %` and `determined to 3 %` are one saying with two names.
 fn grouped<'a>(estimates: impl Iterator<Item = &'a Estimate>) -> Vec<Item> {
@@ -157,14 +164,9 @@ fn grouped<'a>(estimates: impl Iterator<Item = &'a Estimate>) -> Vec<Item> {
             None => groups.push((says.to_string(), vec![name])),
         }
     }
-    let capital = |s: String| {
-        let mut letters = s.chars();
-        let first = letters.next().map(|c| c.to_uppercase().to_string());
-        first.unwrap_or_default() + letters.as_str()
-    };
     let line = |(says, names): (String, Vec<String>)| {
         item(
-            format!("{}:", capital(says)),
+            format!("{}:", capital(&says)),
             format!("{}.", names.join(", ")),
         )
     };

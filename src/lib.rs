@@ -1,4 +1,5 @@
-//! deacal
+//! Calibrates dielectric-elastomer actuators from recordings of motion and voltage. `ARCHITECTURE.md` says which room does what; the
+//! program is a thin shell over this library.
 pub mod calibration;
 pub mod cli;
 pub mod dataset;

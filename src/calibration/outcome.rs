@@ -29,7 +29,7 @@ pub struct Estimate {
     pub ci95: [f64; 2],
     /// Whether it rests on a bound.
     pub at_bound: Option<AtBound>,
-    /// Whether the data determine it (to 25 % of itself, torques to 0.2 mN m).
+    /// Whether the data determine it (to a third of itself, torques to 0.2 mN m).
     pub identifiable: bool,
     /// Whether it was held.
     pub fixed: bool,

@@ -93,6 +93,8 @@ const IDENTIFIABLE: f64 = 0.33;
 const HARDLY_KNOWN: f64 = 0.5;
 /// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it counts as open anyway.
 const PROFILED: std::ops::Range<f64> = 0.05..0.35;
+/// The same for the locking constant, which is searched by its reciprocal.
+const IDENTIFIABLE_LIMIT: f64 = 0.2;
 /// Standard error up to which a nodal torque counts as determined, N m.
 const IDENTIFIABLE_TORQUE_N_M: f64 = 2e-4;
 /// Relative standard deviation above which a combination of parameters is reported as open.
@@ -681,10 +683,11 @@ pub(super) fn estimates(
             };
             let torque = p.unit == "N m";
             let relative = std_error / value.abs();
-            let limit = if torque {
-                std_error <= IDENTIFIABLE_TORQUE_N_M
-            } else {
-                relative <= IDENTIFIABLE
+            let limit = match p.transform {
+                _ if torque => std_error <= IDENTIFIABLE_TORQUE_N_M,
+                // A far limit that chance brings near looks better known than it is.
+                Transform::Reciprocal => relative <= IDENTIFIABLE_LIMIT,
+                _ => relative <= IDENTIFIABLE,
             };
             let offset = p.unit == "s" && p.transform == Transform::Linear;
             let identifiable =
@@ -796,7 +799,9 @@ pub(super) fn weak_directions(
                     .join(", ")
             };
             let (up, down) = (list(true), list(false));
-            let how = if down.is_empty() {
+            let how = if parts.len() == 1 {
+                up
+            } else if down.is_empty() {
                 format!("{up} together")
             } else {
                 format!("{up} up while {down} down")

@@ -17,15 +17,12 @@ use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
 
 pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
-    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets");
-    let base = if base.is_dir() {
-        base
-    } else {
-        "datasets".into()
-    };
-    if !base.is_dir() {
-        return Err("the folder `datasets` that comes with the source is not here: run the demo from the project's folder".into());
-    }
+    let here = Path::new("datasets");
+    let built = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets");
+    let base = [here, &built]
+        .into_iter()
+        .find(|d| d.join("twin2026_delta").is_dir())
+        .ok_or("the folder `datasets` that comes with the source is not here: run the demo from the project's folder")?;
     let progress = Progress::new(talk);
     let watch = |state: &_| progress.watch(state);
 

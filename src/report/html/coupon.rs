@@ -182,9 +182,11 @@ fn trusted(outcome: &CouponOutcome) -> Option<Note> {
         .collect();
     let lead = match (items.len(), misfit) {
         (0, _) => format!("The coupons determine none of the {free} free parameters by itself."),
-        (n, None) => format!("The coupons determine {n} of {free} free parameters to 25 %:"),
+        (n, None) => format!(
+            "The coupons determine {n} of {free} free parameters to a third of their value:"
+        ),
         (n, Some(_)) => format!(
-            "Counting the misfit as noise, {n} of {free} free parameters are determined to 25 %. Since the model leaves something out, a value may be wrong by more than its error:"
+            "Counting the misfit as noise, {n} of {free} free parameters are determined to a third of their value. Since the model leaves something out, a value may be wrong by more than its error:"
         ),
     };
     Some(note(summary::TRUSTED, lead, items))
@@ -682,7 +684,7 @@ mod tests {
         look(&html);
         assert!(html.contains(">fits<") && html.contains("Nowhere does the error stand out"));
         assert!(!html.contains("counting the misfit"));
-        assert!(html.contains("free parameters to 25 %"));
+        assert!(html.contains("free parameters to a third of their value"));
     }
 
     #[test]

@@ -185,7 +185,7 @@ fn trusted(outcome: &Outcome) -> Option<Note> {
         format!("The recordings determine none of the {number} free parameters by itself.")
     } else {
         format!(
-            "The recordings determine {count} of {number} free parameters (to 25 % of the value; torques to 0.2 mN m; clock offsets to 10 ms)."
+            "The recordings determine {count} of {number} free parameters (to a third of the value; torques to 0.2 mN m; clock offsets to 10 ms)."
         )
     };
     Some(note(TRUSTED, lead, grouped(good)))

@@ -80,7 +80,7 @@ const ROOMS: &[Room] = &[
     ),
     (
         "fit",
-        May::Only(&[("residual", &["Normal", "SeparableResidual"])]),
+        May::Only(&[("residual", &["Normal", "SeparableResidual", "Slope"])]),
         NO_FILES,
         "a fit has never heard of a film; it sees numbers through the traits of the problem",
     ),

@@ -1141,7 +1141,7 @@ pub fn predict_force(
     dataset: &Dataset,
     parameters: &Parameters,
     offset_s: f64,
-) -> Result<Vec<crate::kinematics::Vec3>, Error> {
+) -> Result<Vec<[f64; 3]>, Error> {
     let mechanics =
         Mechanics::new(robot, &dataset.track()).map_err(|(sample, why)| Error::Unreachable {
             recording: dataset.id.clone(),

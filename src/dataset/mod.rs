@@ -60,6 +60,8 @@ pub struct Dataset {
     pub axes: [SmoothedAxis; 3],
     /// Samples whose motion can be used: captured, or in a gap that the smoother bridges.
     pub usable: Vec<bool>,
+    /// Samples after a gap that could not be bridged: the motion is known, what the film went through is not. A fit leaves them out.
+    pub film_unknown: Vec<bool>,
     /// Payload at each frame, kg.
     pub payload_kg: Vec<f64>,
     /// Commanded voltages.
@@ -167,7 +169,7 @@ impl Dataset {
         let axes = [x?, y?, z?];
         let mut notes = Vec::new();
         let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
-        let usable = bridged(&observed, &axes, parts.step_s, &mut notes);
+        let (usable, film_unknown) = bridged(&observed, &axes, parts.step_s, &mut notes);
         let (offset_s, offset_source) = match (plan.and_then(|p| p.offset_s), parts.offset_s) {
             (Some(fixed), _) => (fixed, OffsetSource::Stated),
             (None, Some(stated)) => (stated, OffsetSource::Stated),
@@ -210,6 +212,7 @@ impl Dataset {
             measured_m: parts.measured_m,
             axes,
             usable,
+            film_unknown,
             payload_kg: parts.payload_kg,
             voltage: parts.voltage,
             monitor: parts.monitor,
@@ -313,14 +316,15 @@ fn median(values: &[f64]) -> f64 {
 /// Samples masked after a gap that cannot be bridged, in lengths of the gap.
 const AFTER_GAP: usize = 2;
 
-/// Which samples can be used, and a note on every gap that cannot be bridged.
+/// Which samples can be used, which have a film of unknown history, and a note on every gap that cannot be bridged.
 fn bridged(
     observed: &[bool],
     axes: &[SmoothedAxis; 3],
     step_s: f64,
     notes: &mut Vec<String>,
-) -> Vec<bool> {
+) -> (Vec<bool>, Vec<bool>) {
     let mut usable = observed.to_vec();
+    let mut film_unknown = vec![false; observed.len()];
     let limits = [0, 1, 2].map(|k| BRIDGE_LIMIT * median(&axes[k].position_sd));
     for (start, length) in runs(observed, false) {
         let within =
@@ -336,7 +340,7 @@ fn bridged(
             } else {
                 start + length
             };
-            usable[start..settled].fill(false);
+            film_unknown[start + length..settled].fill(true);
             notes.push(format!(
                 "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked, and {:.2} s \
                  after it, because the film's history in the gap is not known",
@@ -345,7 +349,7 @@ fn bridged(
             ));
         }
     }
-    usable
+    (usable, film_unknown)
 }
 
 /// The clock offset at which squared voltage and height agree best, to about a tenth of a second: where a fit begins.

@@ -772,7 +772,7 @@ fn prepare<'a>(
     let mut usable = dataset.usable.clone();
     for (i, usable) in usable.iter_mut().enumerate() {
         let known = |shift: f64| dataset.has_voltage(i, dataset.offset_s + shift);
-        *usable = *usable && known(margin) && known(-margin);
+        *usable = *usable && !dataset.film_unknown[i] && known(margin) && known(-margin);
     }
     for (i, _) in &mechanics.unreachable {
         usable[*i] = false;

@@ -112,18 +112,24 @@ fn main() {
             let shift = |i: usize| {
                 0.8 * (((s * 7 + i * 3) % 5) as f64 / 2.0 - 1.0) * f64::from(s.min(1) as u8)
             };
-            [0.03, 0.15, 0.8, 4.0, 20.0, 100.0, 50.0f64]
-                .iter()
-                .enumerate()
-                .map(|(i, t)| t.ln() + shift(i))
-                .collect()
+            let times = [0.03, 0.15, 0.8, 4.0, 20.0, 100.0f64];
+            let logs = times.iter().enumerate().map(|(i, t)| t.ln() + shift(i));
+            logs.chain([0.02 + 0.015 * shift(6)]).collect()
         })
         .collect();
     let nonlinear: Vec<Unknown> = starts[0]
         .iter()
-        .map(|&m| Unknown {
-            prior: Some(Prior { mean: m, sd: 1.15 }),
-            ..Unknown::free(m, m - 6.0, m + 6.0)
+        .enumerate()
+        .map(|(i, &mean)| {
+            let (sd, lower, upper) = if i < 6 {
+                (1.15, -5.3, 8.0)
+            } else {
+                (0.05, 1e-4, 20.0)
+            };
+            Unknown {
+                prior: Some(Prior { mean, sd }),
+                ..Unknown::free(mean, lower, upper)
+            }
         })
         .collect();
     let mut linear = vec![Unknown::free(1e5, 0.0, 1e9); 7];

@@ -3,51 +3,21 @@
 //!
 //! 40 recordings by default; `DEACAL_TRIALS=500 cargo test --release --test intervals -- --nocapture` is the long proof.
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
+use common::{golden, robot};
 use deacal::calibration::{Outcome, Request, Stage, Uncertainty, calibrate_robot};
 use deacal::dataset::{Dataset, Parts, Voltage};
 use deacal::film::{Film, InitialState};
-use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};
 use deacal::model::{ForearmTorque, Mechanics, Parameters, Robot, Track};
 use deacal::residual::{RobotResidual, SeparableResidual};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-
-fn robot() -> Robot {
-    let chain = Chain {
-        azimuth_rad: 0.0,
-        base_radius_m: 0.03,
-        effector_radius_m: 0.025,
-        bicep_m: 0.05,
-        forearm_m: 0.05,
-        input_offset_rad: 93f64.to_radians(),
-        four_bar: FourBar {
-            a_m: 0.055,
-            b_m: 0.01,
-            c_m: 0.0115,
-            d_m: 0.062,
-        },
-        dea_offset_rad: 151f64.to_radians(),
-    };
-    let lozenge = Lozenge {
-        side_m: 0.05,
-        l1_m: 0.0629,
-        l2_m: 0.04065,
-        l3_m: 85e-6,
-        films: 2.0,
-    };
-    Robot {
-        mechanism: Mechanism::symmetric(chain),
-        lozenges: [lozenge; 3],
-        eps_r: 2.8,
-        effector_kg: 6e-3,
-        bicep_tip_kg: 0.96e-3,
-    }
-}
 
 /// A film that differs from trial to trial by about a fifth.
 fn film(generator: &mut ChaCha12Rng) -> Film {
@@ -207,7 +177,7 @@ fn intervals_hold_the_truth() {
         .ok()
         .and_then(|t| t.parse().ok())
         .unwrap_or(40);
-    let robot = robot();
+    let robot = robot(&golden("kinematics")["rig"]);
     let results: Vec<(Film, Outcome, BTreeMap<String, f64>)> = (0..trials)
         .into_par_iter()
         .map(|trial| {

@@ -17,7 +17,7 @@ use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;
 
 use super::outcome::*;
-use super::robot::{apply, correlation, estimates, rising, unknown, weak_directions};
+use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{Coupon, CouponMode, CouponPlan};
 use crate::film::{Film, InitialState};
@@ -312,20 +312,7 @@ fn parameters(
     ));
     let nonlinear = out.len();
     for i in 0..=branches {
-        out.push(Parameter {
-            name: format!("mu_{}", i + 1),
-            meaning: match i {
-                0 => "modulus of the equilibrium spring".into(),
-                i => format!("modulus of branch {i}"),
-            },
-            unit: "Pa",
-            transform: Transform::Linear,
-            start: start.map_or(1e4, |f| f.mu_pa[i]),
-            lower: 0.0,
-            upper: 1e9,
-            prior_sd: None,
-            fixed: false,
-        });
+        out.push(modulus(i, start.map_or(1e4, |f| f.mu_pa[i]), false));
     }
     let mut names = Request::new(Stage::Film);
     (names.fix, names.bound) = (request.fix.clone(), request.bound.clone());

@@ -111,6 +111,24 @@ fn start_times(branches: usize) -> Vec<f64> {
     }
 }
 
+/// The modulus of spring `i` (0: the equilibrium spring), Pa, beginning at `start`.
+pub(super) fn modulus(i: usize, start: f64, fixed: bool) -> Parameter {
+    Parameter {
+        name: format!("mu_{}", i + 1),
+        meaning: match i {
+            0 => "modulus of the equilibrium spring".into(),
+            i => format!("modulus of branch {i}"),
+        },
+        unit: "Pa",
+        transform: Transform::Linear,
+        start,
+        lower: 0.0,
+        upper: 1e9,
+        prior_sd: None,
+        fixed,
+    }
+}
+
 /// All parameters of a robot calibration: nonlinear ones first, then linear ones, as the residual wants them.
 fn parameters(request: &Request, datasets: &[&Dataset]) -> Result<(Vec<Parameter>, usize), Error> {
     let start = request.start.as_ref();
@@ -169,20 +187,8 @@ fn parameters(request: &Request, datasets: &[&Dataset]) -> Result<(Vec<Parameter
     }
     let nonlinear = out.len();
     for i in 0..=branches {
-        out.push(Parameter {
-            name: format!("mu_{}", i + 1),
-            meaning: match i {
-                0 => "modulus of the equilibrium spring".into(),
-                i => format!("modulus of branch {i}"),
-            },
-            unit: "Pa",
-            transform: Transform::Linear,
-            start: start.map_or(if i == 0 { 1e6 } else { 5e4 }, |p| p.film.mu_pa[i]),
-            lower: 0.0,
-            upper: 1e9,
-            prior_sd: None,
-            fixed: hold_film,
-        });
+        let first = start.map_or(if i == 0 { 1e6 } else { 5e4 }, |p| p.film.mu_pa[i]);
+        out.push(modulus(i, first, hold_film));
     }
     let forearm = start.map_or_else(ForearmTorque::zero, |p| p.forearm.clone());
     for (node, torque) in forearm.nodes_rad().iter().zip(&forearm.torque_n_m) {

@@ -13,14 +13,14 @@
 //! | `factor` | S | n x n | `S^T S = J^T J`, the triangular factor of `J = Q S` |
 //! | `projected` | z | n | `Q^T r` |
 //! | `gradient` | g | n | `J^T r = S^T z` |
-//! | `scale` | D | n | column norms of J, never falling (More 1978, section 6) |
+//! | `scale` | D | n | column norms of J, never falling (More 1978) |
 //! | `damping` | mu | 1 | weight of the step length in the step equation |
 //! | `cost` | F | 1 | half the sum of squares |
 //!
 //! One iteration solves the damped linear problem
 //!
 //! ```text
-//!     minimise over s   |S s + z|^2 + mu |D s|^2      (Marquardt 1963; More 1978, sections 3 to 5)
+//!     minimise over s   |S s + z|^2 + mu |D s|^2      (Marquardt 1963; More 1978)
 //! ```
 //!
 //! by Householder reflections with column pivoting of the stacked matrix `[S D^-1; sqrt(mu) I]`, never through the normal
@@ -964,7 +964,7 @@ fn move_to(state: &mut State, parameters: Vec<f64>, cost: f64, linear: Linear, o
     state.projected = linear.projected;
     let norms = column_norms(&state.factor, n);
     for (scale, norm) in state.scale.iter_mut().zip(&norms) {
-        // D_j never falls (More 1978, section 6)
+        // D_j never falls (More 1978)
         *scale = scale.max(*norm);
     }
     // g = S^T z
@@ -1057,7 +1057,7 @@ fn search_step<P: LeastSquares + ?Sized>(
     state.radius = radius_after(gain.min(0.0), length, state);
 }
 
-/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978, section 4; Nocedal, Wright 2006, algorithm 4.1).
+/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978; Nocedal, Wright 2006, algorithm 4.1).
 fn radius_after(gain: f64, length: f64, state: &State) -> f64 {
     if gain < 0.25 {
         (if gain <= 0.0 { 0.25 } else { 0.5 }) * length.min(state.radius)
@@ -1068,7 +1068,7 @@ fn radius_after(gain: f64, length: f64, state: &State) -> f64 {
     }
 }
 
-/// mu with `|D s(mu)| = radius` to a tenth, or 0 where the full step is shorter (More 1978, section 5).
+/// mu with `|D s(mu)| = radius` to a tenth, or 0 where the full step is shorter (More 1978).
 ///
 /// With `S_F D^-1 = U diag(sigma) V^T` and `c = U^T z`,  `|D s(mu)|^2 = sum (sigma_i c_i / (sigma_i^2 + mu))^2`  falls in mu.
 fn damping_for(state: &State) -> f64 {

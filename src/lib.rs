@@ -3,6 +3,8 @@
 pub mod calibration;
 pub mod cli;
 pub mod dataset;
+pub mod diagnosis;
+pub mod effects;
 pub mod film;
 pub mod fit;
 pub mod kinematics;

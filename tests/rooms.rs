@@ -45,6 +45,12 @@ const ROOMS: &[Room] = &[
         "the film has never heard of the robot",
     ),
     (
+        "effects",
+        May::Only(&[("parameter", ANY), ("kinematics", ANY), ("film", ANY)]),
+        NO_FILES,
+        "an effect is one thing that the model left out; it has never heard of a fit",
+    ),
+    (
         "recording",
         May::Only(&[("units", ANY)]),
         FILES,
@@ -66,6 +72,7 @@ const ROOMS: &[Room] = &[
             ("units", ANY),
             ("kinematics", ANY),
             ("film", ANY),
+            ("effects", ANY),
             ("dataset", &["Track"]),
             ("recording", &["RobotRig"]),
         ]),
@@ -74,7 +81,7 @@ const ROOMS: &[Room] = &[
     ),
     (
         "residual",
-        May::Only(&[("dataset", ANY), ("model", ANY), ("film", ANY)]),
+        May::Only(&[("dataset", ANY), ("model", ANY), ("effects", ANY), ("film", ANY)]),
         NO_FILES,
         "the residual is predicted minus recorded and does not know who minimises it",
     ),

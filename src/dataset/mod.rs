@@ -74,6 +74,8 @@ pub struct Dataset {
     pub offset_source: OffsetSource,
     /// State of the films at the first sample.
     pub initial: InitialState,
+    /// The point about which wrongly rotated capture axes turn: the base marker less the offset of the end-effector marker, m.
+    pub pivot_m: Vec3,
     /// Every choice that was made.
     pub plan: Plan,
     /// What a reader should know, in words.
@@ -219,6 +221,7 @@ impl Dataset {
             offset_s,
             offset_source,
             initial: parts.initial,
+            pivot_m: [0.0; 3],
             plan,
             notes,
         })

@@ -113,6 +113,8 @@ impl Dataset {
             initial,
         };
         let mut dataset = Dataset::new(parts, plan)?;
+        dataset.pivot_m =
+            [0, 1, 2].map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
         dataset.notes.splice(0..0, notes);
         Ok(dataset)
     }

@@ -90,6 +90,12 @@ pub struct ChainTrack {
     pub load_n_m: Vec<[f64; 4]>,
     /// Torque on this lozenge per forearm torque of chains 1 to 3: (G^-1 d theta_FA_j/du)_k.
     pub forearm_lever: Vec<[f64; 3]>,
+    /// theta_b with its first and second time derivative, rad, rad/s, rad/s^2.
+    pub theta_b: Vec<[f64; 3]>,
+    /// d theta_DEA/d theta_b.
+    pub bicep_lever: Vec<f64>,
+    /// Torque on this lozenge per force on the end effector: (G^-1)_k, zero out of reach.
+    pub force_lever: Vec<Vec3>,
 }
 
 impl ChainTrack {
@@ -112,6 +118,10 @@ pub struct Mechanics {
     pub forearm_slopes: Vec<[Vec3; 3]>,
     /// Samples that cannot be followed, and why. Their stretches are bridged so that the histories go on.
     pub unreachable: Vec<(usize, Unreachable)>,
+    /// Acceleration of the end effector, m/s^2.
+    pub acceleration_m_s2: Vec<Vec3>,
+    /// Mechanism and lozenges of this track, effects included.
+    pub robot: Robot,
     gravity_and_inertia_n: Vec<Vec3>,
     bicep_force_n: Vec<Vec3>,
 }
@@ -180,7 +190,13 @@ impl Mechanics {
         let mut theta_fa: [Vec<f64>; 3] = Default::default();
         let mut load: [Vec<[f64; 4]>; 3] = Default::default();
         let mut forearm_lever: [Vec<[f64; 3]>; 3] = Default::default();
+        let mut theta_b: [Vec<[f64; 3]>; 3] = Default::default();
+        let mut bicep_lever: [Vec<f64>; 3] = Default::default();
+        let mut force_lever: [Vec<Vec3>; 3] = Default::default();
         for k in 0..3 {
+            theta_b[k].reserve_exact(n);
+            bicep_lever[k].reserve_exact(n);
+            force_lever[k].reserve_exact(n);
             log_stretch[k].reserve_exact(n);
             rate[k].reserve_exact(n);
             lever[k].reserve_exact(n);
@@ -224,7 +240,10 @@ impl Mechanics {
                 theta_dea[k].push(theta);
                 theta_fa[k].push(p.theta_fa_rad);
                 let chain = &robot.mechanism.chains[k];
-                let (_, acceleration) = chain.bicep_rates(p, v, a);
+                let (bicep_rate, acceleration) = chain.bicep_rates(p, v, a);
+                theta_b[k].push([p.theta_b_rad, bicep_rate, acceleration]);
+                bicep_lever[k].push(p.dtheta_dea_dtheta_b);
+                force_lever[k].push(if usable { inverse[k] } else { [0.0; 3] });
                 let q = chain.bicep_m;
                 let bicep = robot.bicep_tip_kg
                     * (q * q * acceleration - GRAVITY_M_S2 * q * p.theta_b_rad.sin());
@@ -265,6 +284,9 @@ impl Mechanics {
                 theta_fa_rad: std::mem::take(&mut theta_fa[k]),
                 load_n_m: std::mem::take(&mut load[k]),
                 forearm_lever: std::mem::take(&mut forearm_lever[k]),
+                theta_b: std::mem::take(&mut theta_b[k]),
+                bicep_lever: std::mem::take(&mut bicep_lever[k]),
+                force_lever: std::mem::take(&mut force_lever[k]),
             };
             k += 1;
             chain
@@ -275,6 +297,8 @@ impl Mechanics {
             levers,
             forearm_slopes,
             unreachable,
+            acceleration_m_s2: track.acceleration_m_s2.clone(),
+            robot: robot.clone(),
             gravity_and_inertia_n,
             bicep_force_n,
         })

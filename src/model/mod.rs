@@ -11,6 +11,7 @@
 //! on the lozenge or the bicep stays in its own chain, a force enters through G^-1. This gives the same numbers as the
 //! paper's projection on P_k (Eq 12), because P_k is orthogonal to the other two columns of G.
 
+mod augmented;
 mod forearm;
 mod mechanics;
 mod sample;

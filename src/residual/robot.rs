@@ -1,5 +1,8 @@
 //! The residual of robot recordings: one fused pass a chain, and the noise that the capture puts into it.
 
+use std::borrow::Cow;
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, Matrix3};
 use pulp::Arch;
 use rand::SeedableRng;
@@ -9,6 +12,7 @@ use rayon::prelude::*;
 use super::gram::{PAD, add_rows, filter_rows};
 use super::{Decimation, Normal, SeparableResidual, Slope};
 use crate::dataset::{Dataset, OffsetSource};
+use crate::effects::{Acting, Effect, Site, When};
 use crate::film::Locked;
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Unreachable};
@@ -38,11 +42,19 @@ pub struct Layout {
     pub nodes: usize,
     /// Numbers of the recordings whose clock offset is free, in the order of their place in eta.
     pub free_offsets: Vec<usize>,
+    /// Free values of effects (number of the effect, number of the value), in the order of their place in eta, after the offsets;
+    /// eta holds them over their [`crate::effects::Quantity::spread`].
+    pub free_values: Vec<(usize, usize)>,
 }
 
 impl Layout {
     /// Length of eta.
     pub fn nonlinear(&self) -> usize {
+        self.branches + 1 + self.free_offsets.len() + self.free_values.len()
+    }
+
+    /// Place of the first free value of an effect in eta.
+    pub fn first_value(&self) -> usize {
         self.branches + 1 + self.free_offsets.len()
     }
 
@@ -56,9 +68,11 @@ impl Layout {
 type Triples = Vec<[f64; 3]>;
 
 /// One recording, worked out as far as it does not depend on the parameters.
+#[derive(Clone)]
 struct Prepared<'a> {
     dataset: &'a Dataset,
-    mechanics: Mechanics,
+    when: When,
+    mechanics: Arc<Mechanics>,
     decimation: Decimation,
     centres: Vec<usize>,
     /// Filtered load of each kept sample and chain, N m.
@@ -72,15 +86,28 @@ struct Prepared<'a> {
     /// Weight of a kept sample in a robust fit.
     robust: Vec<f64>,
     /// Whitened residual changes of the replicates: replicate, kept sample, chain.
-    errors: Vec<Vec<f64>>,
+    errors: Arc<Vec<Vec<f64>>>,
     /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been worked out.
-    torque_variance: Vec<[f64; 3]>,
+    torque_variance: Arc<Vec<[f64; 3]>>,
+}
+
+/// What the rows of a recording are made of at given values of the effects.
+struct Condition<'p> {
+    mechanics: Cow<'p, Mechanics>,
+    load: Cow<'p, [[f64; 3]]>,
+    forearm: Cow<'p, [f64]>,
+    maxwell: Cow<'p, (Triples, Triples)>,
+    /// Factors on the stress of [equilibrium spring, branches], where an effect changes them.
+    factor: [Option<Vec<[f64; 2]>>; 3],
+    /// Change of the filtered residual per unit of eta of each free value.
+    values: Vec<Triples>,
 }
 
 /// Residual of several robot recordings that share film and forearms.
 pub struct RobotResidual<'a> {
     robot: &'a Robot,
     recordings: Vec<Prepared<'a>>,
+    effects: Vec<Acting>,
     layout: Layout,
     arch: Arch,
     forearm: ForearmTorque,
@@ -99,6 +126,9 @@ pub struct VoltageError {
     pub counts: Vec<bool>,
 }
 
+/// Step of the differences with respect to an effect's value, in its spread.
+const VALUE_STEP: f64 = 1e-3;
+
 /// Left out at both ends of a recording where errors in volts are counted, s.
 const EDGE_S: f64 = 0.3;
 
@@ -108,26 +138,101 @@ pub(crate) fn root_v(squared: f64) -> f64 {
 }
 
 impl Prepared<'_> {
-    fn phi_squared(&self, offset_s: f64, chain: usize) -> (Vec<f64>, Vec<f64>) {
+    /// phi_c^2 and its change per second at the frames, as the clock effects read the command.
+    fn phi_squared(&self, offset_s: f64, chain: usize, effects: &[Acting]) -> (Vec<f64>, Vec<f64>) {
         let d = self.dataset;
-        d.voltage
-            .squared(chain, d.start_s + offset_s, d.step_s, d.samples())
+        let (shift, rate) = clock(effects);
+        d.voltage.squared(
+            chain,
+            d.start_s + offset_s + shift,
+            d.step_s * rate,
+            d.samples(),
+        )
+    }
+
+    /// Command at the frames, V.
+    fn command(&self, chain: usize, offset_s: f64, effects: &[Acting]) -> Vec<f64> {
+        let d = self.dataset;
+        let (shift, rate) = clock(effects);
+        (0..d.samples())
+            .map(|i| {
+                let t = d.start_s + offset_s + shift + rate * d.step_s * i as f64;
+                d.voltage.at(chain, t)
+            })
+            .collect()
+    }
+
+    /// Voltage that makes the Maxwell torque at the frames, V.
+    fn film_voltage(
+        &self,
+        mechanics: &Mechanics,
+        chain: usize,
+        offset_s: f64,
+        effects: &[Acting],
+    ) -> Vec<f64> {
+        let command = self.command(chain, offset_s, effects);
+        mechanics.film_voltage_v(chain, self.when, effects, &command)
+    }
+
+    /// Maxwell torque of a chain at the frames, N m, and its change per second of clock offset: 1/2 C' times the command's square
+    /// plus what the electrical effects change of it.
+    fn made(
+        &self,
+        mechanics: &Mechanics,
+        k: usize,
+        offset_s: f64,
+        effects: &[Acting],
+    ) -> (Vec<f64>, Vec<f64>) {
+        let (mut squared, mut change) = self.phi_squared(offset_s, k, effects);
+        let electrical = |a: &Acting| a.effect.site() == Site::Electrical && a.on[k];
+        let plain = &mechanics.chains[k].half_capacitance_slope;
+        if !effects.iter().any(electrical) {
+            for ((s, c), h) in squared.iter_mut().zip(&mut change).zip(plain) {
+                *s *= h;
+                *c *= h;
+            }
+            return (squared, change);
+        }
+        let command = self.command(k, offset_s, effects);
+        let film = mechanics.film_voltage_v(k, self.when, effects, &command);
+        let half = mechanics.half_capacitance_slope(k, self.when, effects);
+        for i in 0..squared.len() {
+            squared[i] = half[i] * (squared[i] + film[i] * film[i] - command[i] * command[i]);
+            change[i] *= half[i];
+        }
+        (squared, change)
     }
 
     /// Filtered Maxwell torque and its derivative with respect to the clock offset.
-    fn maxwell_at(&self, offset_s: f64) -> (Triples, Triples) {
+    fn maxwell_at(
+        &self,
+        mechanics: &Mechanics,
+        offset_s: f64,
+        effects: &[Acting],
+    ) -> (Triples, Triples) {
         let mut value = vec![[0.0; 3]; self.centres.len()];
         let mut slope = value.clone();
         for k in 0..3 {
-            let (squared, change) = self.phi_squared(offset_s, k);
-            let c = &self.mechanics.chains[k].half_capacitance_slope;
+            let (made, change) = self.made(mechanics, k, offset_s, effects);
             for (j, &centre) in self.centres.iter().enumerate() {
-                value[j][k] = self.decimation.apply(centre, |i| c[i] * squared[i]);
-                slope[j][k] = self.decimation.apply(centre, |i| c[i] * change[i]);
+                value[j][k] = self.decimation.apply(centre, |i| made[i]);
+                slope[j][k] = self.decimation.apply(centre, |i| change[i]);
             }
         }
         (value, slope)
     }
+}
+
+/// How effects on the clock read the command at t after the first frame: at shift + rate t.
+fn clock(effects: &[Acting]) -> (f64, f64) {
+    let read = |t: f64| {
+        effects
+            .iter()
+            .filter(|a| a.effect.site() == Site::Clock)
+            .fold(t, |t, a| a.effect.clock(&a.values, t))
+    };
+    let shift = read(0.0);
+    (shift, read(1.0) - shift)
 }
 
 impl<'a> RobotResidual<'a> {
@@ -159,7 +264,12 @@ impl<'a> RobotResidual<'a> {
                 if lost.len() * 20 > dataset.samples() {
                     return Err((number, lost[0].0, lost[0].1));
                 }
-                Ok(prepare(dataset, mechanics, forearm, nodes))
+                let when = When {
+                    recording: number,
+                    series_s: 0.0,
+                    start_s: dataset.start_s,
+                };
+                Ok(prepare(dataset, when, mechanics, forearm))
             })
             .collect::<Result<Vec<_>, _>>()?;
         let free_offsets = datasets
@@ -175,10 +285,48 @@ impl<'a> RobotResidual<'a> {
                 branches,
                 nodes,
                 free_offsets,
+                free_values: Vec::new(),
             },
+            effects: Vec::new(),
             arch: Arch::new(),
             forearm: forearm.clone(),
         })
+    }
+
+    /// The same recordings and weights with `effects` at work; `free` are those of their values that are unknowns. `series`
+    /// says when each recording was made.
+    pub fn with_effects(
+        &self,
+        effects: Vec<Acting>,
+        free: Vec<(usize, usize)>,
+        series: &[When],
+    ) -> RobotResidual<'a> {
+        let mut recordings = self.recordings.clone();
+        for (r, when) in recordings.iter_mut().zip(series) {
+            r.when = *when;
+        }
+        RobotResidual {
+            robot: self.robot,
+            recordings,
+            layout: Layout {
+                free_values: free,
+                ..self.layout.clone()
+            },
+            effects,
+            arch: self.arch,
+            forearm: self.forearm.clone(),
+        }
+    }
+
+    /// The effects at eta.
+    pub fn effects(&self, eta: &[f64]) -> Vec<Acting> {
+        let mut out = self.effects.clone();
+        let first = self.layout.first_value();
+        for (place, &(effect, value)) in self.layout.free_values.iter().enumerate() {
+            let spread = out[effect].effect.parameters()[value].spread;
+            out[effect].values[value] = eta[first + place] * spread;
+        }
+        out
     }
 
     /// Where the parameters stand.
@@ -227,10 +375,15 @@ impl<'a> RobotResidual<'a> {
         }
     }
 
-    /// Columns of a row: springs, nodes, d/d ln T, d/d(1/J), d/d offset, residual; padded.
+    /// Columns of a row: springs, nodes, d/d ln T, d/d(1/J), d/d offset, d/d values, residual; padded.
     fn width(&self) -> usize {
+        (self.last() + 1).next_multiple_of(PAD)
+    }
+
+    /// Column of the residual.
+    fn last(&self) -> usize {
         let s = self.layout.branches + 1;
-        (s + self.layout.nodes + (s - 1) + s + 2).next_multiple_of(PAD)
+        s + self.layout.nodes + (s - 1) + s + 1 + self.layout.free_values.len()
     }
 
     /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has three rows.
@@ -242,6 +395,7 @@ impl<'a> RobotResidual<'a> {
         mut each: impl FnMut(usize, &[f64]),
     ) -> Result<(), Locked> {
         let r = &self.recordings[recording];
+        let condition = self.condition(recording, eta, reference)?;
         let n = self.layout.branches;
         let springs = n + 1;
         let nodes = self.layout.nodes;
@@ -250,18 +404,11 @@ impl<'a> RobotResidual<'a> {
             relaxation_time_s: &relaxation,
             locking: 1.0 / eta[n],
         };
-        let computed;
-        let (maxwell, maxwell_slope) = match &r.maxwell {
-            Some(fixed) => fixed,
-            None => {
-                computed = r.maxwell_at(self.offset_s(recording, eta));
-                &computed
-            }
-        };
+        let (maxwell, maxwell_slope) = &*condition.maxwell;
         let film_width = ROW * shape.packs();
         let taps = 2 * r.decimation.half + 1;
         let mut passes: Vec<Pass> = (0..3)
-            .map(|k| Pass::new(&r.mechanics.chains[k].history, shape))
+            .map(|k| Pass::new(&condition.mechanics.chains[k].history, shape))
             .collect();
         // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`; they move to the front
         // when the room is used up.
@@ -276,7 +423,7 @@ impl<'a> RobotResidual<'a> {
         let (node_at, t_at) = (springs, springs + nodes);
         let per_reciprocal = -1.0 / eta[n]; // d ln J / d(1/J)
         let (j_at, offset_at) = (t_at + n, t_at + n + springs);
-        let last = offset_at + 1;
+        let (value_at, last) = (offset_at + 1, self.last());
         while next_kept < r.centres.len() {
             if held_count + BLOCK > room {
                 let keep_from = (r.centres[next_kept] - r.decimation.half)
@@ -293,6 +440,17 @@ impl<'a> RobotResidual<'a> {
             for k in 0..3 {
                 let at = held_count * film_width;
                 produced = passes[k].next_block(&mut held[k][at..at + BLOCK * film_width])?;
+                if let Some(factor) = &condition.factor[k] {
+                    let from = held_from + held_count;
+                    for (row, f) in held[k][at..at + produced * film_width]
+                        .chunks_exact_mut(film_width)
+                        .zip(&factor[from..])
+                    {
+                        for (i, x) in row.iter_mut().enumerate() {
+                            *x *= if i % LANES == 0 && i < ROW { f[0] } else { f[1] };
+                        }
+                    }
+                }
                 if k == 0 {
                     let known = held_from + held_count + produced;
                     first.clear();
@@ -343,10 +501,13 @@ impl<'a> RobotResidual<'a> {
                             .copy_from_slice(&film[LANES + skip..LANES + here]);
                     }
                     let at = (3 * kept + k) * nodes;
-                    row[node_at..node_at + nodes].copy_from_slice(&r.forearm[at..at + nodes]);
+                    row[node_at..node_at + nodes].copy_from_slice(&condition.forearm[at..at + nodes]);
                     row[offset_at] = -maxwell_slope[kept][k];
+                    for (place, column) in condition.values.iter().enumerate() {
+                        row[value_at + place] = column[kept][k];
+                    }
                     let needed: f64 = row[..t_at].iter().zip(reference).map(|(b, x)| b * x).sum();
-                    row[last] = needed + r.load[kept][k] - maxwell[kept][k];
+                    row[last] = needed + condition.load[kept][k] - maxwell[kept][k];
                 }
                 // Whitening mixes the three chains of a sample.
                 let w = &r.whitening[kept];
@@ -380,10 +541,11 @@ impl<'a> RobotResidual<'a> {
         let n = self.layout.branches;
         let relaxation = (0..n).map(|i| (i, Some(i + 1)));
         let locking = (0..=n).map(|i| (n, Some(i)));
-        let offset = (0..self.layout.free_offsets.len()).map(|i| (n + 1 + i, None));
+        let own = (0..self.layout.free_offsets.len() + self.layout.free_values.len())
+            .map(|i| (n + 1 + i, None));
         relaxation
             .chain(locking)
-            .chain(offset)
+            .chain(own)
             .map(|(nonlinear, linear)| Slope { nonlinear, linear })
             .collect()
     }
@@ -400,14 +562,14 @@ impl<'a> RobotResidual<'a> {
         (0..own)
             .map(Some)
             .chain(offsets)
-            .chain([Some(own + 1)])
+            .chain((own + 1..=self.last()).map(Some))
             .collect()
     }
 
     /// Squared whitened residual of each kept sample at the parameters, over its three chains: what a robust loss looks at.
     fn squares(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Vec<f64>, Locked> {
         let width = self.width();
-        let last = 2 * self.layout.branches + 2 + self.layout.branches + self.layout.nodes + 1;
+        let last = self.last();
         let mut out = vec![0.0; self.recordings[recording].centres.len()];
         self.for_each_block(recording, eta, beta, |first, rows| {
             for (i, row) in rows.chunks_exact(width).enumerate() {
@@ -436,22 +598,419 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
-    /// Torque error (needed minus made, N m) of each frame and chain of one recording along `mechanics`.
+    /// Torque error (needed minus made, N m) of each frame and chain of one recording along `mechanics`, with effects.
     fn torque_error(
         &self,
+        recording: usize,
         mechanics: &Mechanics,
         parameters: &Parameters,
-        phi_squared: &[Vec<f64>; 3],
+        offset_s: f64,
+        effects: &[Acting],
     ) -> Result<[Vec<f64>; 3], Locked> {
-        let needed = mechanics.needed_torque_n_m(parameters)?;
-        Ok([0, 1, 2].map(|k| {
-            (0..mechanics.samples())
-                .map(|i| {
-                    needed[k][i].iter().sum::<f64>()
-                        - mechanics.chains[k].half_capacitance_slope[i] * phi_squared[k][i]
-                })
-                .collect()
-        }))
+        let (needed, made) = self.sides(recording, mechanics, parameters, offset_s, effects)?;
+        let mut out = needed;
+        for (out, made) in out.iter_mut().zip(&made) {
+            for (o, m) in out.iter_mut().zip(made) {
+                *o -= m;
+            }
+        }
+        Ok(out)
+    }
+
+    /// Needed and made torque (N m) of each chain and frame of one recording along `mechanics`, with effects.
+    fn sides(
+        &self,
+        recording: usize,
+        mechanics: &Mechanics,
+        parameters: &Parameters,
+        offset_s: f64,
+        effects: &[Acting],
+    ) -> Result<([Vec<f64>; 3], [Vec<f64>; 3]), Locked> {
+        let r = &self.recordings[recording];
+        let mut needed: [Vec<f64>; 3] = Default::default();
+        for (k, needed) in needed.iter_mut().enumerate() {
+            let film = mechanics.film_torque_n_m(k, parameters)?;
+            *needed = match mechanics.stress_factor(k, r.when, effects, &parameters.film) {
+                Some(factor) => film
+                    .iter()
+                    .zip(&factor)
+                    .map(|(t, f)| t[0] * f[0] + t[1] * f[1])
+                    .collect(),
+                None => film.iter().map(|t| t[0] + t[1]).collect(),
+            };
+            let chain = &mechanics.chains[k];
+            for (i, needed) in needed.iter_mut().enumerate() {
+                *needed += chain.load(i);
+            }
+            self.add_effect_torque(r, mechanics, k, parameters, offset_s, effects, needed)?;
+        }
+        for i in 0..mechanics.samples() {
+            let forearm = mechanics.forearm_torque_n_m(i, &parameters.forearm);
+            for k in 0..3 {
+                needed[k][i] += forearm[k];
+            }
+        }
+        let made = [0, 1, 2].map(|k| r.made(mechanics, k, offset_s, effects).0);
+        Ok((needed, made))
+    }
+
+    /// What the effects ask for beside the plain model's torques.
+    #[allow(clippy::too_many_arguments)]
+    fn add_effect_torque(
+        &self,
+        r: &Prepared,
+        mechanics: &Mechanics,
+        k: usize,
+        parameters: &Parameters,
+        offset_s: f64,
+        effects: &[Acting],
+        needed: &mut [f64],
+    ) -> Result<(), Locked> {
+        if effects.iter().any(|a| a.effect.site() == Site::Balance) {
+            let torque = mechanics.effect_torque_n_m(k, r.when, effects);
+            for (n, t) in needed.iter_mut().zip(torque) {
+                *n -= t;
+            }
+        }
+        if effects.iter().any(|a| a.effect.needs_tension()) {
+            let phi = r.film_voltage(mechanics, k, offset_s, effects);
+            let slack = mechanics.slack_torque_n_m(k, r.when, effects, parameters, &phi)?;
+            for (n, t) in needed.iter_mut().zip(slack.into_iter().flatten()) {
+                *n += t;
+            }
+        }
+        Ok(())
+    }
+
+    /// Filtered values of a series of each chain at the kept samples of a recording.
+    fn filtered(&self, recording: usize, series: &[Vec<f64>; 3]) -> Triples {
+        let r = &self.recordings[recording];
+        r.centres
+            .iter()
+            .map(|&c| [0, 1, 2].map(|k| r.decimation.apply(c, |i| series[k][i])))
+            .collect()
+    }
+
+    /// What the rows of a recording are made of at `eta`; derivatives with respect to free values at the linear parameters `beta`.
+    fn condition(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Condition<'_>, Locked> {
+        let r = &self.recordings[recording];
+        let offset = self.offset_s(recording, eta);
+        let maxwell = match &r.maxwell {
+            Some(fixed) => Cow::Borrowed(fixed),
+            None => Cow::Owned(r.maxwell_at(&r.mechanics, offset, &[])),
+        };
+        if self.effects.is_empty() {
+            return Ok(Condition {
+                mechanics: Cow::Borrowed(&r.mechanics),
+                load: Cow::Borrowed(&r.load),
+                forearm: Cow::Borrowed(&r.forearm),
+                maxwell,
+                factor: [None, None, None],
+                values: Vec::new(),
+            });
+        }
+        let effects = self.effects(eta);
+        let parameters = self.parameters(eta, beta);
+        let has = |site: Site| effects.iter().any(|a| a.effect.site() == site);
+        let mechanics = self.mechanics_with(recording, &effects)?;
+        let moved = matches!(mechanics, Cow::Owned(_));
+        let mut load = Cow::Borrowed(&r.load[..]);
+        let mut forearm = Cow::Borrowed(&r.forearm[..]);
+        if moved {
+            load = Cow::Owned(filtered_load(&mechanics, &r.decimation, &r.centres));
+            let columns =
+                forearm_columns(&mechanics, &self.forearm, &r.decimation, &r.centres, self.arch);
+            forearm = Cow::Owned(columns);
+        }
+        if has(Site::Balance) || effects.iter().any(|a| a.effect.needs_tension()) {
+            let mut extra: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
+            for (k, extra) in extra.iter_mut().enumerate() {
+                self.add_effect_torque(r, &mechanics, k, &parameters, offset, &effects, extra)?;
+            }
+            let extra = self.filtered(recording, &extra);
+            for (l, e) in load.to_mut().iter_mut().zip(extra) {
+                for k in 0..3 {
+                    l[k] += e[k];
+                }
+            }
+        }
+        let maxwell = if moved || has(Site::Electrical) || has(Site::Clock) {
+            Cow::Owned(r.maxwell_at(&mechanics, offset, &effects))
+        } else {
+            maxwell
+        };
+        let factor =
+            [0, 1, 2].map(|k| mechanics.stress_factor(k, r.when, &effects, &parameters.film));
+        let values = self.value_columns(recording, eta, beta, &mechanics, &effects)?;
+        Ok(Condition {
+            mechanics,
+            load,
+            forearm,
+            maxwell,
+            factor,
+            values,
+        })
+    }
+
+    /// The balance of a recording with those effects that change it.
+    fn mechanics_with(
+        &self,
+        recording: usize,
+        effects: &[Acting],
+    ) -> Result<Cow<'_, Mechanics>, Locked> {
+        let r = &self.recordings[recording];
+        if effects.iter().all(|a| a.effect.site() != Site::Motion) {
+            return Ok(Cow::Borrowed(&r.mechanics));
+        }
+        Mechanics::with_effects(self.robot, &r.dataset.track(), effects, r.dataset.pivot_m)
+            .map(Cow::Owned)
+            .map_err(|(sample, _)| Locked {
+                spring: 0,
+                invariant: f64::NAN,
+                locking: f64::NAN,
+                at_s: Some(r.dataset.time_s(sample)),
+            })
+    }
+
+    /// d(filtered residual)/d eta of every free value, by a forward difference of the side that the value changes.
+    fn value_columns(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        beta: &[f64],
+        mechanics: &Mechanics,
+        effects: &[Acting],
+    ) -> Result<Vec<Triples>, Locked> {
+        let parameters = self.parameters(eta, beta);
+        let offset = self.offset_s(recording, eta);
+        self.layout
+            .free_values
+            .iter()
+            .map(|&(effect, value)| {
+                let q = &effects[effect].effect.parameters()[value];
+                let mut other = effects.to_vec();
+                let here = other[effect].values[value];
+                let up = here + VALUE_STEP * q.spread;
+                let step = if up > q.upper { -VALUE_STEP } else { VALUE_STEP };
+                other[effect].values[value] = here + step * q.spread;
+                let change = self.change(
+                    recording,
+                    &parameters,
+                    offset,
+                    (mechanics, effects),
+                    &other,
+                    effect,
+                )?;
+                let mut column = self.filtered(recording, &change);
+                for c in column.iter_mut().flatten() {
+                    *c /= step;
+                }
+                Ok(column)
+            })
+            .collect()
+    }
+
+    /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which differ from them in the effect
+    /// number `changed` only.
+    fn change(
+        &self,
+        recording: usize,
+        parameters: &Parameters,
+        offset_s: f64,
+        (mechanics, effects): (&Mechanics, &[Acting]),
+        other: &[Acting],
+        changed: usize,
+    ) -> Result<[Vec<f64>; 3], Locked> {
+        let r = &self.recordings[recording];
+        let mut out: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
+        let acting = &other[changed];
+        match acting.effect.site() {
+            Site::Balance => {
+                for k in (0..3).filter(|&k| acting.on[k]) {
+                    let a = mechanics.effect_torque_n_m(k, r.when, &other[changed..=changed]);
+                    let b = match effects.get(changed) {
+                        Some(_) => {
+                            mechanics.effect_torque_n_m(k, r.when, &effects[changed..=changed])
+                        }
+                        None => vec![0.0; a.len()],
+                    };
+                    out[k] = a.iter().zip(b).map(|(a, b)| b - a).collect();
+                }
+            }
+            Site::Electrical | Site::Clock => {
+                for k in (0..3).filter(|&k| acting.on[k]) {
+                    let a = r.made(mechanics, k, offset_s, other).0;
+                    let b = r.made(mechanics, k, offset_s, effects).0;
+                    out[k] = a.iter().zip(b).map(|(a, b)| b - a).collect();
+                }
+            }
+            Site::Film => {
+                for k in (0..3).filter(|&k| acting.on[k]) {
+                    let slack = |with: &[Acting]| {
+                        let phi = r.film_voltage(mechanics, k, offset_s, with);
+                        mechanics.slack_torque_n_m(k, r.when, with, parameters, &phi)
+                    };
+                    if acting.effect.needs_tension() {
+                        let a = slack(other)?.unwrap_or_default();
+                        let b = slack(effects)?.unwrap_or_else(|| vec![0.0; a.len()]);
+                        out[k] = a.iter().zip(b).map(|(a, b)| a - b).collect();
+                    } else {
+                        let film = mechanics.film_torque_n_m(k, parameters)?;
+                        let one = || vec![[1.0; 2]; film.len()];
+                        let factor = |with: &[Acting]| {
+                            mechanics
+                                .stress_factor(k, r.when, with, &parameters.film)
+                                .unwrap_or_else(one)
+                        };
+                        let (a, b) = (factor(other), factor(effects));
+                        out[k] = (0..film.len())
+                            .map(|i| {
+                                film[i][0] * (a[i][0] - b[i][0]) + film[i][1] * (a[i][1] - b[i][1])
+                            })
+                            .collect();
+                    }
+                }
+            }
+            Site::Motion => {
+                let moved = self.mechanics_with(recording, other)?;
+                let a = self.torque_error(recording, &moved, parameters, offset_s, other)?;
+                let b = self.torque_error(recording, mechanics, parameters, offset_s, effects)?;
+                for k in 0..3 {
+                    out[k] = a[k].iter().zip(&b[k]).map(|(a, b)| a - b).collect();
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Whitened change of the residual of all recordings, row by row as in [`RobotResidual::design`], when `acting` joins the effects
+    /// at the parameters.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
+    pub fn fingerprint(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        acting: &Acting,
+    ) -> Result<Vec<f64>, Locked> {
+        let parameters = self.parameters(eta, beta);
+        let effects = self.effects(eta);
+        let mut other = effects.clone();
+        other.push(acting.clone());
+        let mut out = Vec::with_capacity(self.rows());
+        for recording in 0..self.recordings.len() {
+            let mechanics = self.mechanics_with(recording, &effects)?;
+            let offset = self.offset_s(recording, eta);
+            let change = self.change(
+                recording,
+                &parameters,
+                offset,
+                (&mechanics, &effects),
+                &other,
+                effects.len(),
+            )?;
+            let filtered = self.filtered(recording, &change);
+            let r = &self.recordings[recording];
+            for (f, w) in filtered.iter().zip(&r.whitening) {
+                out.extend([
+                    w[0] * f[0],
+                    w[1] * f[0] + w[2] * f[1],
+                    w[3] * f[0] + w[4] * f[1] + w[5] * f[2],
+                ]);
+            }
+        }
+        Ok(out)
+    }
+
+    /// The fingerprint of `effect` with the values `v` on each actuator alone. Only for effects whose change stays in its own chain.
+    ///
+    /// # Errors
+    /// Those of [`RobotResidual::fingerprint`].
+    pub fn fingerprint_by_actuator(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        effect: &'static dyn Effect,
+        v: &[f64],
+    ) -> Result<[Vec<f64>; 3], Locked> {
+        let parameters = self.parameters(eta, beta);
+        let effects = self.effects(eta);
+        let mut other = effects.clone();
+        other.push(Acting {
+            effect,
+            values: v.to_vec(),
+            on: [true; 3],
+        });
+        let mut out = [(); 3].map(|()| Vec::with_capacity(self.rows()));
+        for recording in 0..self.recordings.len() {
+            let mechanics = self.mechanics_with(recording, &effects)?;
+            let offset = self.offset_s(recording, eta);
+            let change = self.change(
+                recording,
+                &parameters,
+                offset,
+                (&mechanics, &effects),
+                &other,
+                effects.len(),
+            )?;
+            let filtered = self.filtered(recording, &change);
+            let r = &self.recordings[recording];
+            for (f, w) in filtered.iter().zip(&r.whitening) {
+                out[0].extend([w[0] * f[0], w[1] * f[0], w[3] * f[0]]);
+                out[1].extend([0.0, w[2] * f[1], w[4] * f[1]]);
+                out[2].extend([0.0, 0.0, w[5] * f[2]]);
+            }
+        }
+        Ok(out)
+    }
+
+    /// The whitened design at the parameters: one row a residual, recording by recording, kept sample by kept sample, three chains
+    /// each; columns d r/d eta, B, and the residual last.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn design(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
+        let (nonlinear, linear) = (self.layout.nonlinear(), self.layout.linear());
+        let mut out = DMatrix::zeros(self.rows(), nonlinear + linear + 1);
+        let slopes = self.slopes();
+        let width = self.width();
+        let mut from = 0;
+        for recording in 0..self.recordings.len() {
+            let columns = self.columns(recording);
+            self.for_each_block(recording, eta, beta, |first, rows| {
+                for (i, row) in rows.chunks_exact(width).enumerate() {
+                    let at = from + 3 * first + i;
+                    for (s, slope) in slopes.iter().enumerate() {
+                        if let Some(c) = columns[linear + s] {
+                            out[(at, slope.nonlinear)] +=
+                                slope.linear.map_or(1.0, |b| beta[b]) * row[c];
+                        }
+                    }
+                    for b in 0..linear {
+                        out[(at, nonlinear + b)] = row[b];
+                    }
+                    out[(at, nonlinear + linear)] = row[self.last()];
+                }
+            })?;
+            from += 3 * self.recordings[recording].centres.len();
+        }
+        Ok(out)
+    }
+
+    /// Middle frame of each kept sample of a recording.
+    pub fn kept(&self, recording: usize) -> &[usize] {
+        &self.recordings[recording].centres
+    }
+
+    /// Inverse Cholesky factor of the noise covariance at each kept sample of a recording, 1/(N m): 11, 21, 22, 31, 32, 33.
+    pub fn whitening(&self, recording: usize) -> &[[f64; 6]] {
+        &self.recordings[recording].whitening
     }
 
     /// Changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open.
@@ -464,23 +1023,27 @@ impl<'a> RobotResidual<'a> {
         let r = &self.recordings[recording];
         let parameters = self.parameters(eta, beta);
         let offset = self.offset_s(recording, eta);
-        let phi = [0, 1, 2].map(|k| r.phi_squared(offset, k).0);
-        let base = self.torque_error(&r.mechanics, &parameters, &phi)?;
+        let effects = self.effects(eta);
+        let own = self.mechanics_with(recording, &effects)?;
+        let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
         (0..REPLICATES)
             .into_par_iter()
             .map(|m| {
                 let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + m as u64);
                 generator.set_stream(recording as u64);
                 let track = r.dataset.drawn_track(&mut generator);
-                let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
+                let pivot = r.dataset.pivot_m;
+                let Ok(mechanics) = Mechanics::with_effects(self.robot, &track, &effects, pivot)
+                else {
                     return Ok(base.clone().map(|v| vec![0.0; v.len()]));
                 };
-                let mut error = self.torque_error(&mechanics, &parameters, &phi)?;
+                let mut error =
+                    self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
                 for k in 0..3 {
                     for (e, b) in error[k].iter_mut().zip(&base[k]) {
                         *e -= b;
                     }
-                    for (i, _) in mechanics.unreachable.iter().chain(&r.mechanics.unreachable) {
+                    for (i, _) in mechanics.unreachable.iter().chain(&own.unreachable) {
                         error[k][*i] = 0.0;
                     }
                 }
@@ -503,7 +1066,7 @@ impl<'a> RobotResidual<'a> {
             let errors = self.replicate_errors(number, eta, beta)?;
             let offset = self.offset_s(number, eta);
             let r = &mut self.recordings[number];
-            r.torque_variance = variance(&errors);
+            r.torque_variance = Arc::new(variance(&errors));
             let kept = r.centres.len();
             let filtered: Vec<Vec<f64>> = errors
                 .par_iter()
@@ -558,8 +1121,8 @@ impl<'a> RobotResidual<'a> {
                     inverse[(2, 2)],
                 ];
             }
-            r.errors = filtered;
-            for errors in &mut r.errors {
+            let mut white = filtered;
+            for errors in &mut white {
                 for (e, w) in errors.chunks_exact_mut(3).zip(&r.whitening) {
                     let (a, b, d) = (e[0], e[1], e[2]);
                     e[0] = w[0] * a;
@@ -567,6 +1130,7 @@ impl<'a> RobotResidual<'a> {
                     e[2] = w[3] * a + w[4] * b + w[5] * d;
                 }
             }
+            r.errors = Arc::new(white);
         }
         Ok(())
     }
@@ -575,7 +1139,7 @@ impl<'a> RobotResidual<'a> {
     /// [`RobotResidual::weigh`].
     pub fn noise_mean_square(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
-        for e in self.recordings.iter().flat_map(|r| &r.errors).flatten() {
+        for e in self.recordings.iter().flat_map(|r| r.errors.iter()).flatten() {
             sum += e * e;
             count += 1.0;
         }
@@ -647,14 +1211,27 @@ impl<'a> RobotResidual<'a> {
             fresh = variance(&self.replicate_errors(recording, eta, beta)?);
             &fresh
         } else {
-            &r.torque_variance
+            &*r.torque_variance
         };
-        let predicted = r.mechanics.phi_squared_v2(&parameters)?;
+        let effects = self.effects(eta);
+        let mechanics = self.mechanics_with(recording, &effects)?;
+        let (mut predicted, half, film_v) = if effects.is_empty() {
+            (r.mechanics.phi_squared_v2(&parameters)?, None, None)
+        } else {
+            let (needed, _) = self.sides(recording, &mechanics, &parameters, offset, &effects)?;
+            let half = [0, 1, 2].map(|k| mechanics.half_capacitance_slope(k, r.when, &effects));
+            let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, offset, &effects));
+            let squared = (0..mechanics.samples())
+                .map(|i| [0, 1, 2].map(|k| needed[k][i] / half[k][i]))
+                .collect();
+            (squared, Some(half), Some(film_v))
+        };
         let n = r.dataset.samples();
         let edge = (EDGE_S / r.dataset.step_s).round() as usize;
         let mut reached = vec![true; n];
-        for (i, _) in &r.mechanics.unreachable {
+        for (i, _) in &mechanics.unreachable {
             reached[*i] = false;
+            predicted[*i] = [f64::NAN; 3];
         }
         let mut out = VoltageError {
             predicted_squared_v2: predicted,
@@ -672,9 +1249,15 @@ impl<'a> RobotResidual<'a> {
         };
         for i in 0..n {
             out.command_v
-                .push([0, 1, 2].map(|k| r.dataset.command_v(k, i, offset)));
+                .push([0, 1, 2].map(|k| match &film_v {
+                    Some(film_v) => film_v[k][i],
+                    None => r.dataset.command_v(k, i, offset),
+                }));
             out.sd_v.push([0, 1, 2].map(|k| {
-                let slope = r.mechanics.chains[k].half_capacitance_slope[i];
+                let slope = match &half {
+                    Some(half) => half[k][i],
+                    None => mechanics.chains[k].half_capacitance_slope[i],
+                };
                 let squared = out.predicted_squared_v2[i][k];
                 let spread = torque_variance[i][k].sqrt() / slope.abs();
                 0.5 * (root_v(squared + spread) - root_v(squared - spread))
@@ -752,9 +1335,9 @@ fn resolution_v(voltage: &crate::dataset::Voltage) -> [f64; 3] {
 
 fn prepare<'a>(
     dataset: &'a Dataset,
+    when: When,
     mechanics: Mechanics,
     forearm: &ForearmTorque,
-    nodes: usize,
 ) -> Prepared<'a> {
     let free = dataset.offset_source == OffsetSource::Free;
     let known_hz = dataset
@@ -778,41 +1361,13 @@ fn prepare<'a>(
         usable[*i] = false;
     }
     let centres = decimation.centres(&usable);
-    let load = centres
-        .iter()
-        .map(|&c| [0, 1, 2].map(|k| decimation.apply(c, |i| mechanics.chains[k].load(i))))
-        .collect();
-    // Forearm columns: lever of chain j on lozenge k times the spline's basis at theta_FA_j, filtered.
-    let n = dataset.samples();
-    let mut basis = vec![0.0; 3 * n * nodes];
-    for i in 0..n {
-        for j in 0..3 {
-            let at = (3 * i + j) * nodes;
-            forearm.basis(
-                mechanics.chains[j].theta_fa_rad[i],
-                &mut basis[at..at + nodes],
-            );
-        }
-    }
-    let mut columns = vec![0.0; 3 * centres.len() * nodes];
-    for (j, &centre) in centres.iter().enumerate() {
-        for (t, w) in decimation.weights.iter().enumerate() {
-            let i = centre - decimation.half + t;
-            for k in 0..3 {
-                let out = &mut columns[(3 * j + k) * nodes..(3 * j + k + 1) * nodes];
-                for (source, lever) in mechanics.chains[k].forearm_lever[i].iter().enumerate() {
-                    let from = &basis[(3 * i + source) * nodes..(3 * i + source + 1) * nodes];
-                    for (o, b) in out.iter_mut().zip(from) {
-                        *o += w * lever * b;
-                    }
-                }
-            }
-        }
-    }
+    let load = filtered_load(&mechanics, &decimation, &centres);
+    let columns = forearm_columns(&mechanics, forearm, &decimation, &centres, Arch::new());
     let kept = centres.len();
     let mut prepared = Prepared {
         dataset,
-        mechanics,
+        when,
+        mechanics: Arc::new(mechanics),
         decimation,
         centres,
         load,
@@ -820,11 +1375,57 @@ fn prepare<'a>(
         maxwell: None,
         whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
         robust: vec![1.0; kept],
-        errors: Vec::new(),
-        torque_variance: Vec::new(),
+        errors: Arc::default(),
+        torque_variance: Arc::default(),
     };
     if !free {
-        prepared.maxwell = Some(prepared.maxwell_at(dataset.offset_s));
+        let fixed = prepared.maxwell_at(&prepared.mechanics, dataset.offset_s, &[]);
+        prepared.maxwell = Some(fixed);
     }
     prepared
+}
+
+/// Filtered load of each kept sample and chain, N m.
+fn filtered_load(mechanics: &Mechanics, decimation: &Decimation, centres: &[usize]) -> Triples {
+    let load = [0, 1, 2].map(|k| {
+        let chain = &mechanics.chains[k];
+        (0..mechanics.samples()).map(|i| chain.load(i)).collect::<Vec<f64>>()
+    });
+    centres
+        .iter()
+        .map(|&c| [0, 1, 2].map(|k| decimation.apply(c, |i| load[k][i])))
+        .collect()
+}
+
+/// Filtered forearm columns (kept sample, chain, node): lever of chain j on lozenge k times the spline's basis at theta_FA_j.
+fn forearm_columns(
+    mechanics: &Mechanics,
+    forearm: &ForearmTorque,
+    decimation: &Decimation,
+    centres: &[usize],
+    arch: Arch,
+) -> Vec<f64> {
+    let nodes = forearm.nodes_rad().len();
+    let width = (3 * nodes).next_multiple_of(PAD);
+    let n = mechanics.samples();
+    let mut basis = vec![0.0; nodes];
+    let mut rows = vec![0.0; n * width];
+    for (i, row) in rows.chunks_exact_mut(width).enumerate() {
+        for j in 0..3 {
+            forearm.basis(mechanics.chains[j].theta_fa_rad[i], &mut basis);
+            for k in 0..3 {
+                let lever = mechanics.chains[k].forearm_lever[i][j];
+                for (o, b) in row[k * nodes..(k + 1) * nodes].iter_mut().zip(&basis) {
+                    *o += lever * b;
+                }
+            }
+        }
+    }
+    let first: Vec<usize> = centres.iter().map(|c| c - decimation.half).collect();
+    let mut filtered = vec![0.0; centres.len() * width];
+    filter_rows(arch, &decimation.weights, &rows, width, &first, &mut filtered);
+    filtered
+        .chunks_exact(width)
+        .flat_map(|row| row[..3 * nodes].iter().copied())
+        .collect()
 }

@@ -1,0 +1,279 @@
+//! The recordings, the plain model's unknowns, and fits of the model with effects.
+
+use std::ops::ControlFlow;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::effects::{Acting, When};
+use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
+use crate::film::Locked;
+use crate::residual::RobotResidual;
+
+/// Branches of the plain model.
+pub(super) const BRANCHES: usize = 6;
+/// Where relaxation times begin, s: half a decade's spread each.
+const TIMES_S: [f64; 6] = [0.03, 0.15, 0.76, 3.9, 20.0, 100.0];
+/// What is known of a relaxation time, in ln.
+const LOG_TIME_SD: f64 = 0.7;
+/// 1/J of elastomers that actuators are made of: J of 30 to 200 and above.
+const RECIPROCAL_LOCKING: Prior = Prior {
+    mean: 0.0125,
+    sd: 0.01,
+};
+/// Modulus of a silicone film, Pa: data sheets leave it open by as much. Softer films differ from it by less than two deviations.
+const EQUILIBRIUM: Prior = Prior {
+    mean: 1.0e6,
+    sd: 6e5,
+};
+/// Modulus of a branch, Pa.
+const BRANCH: Prior = Prior {
+    mean: 8e4,
+    sd: 1.5e5,
+};
+/// Nodal torque, N m: a few mN m.
+const NODE: Prior = Prior {
+    mean: 0.0,
+    sd: 3e-3,
+};
+
+/// Training and held-out recordings with their weights, and the plain model's unknowns.
+pub(super) struct Problem<'a> {
+    pub train: RobotResidual<'a>,
+    pub holdout: Option<RobotResidual<'a>>,
+    pub train_when: Vec<When>,
+    pub holdout_when: Vec<When>,
+    pub nonlinear: Vec<Unknown>,
+    pub linear: Vec<Unknown>,
+}
+
+/// A fitted model: the plain one when it has no effects.
+#[derive(Clone)]
+pub(super) struct Fitted {
+    pub effects: Vec<Acting>,
+    pub free: Vec<(usize, usize)>,
+    pub state: State,
+}
+
+impl Fitted {
+    /// Sum of squares with the priors.
+    pub fn cost(&self) -> f64 {
+        self.state.cost
+    }
+}
+
+/// Unknowns of the plain model on recordings with `offsets` free clock offsets that begin at these values, s.
+pub(super) fn unknowns(offsets: &[f64], nodes: usize, reach_s: f64) -> (Vec<Unknown>, Vec<Unknown>) {
+    let mut nonlinear: Vec<Unknown> = TIMES_S
+        .iter()
+        .map(|t| Unknown {
+            start: t.ln(),
+            lower: (0.004_f64).ln(),
+            upper: (2000.0_f64).ln(),
+            prior: Some(Prior {
+                mean: t.ln(),
+                sd: LOG_TIME_SD,
+            }),
+        })
+        .collect();
+    nonlinear.push(Unknown {
+        start: RECIPROCAL_LOCKING.mean,
+        lower: 1e-4,
+        upper: 0.2,
+        prior: Some(RECIPROCAL_LOCKING),
+    });
+    for o in offsets {
+        nonlinear.push(Unknown::free(*o, o - reach_s, o + reach_s));
+    }
+    let modulus = |prior: Prior| Unknown {
+        start: prior.mean,
+        lower: 0.0,
+        upper: 1e9,
+        prior: Some(prior),
+    };
+    let mut linear = vec![modulus(EQUILIBRIUM)];
+    linear.extend((0..BRANCHES).map(|_| modulus(BRANCH)));
+    linear.extend((0..nodes).map(|_| Unknown {
+        start: 0.0,
+        lower: -1.0,
+        upper: 1.0,
+        prior: Some(NODE),
+    }));
+    (nonlinear, linear)
+}
+
+/// Unknowns of the free values of effects, over their spreads.
+fn value_unknowns(effects: &[Acting], free: &[(usize, usize)]) -> Vec<Unknown> {
+    free.iter()
+        .map(|&(e, v)| {
+            let q = &effects[e].effect.parameters()[v];
+            let start = effects[e].values[v] / q.spread;
+            let (lower, upper) = (q.lower / q.spread, q.upper / q.spread);
+            let prior = q.off.is_finite().then_some(Prior {
+                mean: q.off / q.spread,
+                sd: if q.size { SIZE_SD } else { 1.0 },
+            });
+            Unknown {
+                start: start.clamp(lower, upper),
+                lower,
+                upper,
+                prior,
+            }
+        })
+        .collect()
+}
+
+/// What is known of a size, in its spread: strong effects are not rare.
+const SIZE_SD: f64 = 4.0;
+
+/// Values of an effect that a fit may move: not the word that picks a form, not the moment of a change.
+pub(super) fn free_values(acting: &Acting) -> Vec<usize> {
+    acting
+        .effect
+        .parameters()
+        .iter()
+        .enumerate()
+        .filter(|(i, q)| {
+            let picked = !acting.effect.variants().is_empty() && *i == 0;
+            !picked && q.lower < q.upper && q.name != "time" && q.name != "recording"
+        })
+        .map(|(i, _)| i)
+        .collect()
+}
+
+impl Problem<'_> {
+    /// Fits the plain model with `effects`, from the film at `eta` (plain unknowns) and `beta`.
+    pub fn fit(&self, effects: &[Acting], eta: &[f64], beta: &[f64], evaluations: usize) -> Fitted {
+        let free: Vec<(usize, usize)> = effects
+            .iter()
+            .enumerate()
+            .flat_map(|(e, a)| free_values(a).into_iter().map(move |v| (e, v)))
+            .collect();
+        let residual = self
+            .train
+            .with_effects(effects.to_vec(), free.clone(), &self.train_when);
+        let mut nonlinear = self.nonlinear.clone();
+        let own = value_unknowns(effects, &free);
+        let mut start = eta.to_vec();
+        start.extend(own.iter().map(|u| u.start));
+        nonlinear.extend(own);
+        let mut linear = self.linear.clone();
+        for (u, b) in linear.iter_mut().zip(beta) {
+            u.start = *b;
+        }
+        let options = Options {
+            evaluations,
+            cost_tolerance: 1e-5,
+            step_tolerance: 1e-6,
+        };
+        let watch = |_: &State| ControlFlow::Continue(());
+        let state = minimise(&residual, &nonlinear, &linear, &start, &options, watch);
+        let effects = residual.effects(&state.eta);
+        Fitted {
+            effects,
+            free,
+            state,
+        }
+    }
+
+    /// Sum of squares of the held-out recordings under a fitted model, and their number of residuals.
+    pub fn held_out(&self, fitted: &Fitted) -> Option<(f64, usize)> {
+        let holdout = self.holdout.as_ref()?;
+        let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
+        let plain = BRANCHES + 1;
+        let mut eta = fitted.state.eta[..plain].to_vec();
+        eta.resize(residual.layout().nonlinear(), 0.0);
+        let normal =
+            crate::residual::SeparableResidual::evaluate(&residual, &eta, &fitted.state.beta).ok()?;
+        let last = normal.gram.nrows() - 1;
+        Some((normal.gram[(last, last)], normal.rows))
+    }
+
+    /// Sets the weights of train and held-out recordings at a fitted model.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn weigh(&mut self, fitted: &Fitted) -> Result<(), Locked> {
+        let plain = self.nonlinear.len();
+        let none = |n: usize| vec![When::default(); n];
+        let mut train =
+            self.train
+                .with_effects(fitted.effects.clone(), Vec::new(), &self.train_when);
+        train.weigh(&fitted.state.eta[..plain], &fitted.state.beta)?;
+        self.train = train.with_effects(Vec::new(), Vec::new(), &none(self.train_when.len()));
+        if let Some(holdout) = &self.holdout {
+            let mut weighed =
+                holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
+            let eta = &fitted.state.eta[..BRANCHES + 1];
+            weighed.weigh(eta, &fitted.state.beta)?;
+            self.holdout =
+                Some(weighed.with_effects(Vec::new(), Vec::new(), &none(self.holdout_when.len())));
+        }
+        Ok(())
+    }
+
+    /// The residual of the training recordings with the effects of a fitted model.
+    pub fn residual(&self, fitted: &Fitted) -> RobotResidual<'_> {
+        self.train
+            .with_effects(fitted.effects.clone(), fitted.free.clone(), &self.train_when)
+    }
+}
+
+/// The tangent space of a fitted model: what a small change of its unknowns can do to the residual.
+pub(super) struct Tangent {
+    /// Rows by free unknowns, scaled to columns of about unit length.
+    pub columns: DMatrix<f64>,
+    /// Residual.
+    pub residual: DVector<f64>,
+    /// Inverse of columns' columns + priors.
+    inverse: DMatrix<f64>,
+}
+
+impl Tangent {
+    /// The tangent space at a fitted model.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn new(problem: &Problem, fitted: &Fitted) -> Result<Self, Locked> {
+        let residual = problem.residual(fitted);
+        let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
+        let width = design.ncols() - 1;
+        let mut unknowns = problem.nonlinear.clone();
+        unknowns.extend(value_unknowns(&fitted.effects, &fitted.free));
+        unknowns.extend(problem.linear.iter().copied());
+        let at: Vec<f64> = fitted
+            .state
+            .eta
+            .iter()
+            .chain(&fitted.state.beta)
+            .copied()
+            .collect();
+        let free: Vec<usize> = (0..width)
+            .filter(|&i| at[i] > unknowns[i].lower && at[i] < unknowns[i].upper)
+            .collect();
+        let mut columns = DMatrix::zeros(design.nrows(), free.len());
+        let mut ridge = vec![0.0; free.len()];
+        for (j, &i) in free.iter().enumerate() {
+            let norm = design.column(i).norm().max(f64::MIN_POSITIVE);
+            columns.set_column(j, &(design.column(i) / norm));
+            ridge[j] = unknowns[i].prior.map_or(0.0, |p| (p.sd * norm).powi(-2)) + 1e-12;
+        }
+        let mut gram = columns.tr_mul(&columns);
+        for (j, r) in ridge.iter().enumerate() {
+            gram[(j, j)] += r;
+        }
+        let size = gram.nrows();
+        let inverse = gram
+            .cholesky()
+            .map_or_else(|| DMatrix::identity(size, size), |c| c.inverse());
+        Ok(Tangent {
+            columns,
+            residual: design.column(width).into_owned(),
+            inverse,
+        })
+    }
+
+    /// a'b with the tangent space projected out, from the products of a and b with the columns.
+    pub fn projected(&self, product: f64, a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+        product - a.dot(&(&self.inverse * b))
+    }
+}

@@ -1,0 +1,328 @@
+//! The scan: every effect of the catalogue, on all actuators and on one, at several sizes and shapes, by its fingerprint alone: the
+//! change of the whitened residual when it is switched on a little, with everything that a refit could absorb projected out.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::problem::{Fitted, Problem, Tangent};
+use crate::effects::{Acting, CATALOGUE, Effect, Reach, Seen, Site};
+use crate::film::Locked;
+
+/// A hypothesis that was scanned: an effect with values near those that the data ask for.
+#[derive(Debug, Clone)]
+pub(super) struct Scanned {
+    /// The effect with starting values for a refit.
+    pub acting: Acting,
+    /// Fall of the sum of squares that the linear theory promises.
+    pub promised: f64,
+    /// Share of the fingerprint that a refit of the plain model absorbs.
+    pub hidden_share: f64,
+    /// Length of the projected fingerprint per unit of the first size, in units of its spread.
+    pub sensitivity: f64,
+    /// Projected fingerprint's direction, where it is kept for comparisons: product with itself is 1.
+    pub direction: Option<DVector<f64>>,
+}
+
+/// The hypotheses of one effect that share a start: its columns on each actuator.
+struct Group {
+    effect: &'static dyn Effect,
+    values: Vec<Vec<f64>>,
+    /// Column: value vector, actuator.
+    columns: Vec<[DVector<f64>; 3]>,
+}
+
+/// All fingerprints at a fitted model.
+pub(super) fn scan(
+    problem: &Problem,
+    fitted: &Fitted,
+    tangent: &Tangent,
+    seen: &Seen,
+) -> Result<Vec<Scanned>, Locked> {
+    let residual = problem.residual(fitted);
+    let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
+    let starts: Vec<(&'static dyn Effect, Vec<Vec<f64>>)> = CATALOGUE
+        .iter()
+        .flat_map(|e| e.starts(seen).into_iter().map(move |v| (*e, v)))
+        .collect();
+    let groups: Vec<Group> = starts
+        .into_par_iter()
+        .map(|(effect, values)| {
+            let columns = values
+                .iter()
+                .map(|v| {
+                    let single = |on: [bool; 3]| {
+                        let acting = Acting {
+                            effect,
+                            values: v.clone(),
+                            on,
+                        };
+                        residual.fingerprint(eta, beta, &acting)
+                    };
+                    let on = |k: usize| [0, 1, 2].map(|j| j == k);
+                    Ok(if effect.reach() == Reach::All {
+                        let whole = single([true; 3])?;
+                        let none = DVector::zeros(0);
+                        [DVector::from_vec(whole), none.clone(), none]
+                    } else if effect.site() == Site::Motion {
+                        [
+                            DVector::from_vec(single(on(0))?),
+                            DVector::from_vec(single(on(1))?),
+                            DVector::from_vec(single(on(2))?),
+                        ]
+                    } else {
+                        residual
+                            .fingerprint_by_actuator(eta, beta, effect, v)?
+                            .map(DVector::from_vec)
+                    })
+                })
+                .collect::<Result<Vec<_>, Locked>>()?;
+            Ok(Group {
+                effect,
+                values,
+                columns,
+            })
+        })
+        .filter(|g: &Result<Group, Locked>| g.is_ok()) // a start that the mechanism cannot follow is no hypothesis
+        .collect::<Result<_, _>>()?;
+    let mut out: Vec<Scanned> = groups
+        .par_iter()
+        .flat_map_iter(|g| hypotheses(g, tangent))
+        .collect();
+    out.extend(steps(problem, fitted, tangent)?);
+    out.sort_by(|a, b| b.promised.total_cmp(&a.promised));
+    Ok(out)
+}
+
+fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
+    let mut sets: Vec<[bool; 3]> = Vec::new();
+    match group.effect.reach() {
+        Reach::All => sets.push([true; 3]),
+        Reach::One => sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k))),
+        Reach::AllOrOne => {
+            sets.push([true; 3]);
+            sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k)));
+        }
+    }
+    sets.into_iter()
+        .filter_map(|on| {
+            let columns: Vec<DVector<f64>> = group
+                .columns
+                .iter()
+                .map(|by_actuator| {
+                    if group.effect.reach() == Reach::All {
+                        return by_actuator[0].clone();
+                    }
+                    let mut sum = DVector::zeros(by_actuator[0].len());
+                    for k in (0..3).filter(|&k| on[k]) {
+                        sum += &by_actuator[k];
+                    }
+                    sum
+                })
+                .collect();
+            solve(group.effect, &group.values, on, &columns, tangent)
+        })
+        .collect()
+}
+
+/// The best sizes of a start's columns and what they promise.
+fn solve(
+    effect: &'static dyn Effect,
+    values: &[Vec<f64>],
+    on: [bool; 3],
+    columns: &[DVector<f64>],
+    tangent: &Tangent,
+) -> Option<Scanned> {
+    let n = columns.len();
+    let along: Vec<DVector<f64>> = columns
+        .iter()
+        .map(|c| tangent.columns.tr_mul(c))
+        .collect();
+    let residual_along = tangent.columns.tr_mul(&tangent.residual);
+    let gram = DMatrix::from_fn(n, n, |i, j| {
+        tangent.projected(columns[i].dot(&columns[j]), &along[i], &along[j])
+    });
+    // Descent direction: r + F c.
+    let _ = &residual_along;
+    let slope = DVector::from_fn(n, |i, _| -columns[i].dot(&tangent.residual));
+    let whole: Vec<f64> = columns.iter().map(|c| c.norm_squared()).collect();
+    let q = effect.parameters();
+    // A column is the effect at `values[i]`: which size it holds, and how far that may be scaled.
+    let size_of = |v: &[f64]| {
+        (0..q.len())
+            .filter(|&i| q[i].size)
+            .max_by(|&a, &b| {
+                let far = |i: usize| {
+                    if q[i].off.is_finite() {
+                        ((v[i] - q[i].off) / q[i].spread).abs()
+                    } else {
+                        1.0
+                    }
+                };
+                far(a).total_cmp(&far(b))
+            })
+            .unwrap_or(0)
+    };
+    let threshold = q.iter().any(|q| q.size && q.off.is_infinite())
+        || (effect.id() == "amplifier_deadband");
+    let range: Vec<[f64; 2]> = values
+        .iter()
+        .map(|v| {
+            if threshold {
+                return [0.0, f64::INFINITY];
+            }
+            let i = size_of(v);
+            let one = v[i] - q[i].off;
+            let (a, b) = ((q[i].lower - q[i].off) / one, (q[i].upper - q[i].off) / one);
+            [a.min(b), a.max(b)]
+        })
+        .collect();
+    // Every subset of columns: the best that stays within its ranges.
+    let mut best: Option<(f64, Vec<f64>)> = None;
+    for set in 1..1_usize << n {
+        let used: Vec<usize> = (0..n).filter(|i| set >> i & 1 == 1).collect();
+        let g = DMatrix::from_fn(used.len(), used.len(), |i, j| {
+            gram[(used[i], used[j])] + if i == j { 1e-9 * whole[used[i]] + 1e-300 } else { 0.0 }
+        });
+        let s = DVector::from_fn(used.len(), |i, _| slope[used[i]]);
+        let Some(c) = g.clone().cholesky().map(|f| f.solve(&s)) else {
+            continue;
+        };
+        let promised = c.dot(&s);
+        let fits = used
+            .iter()
+            .zip(c.iter())
+            .all(|(&i, c)| (range[i][0]..=range[i][1]).contains(c));
+        if fits && promised.is_finite() && best.as_ref().is_none_or(|b| promised > b.0) {
+            let mut all = vec![0.0; n];
+            for (&i, c) in used.iter().zip(c.iter()) {
+                all[i] = *c;
+            }
+            best = Some((promised, all));
+        }
+    }
+    let (promised, c) = best?;
+    let mut start = values[0].clone();
+    if !threshold {
+        for (i, q) in q.iter().enumerate().filter(|(_, q)| q.size) {
+            start[i] = q.off
+                + values
+                    .iter()
+                    .zip(&c)
+                    .map(|(v, c)| c * (v[i] - q.off))
+                    .sum::<f64>();
+            start[i] = start[i].clamp(q.lower, q.upper);
+        }
+    }
+    let first = size_of(&values[0]);
+    let one = if threshold || q[first].off.is_infinite() {
+        1.0
+    } else {
+        ((values[0][first] - q[first].off) / q[first].spread).abs()
+    };
+    Some(Scanned {
+        acting: Acting {
+            effect,
+            values: start,
+            on,
+        },
+        promised,
+        hidden_share: 1.0 - (gram[(0, 0)] / whole[0].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
+        sensitivity: gram[(0, 0)].max(0.0).sqrt() / one,
+        direction: None,
+    })
+}
+
+/// Changes at a moment: an electrode that fails, a payload that comes or goes, at every kept sample of the series and between recordings.
+fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Scanned>, Locked> {
+    let residual = problem.residual(fitted);
+    let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
+    let failure = crate::effects::by_id("electrode_failure").expect("in the catalogue");
+    let payload = crate::effects::by_id("payload_change").expect("in the catalogue");
+    let always = [-1e6, -1.0];
+    let on = |k: usize| [0, 1, 2].map(|j| j == k);
+    let mut unit: Vec<(Acting, f64, Vec<f64>)> = Vec::new();
+    let whole = residual.fingerprint_by_actuator(
+        eta,
+        beta,
+        failure,
+        &[0.01, always[0], always[1]],
+    )?;
+    for (k, column) in whole.into_iter().enumerate() {
+        let acting = Acting {
+            effect: failure,
+            values: vec![0.0, 0.0, 0.0],
+            on: on(k),
+        };
+        unit.push((acting, 0.01, column));
+    }
+    let acting = Acting {
+        effect: payload,
+        values: vec![1e-4, always[0], always[1]],
+        on: [true; 3],
+    };
+    unit.push((acting.clone(), 1e-4, residual.fingerprint(eta, beta, &acting)?));
+    // Rows in the order of the series, latest first.
+    let mut rows: Vec<(f64, f64, usize, usize)> = Vec::new(); // recording, time, first row, recording number
+    let mut at = 0;
+    for (number, (when, dataset)) in problem
+        .train_when
+        .iter()
+        .zip(problem.train.datasets())
+        .enumerate()
+    {
+        for &c in problem.train.kept(number) {
+            rows.push((when.recording as f64, dataset.time_s(c), at, number));
+            at += 3;
+        }
+    }
+    rows.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
+    let p = tangent.columns.ncols();
+    let mut out = Vec::new();
+    for (acting, size, column) in unit {
+        let mut along = DVector::zeros(p);
+        let (mut whole, mut product) = (0.0, 0.0);
+        let mut best: Option<(f64, f64, usize)> = None; // promised, coefficient, row
+        let q = &acting.effect.parameters()[0];
+        for (i, row) in rows.iter().enumerate() {
+            for a in row.2..row.2 + 3 {
+                let m = column[a];
+                whole += m * m;
+                product += m * tangent.residual[a];
+                along.axpy(m, &tangent.columns.row(a).transpose(), 1.0);
+            }
+            // Not at the edges of the series: a change before its beginning is no change.
+            if i < 6 || i + 6 > rows.len() || i % 2 == 1 {
+                continue;
+            }
+            let left = tangent.projected(whole, &along, &along);
+            if left <= 1e-9 * whole {
+                continue;
+            }
+            let c = -product / left;
+            let value = c * size;
+            if value < q.lower || value > q.upper {
+                continue;
+            }
+            let promised = product * product / left;
+            if best.is_none_or(|b| promised > b.0) {
+                best = Some((promised, value, i));
+            }
+        }
+        let Some((promised, value, i)) = best else {
+            continue;
+        };
+        let (recording, time_s, ..) = rows[i];
+        // Where the sample before is of an earlier recording the change lies between the two.
+        let between = rows.get(i + 1).is_some_and(|b| b.0 < recording);
+        let mut acting = acting;
+        acting.values = vec![value, if between { -1e6 } else { time_s }, recording];
+        out.push(Scanned {
+            acting,
+            promised,
+            hidden_share: 0.0,
+            sensitivity: promised.sqrt() / (value / q.spread).abs().max(1e-12),
+            direction: None,
+        });
+    }
+    Ok(out)
+}

@@ -1,0 +1,64 @@
+//! Part of the polarisation follows the field slowly:  phi^2 -> (1 - x - y) phi^2 + x psi_1^2 + y psi_2^2,  tau_j psi_j' = phi - psi_j.
+//! Two shares, because one time leaves structure: `time_constant`, and fifteen times that.
+
+use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+
+pub struct DielectricRelaxation;
+
+/// The slow share's time over the fast one's.
+const SLOWER: f64 = 15.0;
+
+impl Effect for DielectricRelaxation {
+    fn id(&self) -> &'static str {
+        "dielectric_relaxation"
+    }
+    fn says(&self) -> &'static str {
+        "part of the film's polarisation follows the voltage slowly"
+    }
+    fn source(&self) -> &'static str {
+        "Debye relaxation with two times"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                size("fraction", "1", 0.0, 0.6, 0.1),
+                shape("time_constant", "s", 0.4, 0.05, 5.0, 0.5),
+                size("slow_fraction", "1", 0.0, 0.6, 0.1),
+            ]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Electrical
+    }
+    fn reach(&self) -> Reach {
+        Reach::AllOrOne
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.02, 0.4, 0.0], vec![0.0, 0.4, 0.02]]]
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "voltage steps with holds of tens of seconds, and a load step under constant voltage"
+    }
+    fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
+        let (x, y) = (v[0], v[2]);
+        if x == 0.0 && y == 0.0 {
+            return;
+        }
+        let times = [v[1], SLOWER * v[1]];
+        let mut psi = [phi_v[0]; 2];
+        let mut before = phi_v[0];
+        for phi in phi_v {
+            let now = *phi;
+            for (p, t) in psi.iter_mut().zip(times) {
+                let h = along.step_s / t;
+                let decay = (-h).exp();
+                let mean = if h < 1e-6 { 1.0 - 0.5 * h } else { (1.0 - decay) / h };
+                *p = *p * decay + before * (mean - decay) + now * (1.0 - mean);
+            }
+            before = now;
+            let square =
+                (1.0 - x - y) * now * now + x * psi[0] * psi[0] + y * psi[1] * psi[1];
+            *phi = square.max(0.0).sqrt();
+        }
+    }
+}

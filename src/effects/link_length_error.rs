@@ -1,0 +1,61 @@
+//! A link differs from its drawing:  length (1 + relative_error), in all chains or in one.
+
+use super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use crate::kinematics::{Lozenge, Mechanism};
+
+pub struct LinkLengthError;
+
+const LINKS: &[&str] = &["l_ch", "l_end", "q", "n0", "a", "b", "c", "d"];
+
+impl Effect for LinkLengthError {
+    fn id(&self) -> &'static str {
+        "link_length_error"
+    }
+    fn says(&self) -> &'static str {
+        "a link is longer or shorter than drawn"
+    }
+    fn source(&self) -> &'static str {
+        "geometry (model, section 1)"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                shape("link", "1", 0.0, 0.0, 7.0, 1.0),
+                size("relative_error", "1", -0.1, 0.1, 0.015),
+            ]
+        }
+    }
+    fn variants(&self) -> &'static [&'static str] {
+        LINKS
+    }
+    fn site(&self) -> Site {
+        Site::Motion
+    }
+    fn reach(&self) -> Reach {
+        Reach::AllOrOne
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        (0..LINKS.len()).map(|l| vec![vec![l as f64, 1e-3]]).collect()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "poses far off the axis in all directions; or a calliper"
+    }
+    fn geometry(&self, v: &[f64], on: [bool; 3], mechanism: &mut Mechanism, _: &mut [Lozenge; 3]) {
+        for (chain, _) in mechanism.chains.iter_mut().zip(on).filter(|(_, on)| *on) {
+            let bar = &mut chain.four_bar;
+            let length = [
+                &mut chain.base_radius_m,
+                &mut chain.effector_radius_m,
+                &mut chain.bicep_m,
+                &mut chain.forearm_m,
+                &mut bar.a_m,
+                &mut bar.b_m,
+                &mut bar.c_m,
+                &mut bar.d_m,
+            ];
+            if let Some(length) = length.into_iter().nth(v[0] as usize) {
+                *length *= 1.0 + v[1];
+            }
+        }
+    }
+}

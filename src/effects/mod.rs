@@ -1,0 +1,320 @@
+//! What the plain model leaves out: one cause a file. Switched off, a cause changes nothing, to the bit.
+//!
+//! An [`Effect`] says in one sentence what it is, has parameters with units and bounds, and acts at one [`Site`] of the balance. It
+//! sees one actuator along one recording ([`Along`]) and knows nothing of fits. Ids, parameter names and units are those of the
+//! catalogue that `diagnosis.json` and `parameters.toml` use. The forms are textbook forms: a real cause is richer, so an estimate is
+//! the equivalent value that does the same work.
+
+mod actuator_asymmetry;
+mod actuator_mass;
+mod amplifier_deadband;
+mod amplifier_gain;
+mod amplifier_saturation;
+mod clock_skew;
+mod dielectric_relaxation;
+mod electrode_failure;
+mod electrode_stiffness;
+mod end_stop;
+mod frame_tilt;
+mod hinge_stiffness;
+mod joint_damping;
+mod joint_friction;
+mod leakage;
+mod link_length_error;
+mod loss_of_tension;
+mod marker_offset;
+mod mocap_lag;
+mod mullins_softening;
+mod payload_change;
+mod permittivity_stretch;
+mod series_resistance;
+mod slew_limit;
+mod slow_creep;
+mod temperature_drift;
+mod time_offset;
+
+use crate::film::Film;
+use crate::kinematics::{Lozenge, Mechanism, Vec3};
+
+/// Every cause that is known, in the order of the balance: electrical chain, film and lozenge, joints and masses, measurement.
+pub const CATALOGUE: &[&dyn Effect] = &[
+    &series_resistance::SeriesResistance,
+    &leakage::Leakage,
+    &amplifier_gain::AmplifierGain,
+    &amplifier_deadband::AmplifierDeadband,
+    &amplifier_saturation::AmplifierSaturation,
+    &slew_limit::SlewLimit,
+    &permittivity_stretch::PermittivityStretch,
+    &dielectric_relaxation::DielectricRelaxation,
+    &electrode_failure::ElectrodeFailure,
+    &electrode_stiffness::ElectrodeStiffness,
+    &hinge_stiffness::HingeStiffness,
+    &mullins_softening::MullinsSoftening,
+    &slow_creep::SlowCreep,
+    &loss_of_tension::LossOfTension,
+    &actuator_asymmetry::ActuatorAsymmetry,
+    &temperature_drift::TemperatureDrift,
+    &joint_friction::JointFriction,
+    &joint_damping::JointDamping,
+    &end_stop::EndStop,
+    &actuator_mass::ActuatorMass,
+    &link_length_error::LinkLengthError,
+    &payload_change::PayloadChange,
+    &time_offset::TimeOffset,
+    &clock_skew::ClockSkew,
+    &frame_tilt::FrameTilt,
+    &marker_offset::MarkerOffset,
+    &mocap_lag::MocapLag,
+];
+
+/// The cause with this id.
+pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
+    CATALOGUE.iter().copied().find(|e| e.id() == id)
+}
+
+/// Where a cause enters, and so what has to be worked out again when its values change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Site {
+    /// Another torque in the balance.
+    Balance,
+    /// From the commanded voltage to the Maxwell torque.
+    Electrical,
+    /// The clock on which the command is read.
+    Clock,
+    /// The film's stress.
+    Film,
+    /// The mechanism, or what was measured of its motion.
+    Motion,
+}
+
+/// Which actuators a cause may sit in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reach {
+    /// In all three at once, or in one.
+    AllOrOne,
+    /// In all three at once.
+    All,
+    /// In one.
+    One,
+}
+
+/// One parameter of a cause.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quantity {
+    /// Name, as files write it.
+    pub name: &'static str,
+    /// Unit, as files write it.
+    pub unit: &'static str,
+    /// The value at which it changes nothing; for a parameter that only shapes the cause, a usual value.
+    pub off: f64,
+    /// Smallest value that is physically possible.
+    pub lower: f64,
+    /// Largest value that is physically plausible.
+    pub upper: f64,
+    /// Spread of what is met in practice around `off` (for a shaping parameter: around the usual value).
+    pub spread: f64,
+    /// Whether it is a size of the cause (the residual is nearly proportional to it), or shapes it.
+    pub size: bool,
+}
+
+/// The quantity of a size that is zero when off.
+const fn size(name: &'static str, unit: &'static str, lower: f64, upper: f64, spread: f64) -> Quantity {
+    Quantity { name, unit, off: 0.0, lower, upper, spread, size: true }
+}
+
+/// The quantity of a shaping parameter.
+const fn shape(
+    name: &'static str,
+    unit: &'static str,
+    usual: f64,
+    lower: f64,
+    upper: f64,
+    spread: f64,
+) -> Quantity {
+    Quantity { name, unit, off: usual, lower, upper, spread, size: false }
+}
+
+/// When a recording was made.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct When {
+    /// Number of the recording in its series, from 0.
+    pub recording: usize,
+    /// Its first sample in the time of the series, s.
+    pub series_s: f64,
+    /// Its first sample on its own motion clock, s.
+    pub start_s: f64,
+}
+
+/// One actuator along one recording, sample by sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Along<'a> {
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// When the recording was made.
+    pub when: When,
+    /// Lozenge and unstretched film.
+    pub lozenge: &'a Lozenge,
+    /// Permittivity, F/m.
+    pub eps_f_m: f64,
+    /// Bicep length, m.
+    pub bicep_m: f64,
+    /// theta_DEA, rad.
+    pub theta_dea_rad: &'a [f64],
+    /// theta_b, rad; its first and second time derivative, rad/s and rad/s^2.
+    pub theta_b: &'a [[f64; 3]],
+    /// d theta_DEA/d theta_b: a torque on the bicep divided by it is the torque on the lozenge that does the same work.
+    pub bicep_lever: &'a [f64],
+    /// The torque on this lozenge per force on the end effector: (G^-1)_k, N m/N.
+    pub force_lever: &'a [Vec3],
+    /// Acceleration of the end effector, m/s^2.
+    pub acceleration_m_s2: &'a [Vec3],
+}
+
+impl Along<'_> {
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.theta_dea_rad.len()
+    }
+
+    /// lambda_1 lambda_2 at a sample.
+    pub fn area_stretch(&self, i: usize) -> f64 {
+        let [l1, l2] = self.lozenge.stretches(self.theta_dea_rad[i]);
+        l1 * l2
+    }
+
+    /// Time of a sample on the motion clock of the recording, s.
+    pub fn time_s(&self, i: usize) -> f64 {
+        self.when.start_s + self.step_s * i as f64
+    }
+
+    /// Whether a change at `time_s` of recording number `recording` has happened at sample i.
+    pub fn after(&self, i: usize, recording: f64, time_s: f64) -> bool {
+        let here = self.when.recording as f64;
+        here > recording || (here == recording && self.time_s(i) >= time_s)
+    }
+}
+
+/// What the recordings show of the robot's range: where thresholds may lie.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Largest commanded voltage, V.
+    pub voltage_v: f64,
+    /// Steepest change of the command, V/s.
+    pub rate_v_s: f64,
+    /// Smallest and largest theta_b, rad.
+    pub theta_b_rad: [f64; 2],
+    /// Smallest and largest theta_DEA, rad.
+    pub theta_dea_rad: [f64; 2],
+}
+
+/// The motion as it was measured: what a cause on the reading changes.
+#[derive(Debug)]
+pub struct Reading<'a> {
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// The point in the world about which the capture's axes would be rotated: the base marker less the marker's offset, m.
+    pub pivot_m: Vec3,
+    /// Position, m.
+    pub position_m: &'a mut [Vec3],
+    /// Velocity, m/s.
+    pub velocity_m_s: &'a mut [Vec3],
+    /// Acceleration, m/s^2.
+    pub acceleration_m_s2: &'a mut [Vec3],
+}
+
+/// One cause that the plain model leaves out. Every method changes nothing unless the cause says otherwise; `v` are the values of
+/// its parameters in their order.
+pub trait Effect: Sync + Send {
+    /// Id of the catalogue.
+    fn id(&self) -> &'static str;
+    /// One sentence of physics.
+    fn says(&self) -> &'static str;
+    /// Where the form is from.
+    fn source(&self) -> &'static str;
+    /// Its parameters.
+    fn parameters(&self) -> &'static [Quantity];
+    /// Where it enters.
+    fn site(&self) -> Site;
+    /// Which actuators it may sit in.
+    fn reach(&self) -> Reach;
+    /// Forms that are told apart by a word (which link), empty where there is one form only. The values carry its number first.
+    fn variants(&self) -> &'static [&'static str] {
+        &[]
+    }
+    /// Where a scan looks: values near off, one group a start. The columns of a group are varied together.
+    fn starts(&self, seen: &Seen) -> Vec<Vec<Vec<f64>>>;
+    /// The drive that brings it out, in half a sentence.
+    fn brought_out_by(&self) -> &'static str;
+
+    /// Changes lengths.
+    fn geometry(&self, _v: &[f64], _on: [bool; 3], _m: &mut Mechanism, _l: &mut [Lozenge; 3]) {}
+    /// Changes the measured motion back to the true one.
+    fn reading(&self, _v: &[f64], _motion: &mut Reading) {}
+    /// Time at which the command is read, s after the first frame, for a frame at `t_s`.
+    fn clock(&self, _v: &[f64], t_s: f64) -> f64 {
+        t_s
+    }
+    /// From the commanded voltage to the one that makes the Maxwell torque, V, sample by sample.
+    fn voltage(&self, _v: &[f64], _along: &Along, _phi_v: &mut [f64]) {}
+    /// Changes 1/2 dC/d theta_DEA, N m/V^2.
+    fn capacitance(&self, _v: &[f64], _along: &Along, _half_slope: &mut [f64]) {}
+    /// Multiplies the stress of [equilibrium spring, branches].
+    fn stress(&self, _v: &[f64], _along: &Along, _film: &Film, _factor: &mut [[f64; 2]]) {}
+    /// Adds the torque that acts on theta_DEA, N m, positive where it opens the lozenge.
+    fn torque(&self, _v: &[f64], _along: &Along, _torque_n_m: &mut [f64]) {}
+    /// Whether [`Effect::slack`] does something.
+    fn needs_tension(&self) -> bool {
+        false
+    }
+    /// What is missing of sigma_2, Pa, where the film cannot carry compression; `sigma_2_pa` is the stress of all springs.
+    fn slack(
+        &self,
+        _v: &[f64],
+        _along: &Along,
+        _sigma_2_pa: &[f64],
+        _phi_v: &[f64],
+        _change_pa: &mut [f64],
+    ) {
+    }
+}
+
+/// A cause at work: its values, and the actuators that it sits in.
+#[derive(Clone)]
+pub struct Acting {
+    /// The cause.
+    pub effect: &'static dyn Effect,
+    /// Values of its parameters.
+    pub values: Vec<f64>,
+    /// The actuators that it sits in.
+    pub on: [bool; 3],
+}
+
+impl std::fmt::Debug for Acting {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {:?} on {:?}", self.effect.id(), self.values, self.on)
+    }
+}
+
+impl PartialEq for Acting {
+    fn eq(&self, other: &Self) -> bool {
+        self.effect.id() == other.effect.id() && self.values == other.values && self.on == other.on
+    }
+}
+
+impl Acting {
+    /// The cause switched off.
+    pub fn off(effect: &'static dyn Effect, on: [bool; 3]) -> Self {
+        let values = effect.parameters().iter().map(|q| q.off).collect();
+        Acting { effect, values, on }
+    }
+}
+
+/// A logistic step from 0 to 1 around 0.
+fn soft_step(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// ln(1 + e^x): a soft max(x, 0).
+fn soft_plus(x: f64) -> f64 {
+    if x > 30.0 { x } else { x.exp().ln_1p() }
+}

@@ -1,0 +1,39 @@
+//! The permittivity falls with the area stretch a = lambda_1 lambda_2:  eps = eps(1) g(a), g = 1 - slope (a - 1). The capacitance is
+//! C g, so  d(C g)/d theta = C' (g + a g'/2), because C ~ a^2.
+
+use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+
+pub struct PermittivityStretch;
+
+impl Effect for PermittivityStretch {
+    fn id(&self) -> &'static str {
+        "permittivity_stretch"
+    }
+    fn says(&self) -> &'static str {
+        "the film's permittivity falls as it is stretched, so the Maxwell stress is smaller than thought"
+    }
+    fn source(&self) -> &'static str {
+        "first order in the area stretch; electrostriction of elastomers"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const { &[size("slope", "1", -0.3, 1.2, 0.25)] }
+    }
+    fn site(&self) -> Site {
+        Site::Electrical
+    }
+    fn reach(&self) -> Reach {
+        Reach::AllOrOne
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.02]]]
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "the same pose at several voltages: payload steps under held voltages"
+    }
+    fn capacitance(&self, v: &[f64], along: &Along, half_slope: &mut [f64]) {
+        for (i, half) in half_slope.iter_mut().enumerate() {
+            let a = along.area_stretch(i);
+            *half *= 1.0 - v[0] * (a - 1.0) - 0.5 * v[0] * a;
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! The balance with effects: what each of them does to the motion, the Maxwell torque, the film and the torques of one track.
+
+use super::{Mechanics, Parameters, Robot, Unreachable};
+use crate::dataset::Track;
+use crate::effects::{Acting, Along, Reading, Site, When};
+use crate::film::kernel::{LANES, Pass, Shape};
+use crate::film::{Film, Locked};
+use crate::kinematics::Vec3;
+use crate::units::VACUUM_PERMITTIVITY_F_M;
+
+/// Effects of a kind.
+fn at(effects: &[Acting], site: Site) -> impl Iterator<Item = &Acting> {
+    effects.iter().filter(move |a| a.effect.site() == site)
+}
+
+impl Mechanics {
+    /// The balance of `robot` along `track` with those effects that change the mechanism or the measured motion. `pivot_m` is the
+    /// point about which the capture's axes would be rotated.
+    ///
+    /// # Errors
+    /// Those of [`Mechanics::new`].
+    pub fn with_effects(
+        robot: &Robot,
+        track: &Track,
+        effects: &[Acting],
+        pivot_m: Vec3,
+    ) -> Result<Self, (usize, Unreachable)> {
+        if at(effects, Site::Motion).next().is_none() {
+            return Mechanics::new(robot, track);
+        }
+        let (mut robot, mut track) = (robot.clone(), track.clone());
+        for a in at(effects, Site::Motion) {
+            a.effect.geometry(
+                &a.values,
+                a.on,
+                &mut robot.mechanism,
+                &mut robot.lozenges,
+            );
+            a.effect.reading(
+                &a.values,
+                &mut Reading {
+                    step_s: track.step_s,
+                    pivot_m,
+                    position_m: &mut track.position_m,
+                    velocity_m_s: &mut track.velocity_m_s,
+                    acceleration_m_s2: &mut track.acceleration_m_s2,
+                },
+            );
+        }
+        Mechanics::new(&robot, &track)
+    }
+
+    /// What an effect sees of chain `k` (0 to 2).
+    pub fn along(&self, k: usize, when: When) -> Along<'_> {
+        let chain = &self.chains[k];
+        Along {
+            step_s: self.step_s,
+            when,
+            lozenge: &self.robot.lozenges[k],
+            eps_f_m: self.robot.eps_r * VACUUM_PERMITTIVITY_F_M,
+            bicep_m: self.robot.mechanism.chains[k].bicep_m,
+            theta_dea_rad: &chain.theta_dea_rad,
+            theta_b: &chain.theta_b,
+            bicep_lever: &chain.bicep_lever,
+            force_lever: &chain.force_lever,
+            acceleration_m_s2: &self.acceleration_m_s2,
+        }
+    }
+
+    /// The voltage that makes the Maxwell torque of chain `k`, V, where the amplifier is told `command_v`.
+    pub fn film_voltage_v(
+        &self,
+        k: usize,
+        when: When,
+        effects: &[Acting],
+        command_v: &[f64],
+    ) -> Vec<f64> {
+        let mut phi = command_v.to_vec();
+        let along = self.along(k, when);
+        for a in at(effects, Site::Electrical).filter(|a| a.on[k]) {
+            a.effect.voltage(&a.values, &along, &mut phi);
+        }
+        phi
+    }
+
+    /// 1/2 dC/d theta_DEA of chain `k` with effects, N m/V^2.
+    pub fn half_capacitance_slope(&self, k: usize, when: When, effects: &[Acting]) -> Vec<f64> {
+        let mut half = self.chains[k].half_capacitance_slope.clone();
+        let along = self.along(k, when);
+        for a in at(effects, Site::Electrical).filter(|a| a.on[k]) {
+            a.effect.capacitance(&a.values, &along, &mut half);
+        }
+        half
+    }
+
+    /// Torque of the effects on theta_DEA of chain `k`, N m, positive where it opens the lozenge.
+    pub fn effect_torque_n_m(&self, k: usize, when: When, effects: &[Acting]) -> Vec<f64> {
+        let mut out = vec![0.0; self.samples()];
+        let along = self.along(k, when);
+        for a in at(effects, Site::Balance).filter(|a| a.on[k]) {
+            a.effect.torque(&a.values, &along, &mut out);
+        }
+        out
+    }
+
+    /// Factors on the stress of [equilibrium spring, branches] of chain `k`; `None` without an effect on the film there.
+    pub fn stress_factor(
+        &self,
+        k: usize,
+        when: When,
+        effects: &[Acting],
+        film: &Film,
+    ) -> Option<Vec<[f64; 2]>> {
+        let mut out: Option<Vec<[f64; 2]>> = None;
+        let along = self.along(k, when);
+        for a in at(effects, Site::Film).filter(|a| a.on[k]) {
+            let factor = out.get_or_insert_with(|| vec![[1.0; 2]; self.samples()]);
+            a.effect.stress(&a.values, &along, film, factor);
+        }
+        out
+    }
+
+    /// What the film of chain `k` needs more of the Maxwell torque, N m, because it cannot carry compression; `None` where it can.
+    /// `phi_v` is the voltage on the film.
+    ///
+    /// # Errors
+    /// [`Locked`] when a spring reaches its locking stretch.
+    pub fn slack_torque_n_m(
+        &self,
+        k: usize,
+        when: When,
+        effects: &[Acting],
+        parameters: &Parameters,
+        phi_v: &[f64],
+    ) -> Result<Option<Vec<f64>>, Locked> {
+        let mut slack = at(effects, Site::Film)
+            .filter(|a| a.on[k] && a.effect.needs_tension())
+            .peekable();
+        if slack.peek().is_none() {
+            return Ok(None);
+        }
+        let sigma = self.sigma_2_pa(k, &parameters.film)?;
+        let along = self.along(k, when);
+        let mut change = vec![0.0; self.samples()];
+        for a in slack {
+            a.effect
+                .slack(&a.values, &along, &sigma, phi_v, &mut change);
+        }
+        let volume = along.lozenge.volume_m3();
+        for (c, theta) in change.iter_mut().zip(along.theta_dea_rad) {
+            *c *= volume * along.lozenge.log_stretch_slopes(*theta)[1];
+        }
+        Ok(Some(change))
+    }
+
+    /// sigma_2 of all springs of chain `k` at each sample, Pa.
+    fn sigma_2_pa(&self, k: usize, film: &Film) -> Result<Vec<f64>, Locked> {
+        let mut history = self.chains[k].history.clone();
+        history.first.lever = [0.0, 1.0];
+        for node in history.segments.iter_mut().flat_map(|s| &mut s.nodes) {
+            node.lever = [0.0, 1.0];
+        }
+        let shape = Shape {
+            relaxation_time_s: &film.relaxation_time_s,
+            locking: film.locking,
+        };
+        let mut pass = Pass::new(&history, shape);
+        let width = pass.row_width();
+        let mut rows = vec![0.0; 128 * width];
+        let mut out = Vec::with_capacity(self.samples());
+        loop {
+            let count = pass.next_block(&mut rows)?;
+            if count == 0 {
+                return Ok(out);
+            }
+            for row in rows[..count * width].chunks(width) {
+                let spring = |n: usize| row[n / LANES * 3 * LANES + n % LANES] * film.mu_pa[n];
+                out.push((0..film.mu_pa.len()).map(spring).sum());
+            }
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! One actuator's film has another thickness: L3 -> L3 thickness_factor in one chain (film torque ~ L3, Maxwell torque ~ 1/L3).
 
-use super::{Effect, Quantity, Reach, Seen, Site};
-use crate::kinematics::{Lozenge, Mechanism};
+use super::{Along, Effect, Quantity, Reach, Seen, Site};
+use crate::film::Film;
 
 pub struct ActuatorAsymmetry;
 
@@ -29,7 +29,7 @@ impl Effect for ActuatorAsymmetry {
         }
     }
     fn site(&self) -> Site {
-        Site::Motion
+        Site::Film
     }
     fn reach(&self) -> Reach {
         Reach::One
@@ -40,9 +40,12 @@ impl Effect for ActuatorAsymmetry {
     fn brought_out_by(&self) -> &'static str {
         "the actuators driven one after the other with the same voltage"
     }
-    fn geometry(&self, v: &[f64], on: [bool; 3], _: &mut Mechanism, lozenges: &mut [Lozenge; 3]) {
-        for (lozenge, _) in lozenges.iter_mut().zip(on).filter(|(_, on)| *on) {
-            lozenge.l3_m *= v[0];
+    fn capacitance(&self, v: &[f64], _: &Along, half_slope: &mut [f64]) {
+        half_slope.iter_mut().for_each(|h| *h /= v[0]);
+    }
+    fn stress(&self, v: &[f64], _: &Along, _: &Film, factor: &mut [[f64; 2]]) {
+        for f in factor {
+            *f = f.map(|f| f * v[0]);
         }
     }
 }

@@ -81,7 +81,7 @@ pub enum Site {
     Electrical,
     /// The clock on which the command is read.
     Clock,
-    /// The film's stress.
+    /// The film's stress; what such a cause changes of the capacitance counts as well.
     Film,
     /// The mechanism, or what was measured of its motion.
     Motion,

@@ -87,11 +87,14 @@ impl History {
     ) -> Self {
         assert!(!log_stretch.is_empty());
         assert!(log_stretch.len() == rate.len() && rate.len() == lever.len());
-        let node = |log: [f64; 2], middle: [f64; 2], lever: [f64; 2]| Node {
-            lambda_squared: log.map(|l| (2.0 * l).exp()),
-            rest: log.map(|l| (-2.0 * l).exp()),
-            mid_rest: middle.map(|l| (-2.0 * l).exp()),
-            lever,
+        let node = |log: [f64; 2], middle: [f64; 2], lever: [f64; 2]| {
+            let lambda_squared = log.map(|l| (2.0 * l).exp());
+            Node {
+                lambda_squared,
+                rest: lambda_squared.map(f64::recip),
+                mid_rest: middle.map(|l| (-2.0 * l).exp()),
+                lever,
+            }
         };
         // The Hermite cubic at the fraction f of the step that ends at sample i.
         let value_at = |i: usize, f: f64, j: usize| {

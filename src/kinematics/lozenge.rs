@@ -31,6 +31,19 @@ impl Lozenge {
         [0.5 * c / s, -0.5 * s / c]
     }
 
+    /// Stretches, their logarithmic slopes, and capacitance per permittivity (m) at an angle: [`Lozenge::stretches`],
+    /// [`Lozenge::log_stretch_slopes`] and [`Lozenge::capacitance_f`] with one sine.
+    pub fn at(&self, theta_dea_rad: f64) -> ([f64; 2], [f64; 2], f64) {
+        let (s, c) = (theta_dea_rad / 2.0).sin_cos();
+        let stretch = [
+            2.0 * self.side_m / self.l1_m * s,
+            2.0 * self.side_m / self.l2_m * c,
+        ];
+        let area = stretch[0] * stretch[1];
+        let capacitance = self.films * self.l1_m * self.l2_m / self.l3_m * area * area;
+        (stretch, [0.5 * c / s, -0.5 * s / c], capacitance)
+    }
+
     /// Volume of all films, m^3: n_f L1 L2 L3.
     pub fn volume_m3(&self) -> f64 {
         self.films * self.l1_m * self.l2_m * self.l3_m

@@ -134,6 +134,15 @@ pub struct ChainPose {
     q_prime: Vec3,
     /// Q in the local axes, m.
     q: Vec3,
+    /// Radial and tangential unit vectors of the chain.
+    axes: (Vec3, Vec3),
+}
+
+impl ChainPose {
+    /// sin theta_b.
+    pub fn sine_theta_b(&self) -> f64 {
+        self.q[1] / (self.q[0] * self.q[0] + self.q[1] * self.q[1]).sqrt()
+    }
 }
 
 impl Mechanism {
@@ -237,6 +246,7 @@ impl Chain {
             n,
             q_prime,
             q: q_vec,
+            axes: (r, t),
         })
     }
 
@@ -245,7 +255,7 @@ impl Chain {
     ///
     /// From the constraint n.n = n0^2, differentiated twice: n.n'' + n'.n' = 0.
     pub fn bicep_rates(&self, pose: &ChainPose, v_m_s: Vec3, a_m_s2: Vec3) -> (f64, f64) {
-        let (r, t) = self.axes();
+        let (r, t) = pose.axes;
         let local = |w: Vec3| [w[2], -dot(w, r), dot(w, t)];
         let (n_dot, n_ddot) = (local(v_m_s), local(a_m_s2));
         let rate = dot(pose.dtheta_b_du, v_m_s);

@@ -87,7 +87,7 @@ impl Mechanics {
     pub fn half_capacitance_slope(&self, k: usize, when: When, effects: &[Acting]) -> Vec<f64> {
         let mut half = self.chains[k].half_capacitance_slope.clone();
         let along = self.along(k, when);
-        for a in at(effects, Site::Electrical).filter(|a| a.on[k]) {
+        for a in effects.iter().filter(|a| a.on[k]) {
             a.effect.capacitance(&a.values, &along, &mut half);
         }
         half

@@ -1,7 +1,7 @@
 //! Spring-back torque of the forearms, T(theta_FA): the natural cubic spline through nodal torques (second derivative zero
 //! at the end nodes), continued linearly beyond them. Smooth, and linear in the nodal torques.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 /// Nodes and nodal torques of the curve.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,9 +112,18 @@ impl ForearmTorque {
 
     /// T(theta_FA), N m.
     pub fn torque_n_m_at(&self, theta_rad: f64) -> f64 {
-        let mut basis = vec![0.0; self.nodes_rad.len()];
-        self.basis(theta_rad, &mut basis);
-        DVector::from_vec(basis).dot(&DVector::from_column_slice(&self.torque_n_m))
+        const FEW: usize = 16;
+        let n = self.nodes_rad.len();
+        let (mut few, mut many);
+        let basis: &mut [f64] = if n <= FEW {
+            few = [0.0; FEW];
+            &mut few[..n]
+        } else {
+            many = vec![0.0; n];
+            &mut many
+        };
+        self.basis(theta_rad, basis);
+        basis.iter().zip(&self.torque_n_m).map(|(b, t)| b * t).sum()
     }
 }
 

@@ -227,16 +227,16 @@ impl Mechanics {
             for k in 0..3 {
                 let (p, lozenge) = (&pose[k], &robot.lozenges[k]);
                 let theta = p.theta_dea_rad;
-                let slopes = lozenge.log_stretch_slopes(theta);
+                let (stretch, slopes, capacitance) = lozenge.at(theta);
                 let theta_rate = if reached {
                     dot(p.dtheta_dea_du, v)
                 } else {
                     0.0
                 };
-                log_stretch[k].push(lozenge.stretches(theta).map(f64::ln));
+                log_stretch[k].push(stretch.map(f64::ln));
                 rate[k].push(slopes.map(|s| s * theta_rate));
                 lever[k].push(slopes.map(|s| s * lozenge.volume_m3()));
-                half_c[k].push(lozenge.half_capacitance_slope(theta, eps));
+                half_c[k].push(eps * capacitance * (slopes[0] + slopes[1]));
                 theta_dea[k].push(theta);
                 theta_fa[k].push(p.theta_fa_rad);
                 let chain = &robot.mechanism.chains[k];
@@ -246,7 +246,7 @@ impl Mechanics {
                 force_lever[k].push(if usable { inverse[k] } else { [0.0; 3] });
                 let q = chain.bicep_m;
                 let bicep = robot.bicep_tip_kg
-                    * (q * q * acceleration - GRAVITY_M_S2 * q * p.theta_b_rad.sin());
+                    * (q * q * acceleration - GRAVITY_M_S2 * q * p.sine_theta_b());
                 for (f, d) in bicep_force.iter_mut().zip(p.dtheta_b_du) {
                     *f += bicep * d;
                 }

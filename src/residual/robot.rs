@@ -75,6 +75,8 @@ struct Prepared<'a> {
     mechanics: Arc<Mechanics>,
     decimation: Decimation,
     centres: Vec<usize>,
+    /// phi_c^2, its change per second, and phi_c at the frames, at a fixed offset.
+    command: Option<Arc<[Command; 3]>>,
     /// Filtered load of each kept sample and chain, N m.
     load: Vec<[f64; 3]>,
     /// Filtered forearm columns: kept sample, chain, node.
@@ -87,9 +89,25 @@ struct Prepared<'a> {
     robust: Vec<f64>,
     /// Whitened residual changes of the replicates: replicate, kept sample, chain.
     errors: Arc<Vec<Vec<f64>>>,
+    /// Mechanics of the drawn tracks, once they have been worked out, where they shall be kept.
+    drawn: Arc<Vec<Option<Mechanics>>>,
+    /// The recording about given values of effects that move the mechanism or the motion.
+    linear: Option<Arc<Linear>>,
     /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been worked out.
     torque_variance: Arc<Vec<[f64; 3]>>,
 }
+
+/// A recording about given values of the effects that move the mechanism or the motion: exact there, linear around.
+struct Linear {
+    mechanics: Mechanics,
+    load: Triples,
+    forearm: Vec<f64>,
+    /// Place of a value in eta, its value here, and the change of the filtered residual per unit of it.
+    values: Vec<(usize, f64, Triples)>,
+}
+
+/// The command of a chain at the frames: phi_c^2, its change per second, phi_c.
+type Command = (Vec<f64>, Vec<f64>, Vec<f64>);
 
 /// What the rows of a recording are made of at given values of the effects.
 struct Condition<'p> {
@@ -108,6 +126,7 @@ pub struct RobotResidual<'a> {
     robot: &'a Robot,
     recordings: Vec<Prepared<'a>>,
     effects: Vec<Acting>,
+    replicates: usize,
     layout: Layout,
     arch: Arch,
     forearm: ForearmTorque,
@@ -138,28 +157,20 @@ pub(crate) fn root_v(squared: f64) -> f64 {
 }
 
 impl Prepared<'_> {
-    /// phi_c^2 and its change per second at the frames, as the clock effects read the command.
-    fn phi_squared(&self, offset_s: f64, chain: usize, effects: &[Acting]) -> (Vec<f64>, Vec<f64>) {
+    /// The command of a chain at the frames, as the clock effects read it.
+    fn command(&self, chain: usize, offset_s: f64, effects: &[Acting]) -> Cow<'_, Command> {
         let d = self.dataset;
+        let plain = effects.iter().all(|a| a.effect.site() != Site::Clock);
+        if let (true, Some(fixed)) = (plain, &self.command) {
+            return Cow::Borrowed(&fixed[chain]);
+        }
         let (shift, rate) = clock(effects);
-        d.voltage.squared(
-            chain,
-            d.start_s + offset_s + shift,
-            d.step_s * rate,
-            d.samples(),
-        )
-    }
-
-    /// Command at the frames, V.
-    fn command(&self, chain: usize, offset_s: f64, effects: &[Acting]) -> Vec<f64> {
-        let d = self.dataset;
-        let (shift, rate) = clock(effects);
-        (0..d.samples())
-            .map(|i| {
-                let t = d.start_s + offset_s + shift + rate * d.step_s * i as f64;
-                d.voltage.at(chain, t)
-            })
-            .collect()
+        let (start_s, step_s) = (d.start_s + offset_s + shift, d.step_s * rate);
+        let (squared, change) = d.voltage.squared(chain, start_s, step_s, d.samples());
+        let volts = (0..d.samples())
+            .map(|i| d.voltage.at(chain, start_s + step_s * i as f64))
+            .collect();
+        Cow::Owned((squared, change, volts))
     }
 
     /// Voltage that makes the Maxwell torque at the frames, V.
@@ -171,7 +182,7 @@ impl Prepared<'_> {
         effects: &[Acting],
     ) -> Vec<f64> {
         let command = self.command(chain, offset_s, effects);
-        mechanics.film_voltage_v(chain, self.when, effects, &command)
+        mechanics.film_voltage_v(chain, self.when, effects, &command.2)
     }
 
     /// Maxwell torque of a chain at the frames, N m, and its change per second of clock offset: 1/2 C' times the command's square
@@ -183,24 +194,23 @@ impl Prepared<'_> {
         offset_s: f64,
         effects: &[Acting],
     ) -> (Vec<f64>, Vec<f64>) {
-        let (mut squared, mut change) = self.phi_squared(offset_s, k, effects);
-        let electrical = |a: &Acting| a.effect.site() == Site::Electrical && a.on[k];
-        let plain = &mechanics.chains[k].half_capacitance_slope;
-        if !effects.iter().any(electrical) {
-            for ((s, c), h) in squared.iter_mut().zip(&mut change).zip(plain) {
-                *s *= h;
-                *c *= h;
-            }
-            return (squared, change);
-        }
         let command = self.command(k, offset_s, effects);
-        let film = mechanics.film_voltage_v(k, self.when, effects, &command);
-        let half = mechanics.half_capacitance_slope(k, self.when, effects);
-        for i in 0..squared.len() {
-            squared[i] = half[i] * (squared[i] + film[i] * film[i] - command[i] * command[i]);
-            change[i] *= half[i];
+        let electrical =
+            |a: &Acting| matches!(a.effect.site(), Site::Electrical | Site::Film) && a.on[k];
+        let plain = &mechanics.chains[k].half_capacitance_slope;
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).collect();
+        if !effects.iter().any(electrical) {
+            return (product(&command.0, plain), product(&command.1, plain));
         }
-        (squared, change)
+        let film = mechanics.film_voltage_v(k, self.when, effects, &command.2);
+        let half = mechanics.half_capacitance_slope(k, self.when, effects);
+        let made = (0..film.len())
+            .map(|i| {
+                let told = command.2[i];
+                half[i] * (command.0[i] + film[i] * film[i] - told * told)
+            })
+            .collect();
+        (made, product(&command.1, &half))
     }
 
     /// Filtered Maxwell torque and its derivative with respect to the clock offset.
@@ -288,6 +298,7 @@ impl<'a> RobotResidual<'a> {
                 free_values: Vec::new(),
             },
             effects: Vec::new(),
+            replicates: REPLICATES,
             arch: Arch::new(),
             forearm: forearm.clone(),
         })
@@ -313,6 +324,7 @@ impl<'a> RobotResidual<'a> {
                 ..self.layout.clone()
             },
             effects,
+            replicates: self.replicates,
             arch: self.arch,
             forearm: self.forearm.clone(),
         }
@@ -717,15 +729,36 @@ impl<'a> RobotResidual<'a> {
         let effects = self.effects(eta);
         let parameters = self.parameters(eta, beta);
         let has = |site: Site| effects.iter().any(|a| a.effect.site() == site);
-        let mechanics = self.mechanics_with(recording, &effects)?;
-        let moved = matches!(mechanics, Cow::Owned(_));
+        let linear = r.linear.as_deref().filter(|_| has(Site::Motion));
+        let mechanics = match linear {
+            Some(linear) => Cow::Borrowed(&linear.mechanics),
+            None => self.mechanics_with(recording, &effects)?,
+        };
+        let moved = has(Site::Motion);
         let mut load = Cow::Borrowed(&r.load[..]);
         let mut forearm = Cow::Borrowed(&r.forearm[..]);
-        if moved {
-            load = Cow::Owned(filtered_load(&mechanics, &r.decimation, &r.centres));
-            let columns =
-                forearm_columns(&mechanics, &self.forearm, &r.decimation, &r.centres, self.arch);
-            forearm = Cow::Owned(columns);
+        match linear {
+            Some(linear) => {
+                load = Cow::Borrowed(&linear.load[..]);
+                forearm = Cow::Borrowed(&linear.forearm[..]);
+                for (place, here, column) in &linear.values {
+                    let step = eta[*place] - here;
+                    if step != 0.0 {
+                        for (l, c) in load.to_mut().iter_mut().zip(column) {
+                            for k in 0..3 {
+                                l[k] += step * c[k];
+                            }
+                        }
+                    }
+                }
+            }
+            None if moved => {
+                load = Cow::Owned(filtered_load(&mechanics, &r.decimation, &r.centres));
+                let (curve, d) = (&self.forearm, &r.decimation);
+                let columns = forearm_columns(&mechanics, curve, d, &r.centres, self.arch);
+                forearm = Cow::Owned(columns);
+            }
+            None => {}
         }
         if has(Site::Balance) || effects.iter().any(|a| a.effect.needs_tension()) {
             let mut extra: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
@@ -739,14 +772,19 @@ impl<'a> RobotResidual<'a> {
                 }
             }
         }
-        let maxwell = if moved || has(Site::Electrical) || has(Site::Clock) {
+        let maxwell = if moved || has(Site::Electrical) || has(Site::Clock) || has(Site::Film) {
             Cow::Owned(r.maxwell_at(&mechanics, offset, &effects))
         } else {
             maxwell
         };
         let factor =
             [0, 1, 2].map(|k| mechanics.stress_factor(k, r.when, &effects, &parameters.film));
-        let values = self.value_columns(recording, eta, beta, &mechanics, &effects)?;
+        let exact = |site: Site| linear.is_none() || site != Site::Motion;
+        let mut values =
+            self.value_columns(recording, eta, beta, &mechanics, &effects, exact)?;
+        for (place, _, column) in linear.iter().flat_map(|l| &l.values) {
+            values[place - self.layout.first_value()].clone_from(column);
+        }
         Ok(Condition {
             mechanics,
             load,
@@ -755,6 +793,44 @@ impl<'a> RobotResidual<'a> {
             factor,
             values,
         })
+    }
+
+    /// Works out the recordings at the values in `eta` of the effects that move the mechanism or the motion. Until this is called
+    /// again the residual is linear in those values; evaluating it at other values costs no more than without them.
+    ///
+    /// # Errors
+    /// [`Locked`] when the mechanism cannot follow.
+    pub fn linearise(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {
+        let effects = self.effects(eta);
+        if effects.iter().all(|a| a.effect.site() != Site::Motion) {
+            return Ok(());
+        }
+        for number in 0..self.recordings.len() {
+            let mechanics = self.mechanics_with(number, &effects)?.into_owned();
+            let r = &self.recordings[number];
+            let load = filtered_load(&mechanics, &r.decimation, &r.centres);
+            let forearm =
+                forearm_columns(&mechanics, &self.forearm, &r.decimation, &r.centres, self.arch);
+            let motion = |site: Site| site == Site::Motion;
+            let columns = self.value_columns(number, eta, beta, &mechanics, &effects, motion)?;
+            let first = self.layout.first_value();
+            let values = self
+                .layout
+                .free_values
+                .iter()
+                .enumerate()
+                .zip(columns)
+                .filter(|((_, (e, _)), _)| motion(effects[*e].effect.site()))
+                .map(|((place, _), column)| (first + place, eta[first + place], column))
+                .collect();
+            self.recordings[number].linear = Some(Arc::new(Linear {
+                mechanics,
+                load,
+                forearm,
+                values,
+            }));
+        }
+        Ok(())
     }
 
     /// The balance of a recording with those effects that change it.
@@ -777,7 +853,8 @@ impl<'a> RobotResidual<'a> {
             })
     }
 
-    /// d(filtered residual)/d eta of every free value, by a forward difference of the side that the value changes.
+    /// d(filtered residual)/d eta of every free value of an effect at a site that is `wanted`, by a forward difference of the side that
+    /// the value changes; empty for the others.
     fn value_columns(
         &self,
         recording: usize,
@@ -785,13 +862,18 @@ impl<'a> RobotResidual<'a> {
         beta: &[f64],
         mechanics: &Mechanics,
         effects: &[Acting],
+        wanted: impl Fn(Site) -> bool,
     ) -> Result<Vec<Triples>, Locked> {
+        let mut base = None;
         let parameters = self.parameters(eta, beta);
         let offset = self.offset_s(recording, eta);
         self.layout
             .free_values
             .iter()
             .map(|&(effect, value)| {
+                if !wanted(effects[effect].effect.site()) {
+                    return Ok(Triples::new());
+                }
                 let q = &effects[effect].effect.parameters()[value];
                 let mut other = effects.to_vec();
                 let here = other[effect].values[value];
@@ -805,6 +887,7 @@ impl<'a> RobotResidual<'a> {
                     (mechanics, effects),
                     &other,
                     effect,
+                    &mut base,
                 )?;
                 let mut column = self.filtered(recording, &change);
                 for c in column.iter_mut().flatten() {
@@ -816,7 +899,8 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which differ from them in the effect
-    /// number `changed` only.
+    /// number `changed` only. `base` keeps the torque error with `effects` for the next call.
+    #[allow(clippy::too_many_arguments)]
     fn change(
         &self,
         recording: usize,
@@ -825,6 +909,7 @@ impl<'a> RobotResidual<'a> {
         (mechanics, effects): (&Mechanics, &[Acting]),
         other: &[Acting],
         changed: usize,
+        base: &mut Option<[Vec<f64>; 3]>,
     ) -> Result<[Vec<f64>; 3], Locked> {
         let r = &self.recordings[recording];
         let mut out: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
@@ -873,13 +958,23 @@ impl<'a> RobotResidual<'a> {
                                 film[i][0] * (a[i][0] - b[i][0]) + film[i][1] * (a[i][1] - b[i][1])
                             })
                             .collect();
+                        let a = r.made(mechanics, k, offset_s, other).0;
+                        let b = r.made(mechanics, k, offset_s, effects).0;
+                        for (o, (a, b)) in out[k].iter_mut().zip(a.iter().zip(b)) {
+                            *o += b - a;
+                        }
                     }
                 }
             }
             Site::Motion => {
                 let moved = self.mechanics_with(recording, other)?;
                 let a = self.torque_error(recording, &moved, parameters, offset_s, other)?;
-                let b = self.torque_error(recording, mechanics, parameters, offset_s, effects)?;
+                if base.is_none() {
+                    let error =
+                        self.torque_error(recording, mechanics, parameters, offset_s, effects)?;
+                    *base = Some(error);
+                }
+                let b = base.as_ref().expect("just set");
                 for k in 0..3 {
                     out[k] = a[k].iter().zip(&b[k]).map(|(a, b)| a - b).collect();
                 }
@@ -914,6 +1009,7 @@ impl<'a> RobotResidual<'a> {
                 (&mechanics, &effects),
                 &other,
                 effects.len(),
+                &mut None,
             )?;
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
@@ -958,6 +1054,7 @@ impl<'a> RobotResidual<'a> {
                 (&mechanics, &effects),
                 &other,
                 effects.len(),
+                &mut None,
             )?;
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
@@ -1026,19 +1123,19 @@ impl<'a> RobotResidual<'a> {
         let effects = self.effects(eta);
         let own = self.mechanics_with(recording, &effects)?;
         let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
-        (0..REPLICATES)
-            .into_par_iter()
-            .map(|m| {
-                let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + m as u64);
-                generator.set_stream(recording as u64);
-                let track = r.dataset.drawn_track(&mut generator);
-                let pivot = r.dataset.pivot_m;
-                let Ok(mechanics) = Mechanics::with_effects(self.robot, &track, &effects, pivot)
-                else {
+        let drawn: Cow<Vec<Option<Mechanics>>> = if r.drawn.is_empty() {
+            Cow::Owned(self.draw(recording, &effects))
+        } else {
+            Cow::Borrowed(&*r.drawn)
+        };
+        drawn
+            .par_iter()
+            .map(|mechanics| {
+                let Some(mechanics) = mechanics else {
                     return Ok(base.clone().map(|v| vec![0.0; v.len()]));
                 };
                 let mut error =
-                    self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+                    self.torque_error(recording, mechanics, &parameters, offset, &effects)?;
                 for k in 0..3 {
                     for (e, b) in error[k].iter_mut().zip(&base[k]) {
                         *e -= b;
@@ -1050,6 +1147,29 @@ impl<'a> RobotResidual<'a> {
                 Ok(error)
             })
             .collect()
+    }
+
+    /// The balance along tracks that are drawn from what the capture leaves open.
+    fn draw(&self, recording: usize, effects: &[Acting]) -> Vec<Option<Mechanics>> {
+        let r = &self.recordings[recording];
+        (0..self.replicates)
+            .into_par_iter()
+            .map(|m| {
+                let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + m as u64);
+                generator.set_stream(recording as u64);
+                let track = r.dataset.drawn_track(&mut generator);
+                Mechanics::with_effects(self.robot, &track, effects, r.dataset.pivot_m).ok()
+            })
+            .collect()
+    }
+
+    /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the noise is of second
+    /// order), so that setting the weights again is cheap.
+    pub fn keep_drawn(&mut self, count: usize) {
+        self.replicates = count;
+        for number in 0..self.recordings.len() {
+            self.recordings[number].drawn = Arc::new(self.draw(number, &[]));
+        }
     }
 
     /// Sets the weights to what the noise of capture and voltage makes of the residual at these parameters (the noise gain
@@ -1370,6 +1490,9 @@ fn prepare<'a>(
         mechanics: Arc::new(mechanics),
         decimation,
         centres,
+        command: None,
+        drawn: Arc::default(),
+        linear: None,
         load,
         forearm: columns,
         maxwell: None,
@@ -1379,6 +1502,8 @@ fn prepare<'a>(
         torque_variance: Arc::default(),
     };
     if !free {
+        let command = [0, 1, 2].map(|k| prepared.command(k, dataset.offset_s, &[]).into_owned());
+        prepared.command = Some(Arc::new(command));
         let fixed = prepared.maxwell_at(&prepared.mechanics, dataset.offset_s, &[]);
         prepared.maxwell = Some(fixed);
     }

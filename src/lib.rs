@@ -1,6 +1,7 @@
 //! Calibrates dielectric-elastomer actuators from recordings of motion and voltage. `ARCHITECTURE.md` says which room does what; the
 //! program is a thin shell over this library.
 pub mod calibration;
+pub mod cases;
 pub mod cli;
 pub mod dataset;
 pub mod diagnosis;

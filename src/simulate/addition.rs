@@ -22,6 +22,8 @@ pub struct Situation {
     pub theta_b_rate_rad_s: [f64; 3],
     /// lambda_1, lambda_2 of the films.
     pub stretch: [[f64; 2]; 3],
+    /// Cauchy stress (sigma_1, sigma_2) that the springs of each film carry, Pa, without the Maxwell stress.
+    pub film_stress_pa: [[f64; 2]; 3],
     /// Capacitance of each actuator, F.
     pub capacitance_f: [f64; 3],
     /// Voltage that the amplifier gives, V.

@@ -462,7 +462,15 @@ impl<'a> Plant<'a> {
         })
     }
 
-    fn situation(&self, t_s: f64, u: Vec3, v: Vec3, pose: &Pose, command: [f64; 3]) -> Situation {
+    fn situation(
+        &self,
+        t_s: f64,
+        u: Vec3,
+        v: Vec3,
+        pose: &Pose,
+        films: &[Response; 3],
+        command: [f64; 3],
+    ) -> Situation {
         let c = &pose.chains;
         Situation {
             t_s,
@@ -473,13 +481,21 @@ impl<'a> Plant<'a> {
             theta_b_rad: [0, 1, 2].map(|k| c[k].theta_b_rad),
             theta_b_rate_rad_s: [0, 1, 2].map(|k| dot(c[k].dtheta_b_du, v)),
             stretch: [0, 1, 2].map(|k| pose.angles[k].lambda_squared.map(f64::sqrt)),
+            film_stress_pa: [0, 1, 2].map(|k| films[k].sigma),
             capacitance_f: [0, 1, 2].map(|k| pose.angles[k].capacitance),
             command_v: command,
         }
     }
 
-    /// The same situation moved by a small displacement and change of velocity; levers are kept.
-    fn moved(&self, s: &Situation, pose: &Pose, dx: Vec3, dv: Vec3) -> Situation {
+    /// The same situation moved by a small displacement and change of velocity; levers and branches are kept.
+    fn moved(
+        &self,
+        s: &Situation,
+        pose: &Pose,
+        films: &[Response; 3],
+        dx: Vec3,
+        dv: Vec3,
+    ) -> Situation {
         let mut out = *s;
         for i in 0..3 {
             out.position_m[i] += dx[i];
@@ -487,7 +503,17 @@ impl<'a> Plant<'a> {
         }
         for k in 0..3 {
             let c = &pose.chains[k];
-            out.theta_dea_rad[k] += dot(c.dtheta_dea_du, dx);
+            let turn = dot(c.dtheta_dea_du, dx);
+            out.theta_dea_rad[k] += turn;
+            let angle = &pose.angles[k];
+            let increment = angle.slope.map(|g| g * turn);
+            let [t11, t12, t21, t22] = films[k].tangent;
+            for i in 0..2 {
+                out.stretch[k][i] *= 1.0 + increment[i];
+            }
+            out.film_stress_pa[k][0] += t11 * increment[0] + t12 * increment[1];
+            out.film_stress_pa[k][1] += t21 * increment[0] + t22 * increment[1];
+            out.capacitance_f[k] += 2.0 * angle.half_slope * turn;
             out.theta_dea_rate_rad_s[k] += dot(c.dtheta_dea_du, dv);
             out.theta_b_rad[k] += dot(c.dtheta_b_du, dx);
             out.theta_b_rate_rad_s[k] += dot(c.dtheta_b_du, dv);
@@ -677,7 +703,7 @@ impl System<3> for Plant<'_> {
             .explicit(t_s, &pose, &state.w)
             .map_err(Trouble::Blocked)?;
         rates.w.copy_from_slice(&self.scratch);
-        let situation = self.situation(t_s, state.x, state.v, &pose, command);
+        let situation = self.situation(t_s, state.x, state.v, &pose, &films, command);
         let action = self.act(&situation, &state.z, &mut rates.z);
         let payload = self.payload.mass_kg(t_s, side);
         let b = self.balance(&pose, state.v, [0.0; 3], payload, &films, &action);
@@ -723,7 +749,7 @@ impl System<3> for Plant<'_> {
                 }
                 correction = correction.max(films[k].correction);
             }
-            let situation = self.situation(t_s, state.x, state.v, &pose, command);
+            let situation = self.situation(t_s, state.x, state.v, &pose, &films, command);
             let mut rates = std::mem::take(&mut self.rates);
             let action = self.act(&situation, &state.z, &mut rates[0]);
             if done {
@@ -752,7 +778,7 @@ impl System<3> for Plant<'_> {
                         let mut e = [0.0; 3];
                         e[c] = step;
                         let dv = e.map(|e| hg * e);
-                        let moved = self.moved(&situation, &pose, dv.map(|v| hg * v), dv);
+                        let moved = self.moved(&situation, &pose, &films, dv.map(|v| hg * v), dv);
                         (step, self.act(&moved, &state.z, &mut rates[1]))
                     } else {
                         let step = 1e-7 * self.z_scale(c - 3).max(state.z[c - 3].abs());
@@ -949,7 +975,7 @@ impl<'a> Statics<'a> {
         let pose = self.plant.pose(t_s, u)?;
         let w = [[[1.0; LANES]; 2]; 3];
         let films = self.plant.explicit(t_s, &pose, &w)?;
-        let situation = self.plant.situation(t_s, u, [0.0; 3], &pose, phi);
+        let situation = self.plant.situation(t_s, u, [0.0; 3], &pose, &films, phi);
         let mut rates = std::mem::take(&mut self.plant.rates);
         let mut at = 0;
         for addition in self.plant.additions {
@@ -967,7 +993,7 @@ impl<'a> Statics<'a> {
             for c in 0..3 {
                 let mut dx = [0.0; 3];
                 dx[c] = 1e-8;
-                let moved = self.plant.moved(&situation, &pose, dx, [0.0; 3]);
+                let moved = self.plant.moved(&situation, &pose, &films, dx, [0.0; 3]);
                 let changed = self.plant.act(&moved, &self.states, &mut rates[1]);
                 let force = self.plant.force(&pose, &changed);
                 for i in 0..3 {
@@ -1109,10 +1135,11 @@ pub fn rest(
 }
 
 /// Stored energies at one instant, J: electrostatic, elastic, forearm, gravity, kinetic.
-fn stored(plant: &Plant, t_s: f64, state: &State<3>, side: Side) -> Result<[f64; 5], Error> {
+fn stored(plant: &mut Plant, t_s: f64, state: &State<3>, side: Side) -> Result<[f64; 5], Error> {
     let pose = plant.pose(t_s, state.x)?;
     let command = plant.command(t_s, side)?;
-    let situation = plant.situation(t_s, state.x, state.v, &pose, command);
+    let films = plant.explicit(t_s, &pose, &state.w)?;
+    let situation = plant.situation(t_s, state.x, state.v, &pose, &films, command);
     let mut rates = vec![0.0; plant.states];
     let action = plant.act(&situation, &state.z, &mut rates);
     let mass = plant.robot.effector_kg + plant.payload.mass_kg(t_s, side);
@@ -1232,14 +1259,15 @@ pub fn motion(
             InitialState::Virgin => plant.springs.virgin(own),
         }
     }
-    let situation = plant.situation(t0, x, v, &pose, phi);
+    let films_now = plant.explicit(t0, &pose, &state.w)?;
+    let situation = plant.situation(t0, x, v, &pose, &films_now, phi);
     let mut at = 0;
     for addition in additions {
         let count = addition.states();
         addition.start(&situation, &mut state.z[at..at + count]);
         at += count;
     }
-    let before = stored(&plant, t0, &state, Side::After)?;
+    let before = stored(&mut plant, t0, &state, Side::After)?;
     let control = Control {
         scale: plant.scale,
         longest_s: options.longest_step_s,
@@ -1293,7 +1321,7 @@ pub fn motion(
         out.payload_kg.push(options.payload.mass_kg(t, side));
     }
     out.effort = integrator.effort;
-    let after = stored(&plant, end, integrator.state(), Side::Before)?;
+    let after = stored(&mut plant, end, integrator.state(), Side::Before)?;
     let rise = [0, 1, 2, 3, 4].map(|i| after[i] - before[i]);
     let [maxwell, heat, added] = integrator.quadratures;
     let e = &mut out.energy;

@@ -22,7 +22,10 @@ pub fn experiment(robot: &Robot, train: &[&Dataset], holdout: &[&Dataset], train
     let eta: Vec<f64> = p.nonlinear.iter().map(|u| u.start).collect();
     let beta: Vec<f64> = p.linear.iter().map(|u| u.start).collect();
     eprintln!("open {:?}", t0.elapsed());
-    let mut plain = p.fit(&[], &eta, &beta, 60);
+    p.train.keep_drawn(6);
+    if let Some(h) = &mut p.holdout { h.keep_drawn(6); }
+    eprintln!("drawn {:?}", t0.elapsed());
+    let mut plain = p.fit(&[], &eta, &beta, 40);
     eprintln!("fit0 {:?} ev {} cost {:.1}", t0.elapsed(), plain.state.evaluations, plain.cost());
     for _ in 0..2 {
         p.weigh(&plain).unwrap();
@@ -56,7 +59,7 @@ pub fn experiment(robot: &Robot, train: &[&Dataset], holdout: &[&Dataset], train
     let mut chosen: Vec<&scan::Scanned> = Vec::new();
     for s in &all {
         let of = chosen.iter().filter(|c| c.acting.effect.id() == s.acting.effect.id()).count();
-        if of < 2 && chosen.len() < 12 {
+        if of < 2 && chosen.len() < 10 {
             chosen.push(s);
         }
     }
@@ -65,9 +68,11 @@ pub fn experiment(robot: &Robot, train: &[&Dataset], holdout: &[&Dataset], train
         .par_iter()
         .map(|s| {
             let t = std::time::Instant::now();
-            let warm = p.fit(&[s.acting.clone()], &plain.state.eta, &plain.state.beta, 25);
-            let cold = p.fit(&[s.acting.clone()], &eta, &beta, 25);
-            let f = if warm.cost() < cold.cost() { warm } else { cold };
+            let warm = p.fit(&[s.acting.clone()], &plain.state.eta, &plain.state.beta, 15);
+            let f = if warm.cost() > plain.cost() - 0.5 * s.promised {
+                let cold = p.fit(&[s.acting.clone()], &eta, &beta, 15);
+                if warm.cost() < cold.cost() { warm } else { cold }
+            } else { warm };
             (f, t.elapsed().as_secs_f64())
         })
         .collect();

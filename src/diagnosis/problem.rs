@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::effects::{Acting, When};
+use crate::effects::{Acting, Site, When};
 use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
 use crate::film::Locked;
 use crate::residual::RobotResidual;
@@ -122,6 +122,8 @@ fn value_unknowns(effects: &[Acting], free: &[(usize, usize)]) -> Vec<Unknown> {
         .collect()
 }
 
+/// Times that effects on the motion are worked out anew where a fit ended.
+const MOTION_ROUNDS: usize = 3;
 /// What is known of a size, in its spread: strong effects are not rare.
 const SIZE_SD: f64 = 4.0;
 
@@ -148,9 +150,9 @@ impl Problem<'_> {
             .enumerate()
             .flat_map(|(e, a)| free_values(a).into_iter().map(move |v| (e, v)))
             .collect();
-        let residual = self
-            .train
-            .with_effects(effects.to_vec(), free.clone(), &self.train_when);
+        let mut residual =
+            self.train
+                .with_effects(effects.to_vec(), free.clone(), &self.train_when);
         let mut nonlinear = self.nonlinear.clone();
         let own = value_unknowns(effects, &free);
         let mut start = eta.to_vec();
@@ -166,7 +168,34 @@ impl Problem<'_> {
             step_tolerance: 1e-6,
         };
         let watch = |_: &State| ControlFlow::Continue(());
-        let state = minimise(&residual, &nonlinear, &linear, &start, &options, watch);
+        let moving = effects.iter().any(|a| a.effect.site() == Site::Motion);
+        if moving && residual.linearise(&start, beta).is_err() {
+            // The mechanism cannot follow: from off instead.
+            let off: Vec<f64> = value_unknowns(effects, &free)
+                .iter()
+                .map(|u| u.prior.map_or(u.start, |p| p.mean))
+                .collect();
+            start.truncate(eta.len());
+            start.extend(off);
+            let _ = residual.linearise(&start, beta);
+        }
+        let mut state = minimise(&residual, &nonlinear, &linear, &start, &options, watch);
+        for _ in 0..if moving { MOTION_ROUNDS } else { 0 } {
+            let before = state.cost;
+            if residual.linearise(&state.eta, &state.beta).is_err() {
+                break;
+            }
+            for (u, b) in linear.iter_mut().zip(&state.beta) {
+                u.start = *b;
+            }
+            let next = minimise(&residual, &nonlinear, &linear, &state.eta, &options, watch);
+            let spent = state.evaluations + next.evaluations;
+            state = next;
+            state.evaluations = spent;
+            if (before - state.cost).abs() < 1e-3 * state.cost {
+                break;
+            }
+        }
         let effects = residual.effects(&state.eta);
         Fitted {
             effects,

@@ -1,0 +1,228 @@
+//! What a diagnosis finds: plain data.
+
+use crate::effects::Acting;
+use crate::model::Parameters;
+
+/// What is to be said of model and recordings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// The plain model suffices: what is left is noise.
+    Adequate,
+    /// At least one cause of the catalogue is named.
+    MissingPhysics,
+    /// More than noise is left, and no cause of the catalogue accounts for it.
+    Unexplained,
+}
+
+impl Verdict {
+    /// As files write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Adequate => "adequate",
+            Verdict::MissingPhysics => "missing_physics",
+            Verdict::Unexplained => "unexplained",
+        }
+    }
+}
+
+/// A place where model and recordings differ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    /// voltage, voltage_rate, direction, time, height, position, actuator, recording, frequency, cycle, largest_stretch.
+    pub dimension: &'static str,
+    /// From and to, in `unit`.
+    pub range: Option<[f64; 2]>,
+    /// Unit of the range.
+    pub unit: &'static str,
+    /// A place that is a word.
+    pub value: Option<String>,
+    /// The recording, where it is in one only.
+    pub recording: Option<String>,
+    /// The actuators, 1 to 3, where it is not in all.
+    pub actuators: Vec<usize>,
+    /// Share of the excess (of the squares beyond noise) that lies here.
+    pub share_of_excess: f64,
+    /// Share of the samples that lie here.
+    pub share_of_samples: f64,
+    /// Probability of as much excess here by chance, over the whole search.
+    pub p_value: f64,
+    /// One sentence.
+    pub says: String,
+}
+
+/// The estimate of one value of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Value {
+    /// Its name in the catalogue.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Its value; a word for what picks a form or names a recording.
+    pub value: f64,
+    /// The word, where the value stands for one.
+    pub word: Option<String>,
+    /// Standard error; NaN where it was not estimated.
+    pub std_error: f64,
+    /// 95 % interval.
+    pub ci95: [f64; 2],
+    /// Whether it rests on a physical bound.
+    pub at_bound: bool,
+}
+
+/// A cause that was judged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// The effect with its fitted values.
+    pub acting: Acting,
+    /// Probability that it is at work.
+    pub probability: f64,
+    /// Change of the Bayesian information criterion with it against without; negative speaks for it.
+    pub delta_bic: f64,
+    /// Weighted mean square (1: noise) on the training recordings with it.
+    pub mean_square: f64,
+    /// Weighted mean square on the held-out recordings; NaN without any.
+    pub holdout_mean_square: f64,
+    /// Whether the augmented model contains it.
+    pub in_model: bool,
+    /// Its values.
+    pub values: Vec<Value>,
+    /// One sentence: the physics, and how it did.
+    pub says: String,
+}
+
+/// An effect that these recordings could not have shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hidden {
+    /// Id of the effect.
+    pub effect: &'static str,
+    /// Share of its trace that a refit of the plain model absorbs.
+    pub hidden_share: f64,
+    /// Smallest size that would have been seen, in `unit`.
+    pub smallest_detectable: f64,
+    /// The size's name.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+}
+
+/// Error of the predicted voltage, V, above 1 kV.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gain {
+    /// Of the plain model, refitted.
+    pub before_v: f64,
+    /// Of the augmented model.
+    pub after_v: f64,
+    /// What the noise of the capture alone makes.
+    pub noise_floor_v: f64,
+    /// The same three over all samples.
+    pub all_v: [f64; 3],
+}
+
+/// Predicted against film voltage of one recording, before and after.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Traces {
+    /// Identity of the recording.
+    pub id: String,
+    /// Whether it was held out.
+    pub held_out: bool,
+    /// Time, s.
+    pub time_s: Vec<f64>,
+    /// Commanded voltage, V.
+    pub command_v: Vec<[f64; 3]>,
+    /// Error of the plain model: needed minus made voltage at the film, V; NaN where nothing counts.
+    pub before_v: Vec<[f64; 3]>,
+    /// Error of the augmented model, V.
+    pub after_v: Vec<[f64; 3]>,
+    /// Torque error of the plain model, N m (filtered, at the kept samples): time, three chains.
+    pub torque_before: Vec<[f64; 4]>,
+    /// Torque error of the augmented model, N m.
+    pub torque_after: Vec<[f64; 4]>,
+    /// Height of the end effector, mm.
+    pub height_mm: Vec<f64>,
+}
+
+/// A law over physical variables for what no cause explains: a hypothesis, never a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Law {
+    /// Terms: what, coefficient in N m per standard deviation of the variable, share of the excess that it alone takes away.
+    pub terms: Vec<(String, f64, f64)>,
+    /// Share of the excess that all of them take away.
+    pub share: f64,
+}
+
+/// What a diagnosis finds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnosis {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Its probability.
+    pub confidence: f64,
+    /// Where, most telling first.
+    pub places: Vec<Place>,
+    /// Causes, most probable first.
+    pub candidates: Vec<Candidate>,
+    /// Groups of ids that these recordings cannot tell apart.
+    pub groups: Vec<Vec<&'static str>>,
+    /// One sentence: the drive that would separate them.
+    pub next_experiment: String,
+    /// What could not have been seen.
+    pub hidden: Vec<Hidden>,
+    /// Training recordings.
+    pub train: Gain,
+    /// Held-out recordings.
+    pub holdout: Option<Gain>,
+    /// Film and forearm of the plain model.
+    pub plain: Parameters,
+    /// Film and forearm of the augmented model (the plain one's where nothing was added).
+    pub parameters: Parameters,
+    /// Relative permittivity used.
+    pub eps_r: f64,
+    /// Weighted mean square of the plain model on the training recordings (1: noise).
+    pub plain_mean_square: f64,
+    /// The same on the held-out ones.
+    pub plain_holdout_mean_square: f64,
+    /// The law, when the verdict is unexplained.
+    pub law: Option<Law>,
+    /// Voltages before and after.
+    pub traces: Vec<Traces>,
+    /// What weakens the verdict, in words.
+    pub remarks: Vec<String>,
+    /// The verdict in one or two sentences.
+    pub says: String,
+}
+
+/// Why a diagnosis could not be done.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// No recordings.
+    #[error("no recording to diagnose")]
+    Nothing,
+    /// Recordings that excite nothing.
+    #[error("{0}")]
+    NothingExcited(String),
+    /// A recording leaves the mechanism's reach.
+    #[error("recording `{recording}` at {time_s:.3} s: {why}")]
+    Unreachable {
+        /// The recording.
+        recording: String,
+        /// Time, s.
+        time_s: f64,
+        /// What cannot follow.
+        why: String,
+    },
+    /// The plain model cannot be fitted.
+    #[error("the plain model cannot be fitted: {0}")]
+    Baseline(String),
+    /// The film locks.
+    #[error(transparent)]
+    Locked(#[from] crate::film::Locked),
+}
+
+/// A recording to diagnose: where it stands in its series.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry<'a> {
+    /// The recording.
+    pub dataset: &'a crate::dataset::Dataset,
+    /// When it was made.
+    pub when: crate::effects::When,
+}

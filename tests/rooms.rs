@@ -106,6 +106,19 @@ const ROOMS: &[Room] = &[
         "a calibration goes from datasets to an outcome that is plain data; reading and showing are other rooms' work",
     ),
     (
+        "diagnosis",
+        May::Only(&[
+            ("film", ANY),
+            ("effects", ANY),
+            ("dataset", ANY),
+            ("model", ANY),
+            ("residual", ANY),
+            ("fit", ANY),
+        ]),
+        NO_FILES,
+        "a diagnosis doubts what a fit found; it judges on datasets and gives plain data",
+    ),
+    (
         "simulate",
         May::Only(&[
             ("units", ANY),

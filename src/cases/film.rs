@@ -207,7 +207,7 @@ pub fn loss_of_tension(draw: &mut Draw) -> Effect {
     let relaxed = film.mu_pa[0] * gent(l[0] * l[0], l[1] * l[1], film.locking)[1];
     // The part that begins first does so at floor + w.
     let spread = draw.dice.range(0.2, 0.5);
-    let begins = 0.88 + 0.3 * draw.strength;
+    let begins = 0.97 + 0.2 * draw.strength;
     let floor = begins - spread;
     let mut out = draw.effect("loss_of_tension", on);
     out.parameter("threshold", floor);

@@ -252,7 +252,7 @@ pub fn cable_pull(draw: &mut Draw) -> Effect {
 /// A hose that is hung up elsewhere swings along: a mass on a weak spring, b' = p - v, p' = -omega^2 b - 2 zeta omega b',
 /// force -m_h p' along one direction (b: how far it lags behind).
 pub fn swinging_hose(draw: &mut Draw) -> Effect {
-    let ratio = draw.size(0.08, 5.0);
+    let ratio = draw.size(0.6, 8.0);
     let omega = std::f64::consts::TAU * draw.dice.range(0.8, 2.2);
     let damping = draw.dice.range(0.01, 0.05);
     let side = draw.dice.sideways();

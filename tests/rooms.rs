@@ -130,6 +130,20 @@ const ROOMS: &[Room] = &[
         "a simulation is the yardstick of the calibration and shares nothing with it but the model",
     ),
     (
+        "cases",
+        May::Only(&[
+            ("units", ANY),
+            ("kinematics", ANY),
+            ("film", ANY),
+            ("recording", &["Rig", "RobotRig"]),
+            ("dataset", &["Parts", "Voltage"]),
+            ("model", ANY),
+            ("simulate", ANY),
+        ]),
+        NO_FILES,
+        "what hides an effect shares nothing with what has to find it",
+    ),
+    (
         "report",
         May::All,
         FILES,

@@ -11,6 +11,7 @@ pub mod fit;
 pub mod kinematics;
 pub mod model;
 pub mod parameter;
+pub mod proof;
 pub mod recording;
 pub mod report;
 pub mod residual;

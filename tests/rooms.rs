@@ -144,6 +144,18 @@ const ROOMS: &[Room] = &[
         "what hides an effect shares nothing with what has to find it",
     ),
     (
+        "proof",
+        May::Only(&[
+            ("cases", ANY),
+            ("dataset", ANY),
+            ("diagnosis", ANY),
+            ("effects", ANY),
+            ("model", ANY),
+        ]),
+        NO_FILES,
+        "a proof runs the diagnosis blind and only then opens the answers",
+    ),
+    (
         "report",
         May::All,
         FILES,

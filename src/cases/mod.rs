@@ -107,6 +107,8 @@ pub struct Case {
     pub train: Vec<CaseRecording>,
     /// Held out.
     pub holdout: Vec<CaseRecording>,
+    /// The point about which the capture's axes would turn, as stated: base marker less the offset of the end-effector marker, m.
+    pub pivot_m: Vec3,
     /// The answer.
     pub truth: Truth,
 }
@@ -392,6 +394,9 @@ fn attempt(
         parameters: parameters.clone(),
         train,
         holdout,
+        pivot_m: [0, 1, 2].map(|i| {
+            capture.placement.base_position_m[i] - capture.placement.end_effector_offset_m[i]
+        }),
         truth,
     })
 }

@@ -1,12 +1,14 @@
 //! One clock, one world frame, SI, a mask, and the motion with its derivatives and its noise. Discards no sample, marks it;
 //! writes down every choice it made in a [`Plan`], which can be given back to make the same choices again.
 
+mod colour;
 mod coupon;
 mod plan;
 mod robot;
 pub mod smoother;
 mod voltage;
 
+pub use colour::Colour;
 pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
@@ -14,6 +16,7 @@ pub use plan::{Plan, SmoothingPlan};
 pub use voltage::Voltage;
 
 use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
@@ -74,6 +77,8 @@ pub struct Dataset {
     pub offset_source: OffsetSource,
     /// State of the films at the first sample.
     pub initial: InitialState,
+    /// The slow part of the capture's noise, where there is one.
+    pub colour: Option<Colour>,
     /// The point about which wrongly rotated capture axes turn: the base marker less the offset of the end-effector marker, m.
     pub pivot_m: Vec3,
     /// Every choice that was made.
@@ -170,6 +175,22 @@ impl Dataset {
         let (x, (y, z)) = rayon::join(|| axis(0), || rayon::join(|| axis(1), || axis(2)));
         let axes = [x?, y?, z?];
         let mut notes = Vec::new();
+        let left: Vec<Vec<f64>> = (0..3)
+            .map(|k| {
+                let smooth = &axes[k].position;
+                let measured = parts.measured_m.iter().map(|p| p[k]);
+                measured.zip(smooth).map(|(m, s)| m - s).collect()
+            })
+            .collect();
+        let cutoff_hz = [0, 1, 2].map(|k| axes[k].choice.cutoff_hz);
+        let colour = colour::colour(&left, &cutoff_hz, parts.step_s);
+        if let Some(c) = colour {
+            notes.push(format!(
+                "the capture's noise is not white: beside the white part, {:.0} % of its size, correlated over {:.0} ms",
+                100.0 * c.variance.sqrt(),
+                1e3 * c.correlation_s
+            ));
+        }
         let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
         let (usable, film_unknown) = bridged(&observed, &axes, parts.step_s, &mut notes);
         let (offset_s, offset_source) = match (plan.and_then(|p| p.offset_s), parts.offset_s) {
@@ -221,6 +242,7 @@ impl Dataset {
             offset_s,
             offset_source,
             initial: parts.initial,
+            colour,
             pivot_m: [0.0; 3],
             plan,
             notes,
@@ -284,8 +306,32 @@ impl Dataset {
                 track.velocity_m_s[i][k] += d[1];
                 track.acceleration_m_s2[i][k] += d[2];
             });
+            if let Some(slow) = self.slow_deviation(axis, generator) {
+                for i in 0..self.samples() {
+                    track.position_m[i][k] += slow.position[i];
+                    track.velocity_m_s[i][k] += slow.velocity[i];
+                    track.acceleration_m_s2[i][k] += slow.acceleration[i];
+                }
+            }
         }
         track
+    }
+
+    /// What the smoother makes of a draw of the noise's slow part.
+    fn slow_deviation(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Option<SmoothedAxis> {
+        let colour = self.colour?;
+        let a = (-self.step_s / colour.correlation_s).exp();
+        let size = axis.choice.noise * colour.variance.sqrt();
+        let mut state: f64 = StandardNormal.sample(generator);
+        let values: Vec<f64> = (0..self.samples())
+            .map(|i| {
+                let fresh: f64 = StandardNormal.sample(generator);
+                state = a * state + (1.0 - a * a).sqrt() * fresh;
+                if self.captured(i) { size * state } else { f64::NAN }
+            })
+            .collect();
+        let choice = axis.choice;
+        smooth_axis(&values, self.step_s, Some(choice.order), Some(choice.cutoff_hz)).ok()
     }
 
     /// Runs of frames that were not captured: first frame and length.

@@ -61,10 +61,14 @@ fn steps(fitted: &Fitted) -> usize {
     2 * fitted.effects.iter().filter(is_step).count()
 }
 
-/// The fall of the sum of squares that noise alone may bring about in the whole scan of `rows` residuals.
-pub(super) fn by_chance(rows: usize) -> f64 {
-    60.0 + 0.06 * rows as f64
+/// The fall of the sum of squares that noise alone may bring about in the whole scan of `rows` residuals, where the best hypothesis
+/// promises `by_noise` on drawn noise. A fit can do more than a scan promises: thresholds move, and noise sits in the columns too.
+pub(super) fn by_chance(rows: usize, by_noise: f64) -> f64 {
+    (60.0 + 0.06 * rows as f64).max(SCAN_TO_FIT * by_noise)
 }
+
+/// What noise brings about in fits, over what it promises in a scan.
+const SCAN_TO_FIT: f64 = 6.0;
 
 /// Plain mean square above which a model is never adequate.
 pub(super) const NEVER_ADEQUATE: f64 = 1.6;

@@ -27,7 +27,7 @@ use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
 use judge::{Judged, NEVER_ADEQUATE, alike, by_chance, unexplained};
 use locate::{Spot, coordinates, locate};
 use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
-use scan::{Group, Scanned, fingerprints, scan};
+use scan::{Group, Scanned, fingerprints, promised_by_noise, scan};
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -65,6 +65,7 @@ pub fn diagnose(
     let tangent = Tangent::new(&problem, &plain)?;
     let groups = fingerprints(&problem, &plain, &seen, &wanted);
     let scanned = scan(&problem, &plain, &tangent, &groups, &wanted)?;
+    let by_noise = promised_by_noise(&problem, &tangent, &groups);
     drop(tangent);
     watch("fitting the leading effects");
     let chosen = choose(&scanned, FITTED);
@@ -101,7 +102,7 @@ pub fn diagnose(
     let rows = plain.fitted.state.rows;
     let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
     let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
-    let allowed = by_chance(rows) * allowance(request.false_alarm_rate);
+    let allowed = by_chance(rows, by_noise) * allowance(request.false_alarm_rate);
     let adequate = largest_drop < allowed && plain.mean_square < NEVER_ADEQUATE;
     // Pairs
     let mut pair: Option<Judged> = None;

@@ -316,6 +316,14 @@ impl Tangent {
         })
     }
 
+    /// The part of a'r that lies in the tangent space, from the product of a with the columns. At the fit's own residual there is none.
+    pub fn hidden_product(&self, a: &DVector<f64>, r: &DVector<f64>) -> f64 {
+        if std::ptr::eq(r, &self.residual) {
+            return 0.0;
+        }
+        a.dot(&(&self.inverse * self.columns.tr_mul(r)))
+    }
+
     /// a'b with the tangent space projected out, from the products of a and b with the columns.
     pub fn projected(&self, product: f64, a: &DVector<f64>, b: &DVector<f64>) -> f64 {
         product - a.dot(&(&self.inverse * b))

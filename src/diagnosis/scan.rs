@@ -134,7 +134,7 @@ fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
     sets.into_iter()
         .filter_map(|on| {
             let columns = group.columns_on(on);
-            solve(group.effect, &group.values, on, &columns, tangent)
+            solve(group.effect, &group.values, on, &columns, tangent, &tangent.residual)
         })
         .collect()
 }
@@ -146,6 +146,7 @@ fn solve(
     on: [bool; 3],
     columns: &[DVector<f64>],
     tangent: &Tangent,
+    residual: &DVector<f64>,
 ) -> Option<Scanned> {
     let n = columns.len();
     let along: Vec<DVector<f64>> = columns
@@ -155,7 +156,7 @@ fn solve(
     let gram = DMatrix::from_fn(n, n, |i, j| {
         tangent.projected(columns[i].dot(&columns[j]), &along[i], &along[j])
     });
-    let slope = DVector::from_fn(n, |i, _| -columns[i].dot(&tangent.residual));
+    let slope = DVector::from_fn(n, |i, _| -columns[i].dot(residual) + tangent.hidden_product(&along[i], residual));
     let whole: Vec<f64> = columns.iter().map(|c| c.norm_squared()).collect();
     let q = effect.parameters();
     // A column is the effect at `values[i]`: which size it holds, and how far that may be scaled.
@@ -241,6 +242,28 @@ fn solve(
         hidden_share: 1.0 - (gram[(0, 0)] / whole[0].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
         strength: (gram[(0, 0)].max(0.0), one),
     })
+}
+
+/// What the best hypothesis would promise on noise alone: the mean over the drawn tracks.
+pub(super) fn promised_by_noise(problem: &Problem, tangent: &Tangent, groups: &[Group]) -> f64 {
+    let draws = problem.train.noise_rows();
+    let largest: Vec<f64> = draws
+        .into_par_iter()
+        .filter(|d| d.len() == tangent.residual.len())
+        .map(|d| {
+            let noise = DVector::from_vec(d);
+            groups
+                .iter()
+                .filter_map(|g| {
+                    let on = [true; 3];
+                    let columns = g.columns_on(on);
+                    solve(g.effect, &g.values, on, &columns, tangent, &noise)
+                })
+                .map(|s| s.promised)
+                .fold(0.0, f64::max)
+        })
+        .collect();
+    largest.iter().sum::<f64>() / largest.len().max(1) as f64
 }
 
 /// Changes at a moment: an electrode that fails, a payload that comes or goes, at every kept sample of the series and between recordings.

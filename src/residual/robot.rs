@@ -1273,6 +1273,17 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
+    /// What each drawn track makes of the whitened residual, row by row as in [`RobotResidual::design`], after
+    /// [`RobotResidual::weigh`].
+    pub fn noise_rows(&self) -> Vec<Vec<f64>> {
+        (0..self.replicates)
+            .map(|m| {
+                let own = self.recordings.iter().filter_map(|r| r.errors.get(m));
+                own.flatten().copied().collect()
+            })
+            .collect()
+    }
+
     /// Mean square of the whitened residual that the noise alone makes (1 when the weights are right), after
     /// [`RobotResidual::weigh`].
     pub fn noise_mean_square(&self) -> f64 {

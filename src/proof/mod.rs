@@ -1,0 +1,234 @@
+//! The proof: the diagnosis runs blind over cases whose answers are sealed apart; then they are opened and scored.
+//!
+//! A case is diagnosed from its recordings alone ([`blind`]); only [`score`] sees an answer.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::cases::{Case, CaseRecording, Spec, Truth, generate};
+use crate::dataset::Dataset;
+use crate::diagnosis::{Diagnosis, Entry, Request, Verdict, diagnose};
+use crate::effects::When;
+
+/// What the diagnosis said of one case, and what was true.
+#[derive(Debug, Clone, Serialize)]
+pub struct Trial {
+    /// Name of the case.
+    pub case: String,
+    /// Effects at work; empty: none; `unknown`: in no catalogue.
+    pub truth: Vec<String>,
+    /// Actuators of the first effect.
+    pub actuators: Vec<usize>,
+    /// The generator's own name of it.
+    pub form: Vec<String>,
+    /// 0 barely visible to 1 strong.
+    pub strength: f64,
+    /// Plain refit over the noise floor, train, above 1 kV.
+    pub detectability: f64,
+    /// adequate, missing_physics, unexplained.
+    pub verdict: String,
+    /// Its probability.
+    pub confidence: f64,
+    /// Effects that were named, in order.
+    pub named: Vec<String>,
+    /// All candidates with their probabilities, in order.
+    pub candidates: Vec<(String, f64)>,
+    /// Ids that the diagnosis calls indistinguishable from the first.
+    pub group: Vec<String>,
+    /// Share of the gap to the floor that is closed on held-out recordings.
+    pub gap_closed: f64,
+    /// Whether a place among the first three overlaps the truth by half; none where the truth has no place.
+    pub located: Option<bool>,
+    /// The first named effect's values: name, value, standard error.
+    pub values: Vec<(String, f64, f64)>,
+    /// The truth's values of it.
+    pub true_values: Vec<(String, f64)>,
+    /// Weighted mean squares: plain, best, held out best.
+    pub mean_squares: [f64; 3],
+    /// Seconds that the diagnosis took.
+    pub seconds: f64,
+    /// Why there is no diagnosis.
+    pub failure: Option<String>,
+}
+
+/// The datasets of a case: what a tool sees.
+fn datasets(case: &Case, list: &[CaseRecording]) -> Result<Vec<Dataset>, String> {
+    list.iter()
+        .map(|r| {
+            let mut d = Dataset::new(r.parts.clone(), None).map_err(|e| e.to_string())?;
+            d.pivot_m = case.pivot_m;
+            Ok(d)
+        })
+        .collect()
+}
+
+fn entries<'a>(datasets: &'a [Dataset], first: usize, series_s: &[f64]) -> Vec<Entry<'a>> {
+    datasets
+        .iter()
+        .enumerate()
+        .map(|(i, d)| Entry {
+            dataset: d,
+            when: When {
+                recording: first + i,
+                series_s: series_s[first + i],
+                start_s: d.start_s,
+            },
+        })
+        .collect()
+}
+
+/// Diagnoses a case from its recordings alone: nothing of the answer is looked at. The recordings are taken to be two minutes apart.
+///
+/// # Errors
+/// Why there is no diagnosis.
+pub fn blind(case: &Case) -> Result<Diagnosis, String> {
+    let (train, holdout) = (datasets(case, &case.train)?, datasets(case, &case.holdout)?);
+    let mut series_s = Vec::new();
+    let mut now = 0.0;
+    for d in train.iter().chain(&holdout) {
+        series_s.push(now);
+        now += 120.0 + d.step_s * d.samples() as f64;
+    }
+    diagnose(
+        &case.robot,
+        &entries(&train, 0, &series_s),
+        &entries(&holdout, train.len(), &series_s),
+        &Request::default(),
+        &|_| (),
+    )
+    .map_err(|e| e.to_string())
+}
+
+/// Generates, diagnoses and compares one case.
+///
+/// # Errors
+/// When the case cannot be generated.
+pub fn trial(spec: &Spec) -> Result<Trial, String> {
+    let case = generate(spec)?;
+    let begin = std::time::Instant::now();
+    let diagnosis = blind(&case);
+    let seconds = begin.elapsed().as_secs_f64();
+    Ok(compare(&case.truth, diagnosis, seconds))
+}
+
+/// Runs all cases, in parallel. `watch` hears of each.
+pub fn run(specs: &[Spec], watch: &(dyn Fn(&Trial) + Sync)) -> Vec<Trial> {
+    specs
+        .par_iter()
+        .filter_map(|s| {
+            let t = trial(s).ok()?;
+            watch(&t);
+            Some(t)
+        })
+        .collect()
+}
+
+/// Opens the answer of a case that was diagnosed.
+pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64) -> Trial {
+    let first = truth.detail.first().filter(|_| !truth.effects.is_empty());
+    let number = |v: &serde_json::Value| v.as_f64();
+    let mut out = Trial {
+        case: truth.case.clone(),
+        truth: truth.effects.clone(),
+        actuators: first.map_or(Vec::new(), |d| d.actuators.clone()),
+        form: truth.detail.iter().map(|d| d.effect.clone()).collect(),
+        strength: first.map_or(0.0, |d| d.strength),
+        detectability: f64::NAN,
+        verdict: String::new(),
+        confidence: f64::NAN,
+        named: Vec::new(),
+        candidates: Vec::new(),
+        group: Vec::new(),
+        gap_closed: f64::NAN,
+        located: None,
+        values: Vec::new(),
+        true_values: first.map_or(Vec::new(), |d| {
+            d.parameters
+                .iter()
+                .filter_map(|(k, v)| Some((k.clone(), number(v)?)))
+                .collect()
+        }),
+        mean_squares: [f64::NAN; 3],
+        seconds,
+        failure: None,
+    };
+    let d = match diagnosis {
+        Ok(d) => d,
+        Err(why) => {
+            out.failure = Some(why);
+            return out;
+        }
+    };
+    out.detectability = d.train.before_v / d.train.noise_floor_v;
+    out.verdict = d.verdict.name().into();
+    out.confidence = d.confidence;
+    out.candidates = d
+        .candidates
+        .iter()
+        .map(|c| (c.acting.effect.id().to_string(), c.probability))
+        .collect();
+    if d.verdict == Verdict::MissingPhysics {
+        out.named = d
+            .candidates
+            .iter()
+            .filter(|c| c.in_model)
+            .map(|c| c.acting.effect.id().to_string())
+            .collect();
+    }
+    if let Some(g) = d.groups.first() {
+        out.group = g.iter().map(|s| s.to_string()).collect();
+    }
+    if let Some(h) = d.holdout {
+        out.gap_closed = (h.before_v - h.after_v) / (h.before_v - h.noise_floor_v).max(1e-9);
+    }
+    let best = d.candidates.first();
+    out.mean_squares = [
+        d.plain_mean_square,
+        best.map_or(f64::NAN, |c| c.mean_square),
+        best.map_or(f64::NAN, |c| c.holdout_mean_square),
+    ];
+    if let Some(c) = best {
+        out.values = c
+            .values
+            .iter()
+            .map(|v| (v.name.to_string(), v.value, v.std_error))
+            .collect();
+    }
+    out.located = located(truth, &d);
+    out
+}
+
+/// Whether a place among the first three overlaps the truth's by half.
+fn located(truth: &Truth, d: &Diagnosis) -> Option<bool> {
+    let detail = truth.detail.first().filter(|_| !truth.effects.is_empty())?;
+    let mut any = false;
+    let mut found = false;
+    if detail.actuators.len() < 3 && !detail.actuators.is_empty() {
+        any = true;
+        found |= d.places.iter().take(3).any(|p| p.actuators == detail.actuators);
+    }
+    for place in &detail.place {
+        let from = place.get("from_s").and_then(serde_json::Value::as_f64);
+        if let Some(from) = from {
+            any = true;
+            found |= d.places.iter().take(3).any(|p| {
+                p.dimension == "time" && p.range.is_some_and(|r| (r[0] - from).abs() < 2.0)
+            });
+        }
+        let range = place.get("range").and_then(serde_json::Value::as_array);
+        if let (Some(range), Some(dimension)) = (range, place.get("dimension")) {
+            let ends: Vec<f64> = range.iter().filter_map(serde_json::Value::as_f64).collect();
+            if ends.len() == 2 {
+                any = true;
+                found |= d.places.iter().take(3).any(|p| {
+                    dimension.as_str() == Some(p.dimension)
+                        && p.range.is_some_and(|r| {
+                            let both = r[1].min(ends[1]) - r[0].max(ends[0]);
+                            both >= 0.5 * (ends[1] - ends[0])
+                        })
+                });
+            }
+        }
+    }
+    any.then_some(found)
+}

@@ -96,6 +96,7 @@ const ROOMS: &[Room] = &[
         May::Only(&[
             ("parameter", ANY),
             ("film", ANY),
+            ("effects", ANY),
             ("recording", &["nearest"]),
             ("dataset", ANY),
             ("model", ANY),
@@ -111,6 +112,7 @@ const ROOMS: &[Room] = &[
             ("units", ANY),
             ("kinematics", ANY),
             ("film", ANY),
+            ("effects", ANY),
             ("model", ANY),
         ]),
         NO_FILES,

@@ -72,3 +72,220 @@ fn survey() {
         }
     }
 }
+
+const STRENGTHS: [f64; 3] = [0.0, 0.5, 1.0];
+
+/// Every effect can be made; over all effects, strengths and seeds take turns.
+#[test]
+fn every_effect_can_be_made() {
+    use rayon::prelude::*;
+    let failed: Vec<String> = all()
+        .into_par_iter()
+        .enumerate()
+        .filter_map(|(i, kind)| {
+            let spec = spec(kind, 100 + i as u64, STRENGTHS[i % 3]);
+            let case = match cases::generate(&spec) {
+                Ok(case) => case,
+                Err(e) => return Some(e),
+            };
+            let sound = |r: &cases::CaseRecording| {
+                let seen = &r.parts.measured_m;
+                seen.len() == r.clean_m.len()
+                    && r.clean_m.iter().all(|p| p.iter().all(|v| v.is_finite()))
+                    && seen
+                        .iter()
+                        .zip(&r.clean_m)
+                        .all(|(a, b)| a[0].is_nan() || (a[0] - b[0]).abs() < 4e-4)
+            };
+            let whole = case.train.iter().chain(&case.holdout).all(sound);
+            (!whole || case.truth.detail.len() != 1 || case.holdout.len() != 2)
+                .then(|| format!("{kind:?} is not sound"))
+        })
+        .collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// The long form: all strengths, several seeds, both sets of drives.
+#[test]
+#[ignore = "some minutes"]
+fn every_effect_can_be_made_at_every_strength() {
+    use rayon::prelude::*;
+    let mut specs = Vec::new();
+    for kind in all() {
+        for seed in 0..4 {
+            for strength in STRENGTHS {
+                let drive = if seed == 3 {
+                    DriveSet::Protocol
+                } else {
+                    DriveSet::Ordinary
+                };
+                specs.push(Spec {
+                    kind,
+                    seed: 1000 + seed,
+                    strength,
+                    drive,
+                });
+            }
+        }
+    }
+    let failed: Vec<String> = specs
+        .par_iter()
+        .filter_map(|spec| match cases::generate(spec) {
+            Err(e) => Some(e),
+            Ok(case) if case.truth.detail[0].strength < spec.strength => {
+                println!("{spec:?} only at {}", case.truth.detail[0].strength);
+                None
+            }
+            Ok(_) => None,
+        })
+        .collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// Off, an effect moves nothing by more than the tolerance of the integration and the micrometre of the file.
+#[test]
+fn an_effect_that_is_off_changes_nothing() {
+    use rayon::prelude::*;
+    let seed = 77;
+    let clean = cases::generate(&spec(Kind::Clean, seed, 0.5)).unwrap();
+    all().into_par_iter().for_each(|kind| {
+        let off = cases::generate_off(&spec(kind, seed, 0.5)).unwrap();
+        for (a, b) in clean.train.iter().zip(&off.train) {
+            let worst = a
+                .clean_m
+                .iter()
+                .zip(&b.clean_m)
+                .flat_map(|(a, b)| (0..3).map(move |i| (a[i] - b[i]).abs()))
+                .fold(0.0, f64::max);
+            assert!(worst < 1e-5, "{kind:?} {}: {worst:e} m", b.id);
+            let volts = a.parts.voltage.channels_v().concat();
+            assert_eq!(volts, b.parts.voltage.channels_v().concat());
+        }
+    });
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    for (kind, drive) in [
+        (Kind::Effect("joint_friction"), DriveSet::Ordinary),
+        (Kind::Pair("time_offset", "leakage"), DriveSet::Ordinary),
+        (Kind::Clean, DriveSet::Protocol),
+    ] {
+        let spec = Spec {
+            kind,
+            seed: 5,
+            strength: 0.4,
+            drive,
+        };
+        let (a, b) = (
+            cases::generate(&spec).unwrap(),
+            cases::generate(&spec).unwrap(),
+        );
+        assert_eq!(a.files(), b.files());
+        assert_eq!(a.truth.to_json(), b.truth.to_json());
+        assert_eq!(
+            cases::Truth::from_json(&a.truth.to_json()).unwrap(),
+            a.truth
+        );
+        let other = Spec { seed: 6, ..spec };
+        assert_ne!(
+            a.files()[2].1,
+            cases::generate(&other).unwrap().files()[2].1
+        );
+    }
+}
+
+/// What the importers read from the files is what the case holds in memory.
+#[test]
+fn the_files_read_back() {
+    use deacal::dataset::Dataset;
+    use deacal::recording::Recording;
+    let folder = tempfile::tempdir().unwrap();
+    for (kind, drive) in [
+        (Kind::Effect("frame_tilt"), DriveSet::Ordinary),
+        (Kind::Effect("clock_skew"), DriveSet::Protocol),
+    ] {
+        let case = cases::generate(&Spec {
+            kind,
+            seed: 21,
+            strength: 0.7,
+            drive,
+        })
+        .unwrap();
+        for (path, bytes) in case.files() {
+            let path = folder.path().join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        }
+        for (set, list) in [("train", &case.train), ("holdout", &case.holdout)] {
+            for made in list {
+                let own = made.id.rsplit('/').next().unwrap();
+                let place = folder.path().join(&case.name).join(set).join(own);
+                let recording = Recording::open(&place.join("recording.toml")).unwrap();
+                let read = Dataset::from_recording(&recording, None).unwrap();
+                let kept = &made.parts;
+                assert_eq!(read.id, kept.id);
+                assert_eq!(read.payload_kg, kept.payload_kg);
+                assert_eq!((read.step_s, read.start_s), (kept.step_s, kept.start_s));
+                assert_eq!(read.measured_m.len(), kept.measured_m.len());
+                for (a, b) in read.measured_m.iter().zip(&kept.measured_m) {
+                    for i in 0..3 {
+                        assert!((a[i] - b[i]).abs() < 1e-9 || (a[i].is_nan() && b[i].is_nan()));
+                    }
+                }
+                for k in 0..3 {
+                    for i in 0..read.samples() {
+                        let (a, b) = (
+                            read.command_v(k, i, 0.0),
+                            kept.voltage.at(k, 0.01 * i as f64),
+                        );
+                        assert!((a - b).abs() < 0.051, "{a} {b}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_plan_has_clean_cases_every_effect_pairs_and_unknowns() {
+    let plan = cases::plan(600, 3);
+    assert_eq!(plan.len(), 600);
+    assert_eq!(plan, cases::plan(600, 3));
+    let count = |f: &dyn Fn(&Kind) -> bool| plan.iter().filter(|s| f(&s.kind)).count();
+    assert_eq!(count(&|k| *k == Kind::Clean), 200);
+    for id in cases::effects() {
+        assert!(count(&|k| *k == Kind::Effect(id)) >= 10, "{id}");
+    }
+    for id in cases::unknowns() {
+        assert!(count(&|k| *k == Kind::Unknown(id)) >= 6, "{id}");
+    }
+    assert!(count(&|k| matches!(k, Kind::Pair(a, b) if a != b)) == 60);
+    let mut names: Vec<String> = plan.iter().map(Spec::name).collect();
+    names.sort();
+    names.dedup();
+    assert_eq!(names.len(), 600);
+}
+
+/// Films scatter by a fifth, robots stay in their workspace, noise is that of a capture.
+#[test]
+fn clean_cases_look_like_a_laboratory() {
+    for seed in 0..4 {
+        let case = cases::generate(&spec(Kind::Clean, seed, 0.5)).unwrap();
+        let mu = case.truth.film.mu_Pa[0] / 1.14e6;
+        assert!((0.79..1.22).contains(&mu), "{mu}");
+        assert!((3..=4).contains(&case.train.len()) && case.holdout.len() == 2);
+        for r in case.train.iter().chain(&case.holdout) {
+            let pairs: Vec<f64> = r
+                .parts
+                .measured_m
+                .iter()
+                .zip(&r.clean_m)
+                .filter(|(a, _)| !a[0].is_nan())
+                .map(|(a, b)| a[2] - b[2])
+                .collect();
+            let noise = (pairs.iter().map(|d| d * d).sum::<f64>() / pairs.len() as f64).sqrt();
+            assert!((1.5e-5..6.5e-5).contains(&noise), "{noise}");
+        }
+    }
+}

@@ -107,6 +107,19 @@ const ROOMS: &[Room] = &[
         "a calibration goes from datasets to an outcome that is plain data; reading and showing are other rooms' work",
     ),
     (
+        "diagnosis",
+        May::Only(&[
+            ("film", ANY),
+            ("effects", ANY),
+            ("dataset", ANY),
+            ("model", ANY),
+            ("residual", ANY),
+            ("fit", ANY),
+        ]),
+        NO_FILES,
+        "a diagnosis doubts what a fit found; it judges on datasets and gives plain data",
+    ),
+    (
         "simulate",
         May::Only(&[
             ("units", ANY),
@@ -117,6 +130,20 @@ const ROOMS: &[Room] = &[
         ]),
         NO_FILES,
         "a simulation is the yardstick of the calibration and shares nothing with it but the model",
+    ),
+    (
+        "cases",
+        May::Only(&[
+            ("units", ANY),
+            ("kinematics", ANY),
+            ("film", ANY),
+            ("recording", &["Rig", "RobotRig"]),
+            ("dataset", &["Parts", "Voltage"]),
+            ("model", ANY),
+            ("simulate", ANY),
+        ]),
+        NO_FILES,
+        "what hides an effect shares nothing with what has to find it",
     ),
     (
         "report",

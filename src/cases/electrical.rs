@@ -188,18 +188,18 @@ pub fn amplifier_saturation(draw: &mut Draw) -> Effect {
     out
 }
 
-/// phi' = r tanh((phi_c - phi)/(r 2 ms)), r lower where |phi| falls.
+/// phi' = r tanh((phi_c - phi)/(r 4 ms)), r lower where |phi| falls.
 pub fn slew_limit(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.3);
     let up = 11e3 * (2.6e3_f64 / 11e3).powf(draw.strength);
     let down = up * draw.dice.range(0.55, 1.0);
-    let soft_s = 2e-3;
+    let soft_s = 4e-3;
     let mut out = draw.effect("slew_limit", on);
     out.order = Order::Amplifier;
     out.parameter("rate_up", up);
     out.parameter("rate_down", down);
     out.form("softness_s", soft_s);
-    out.at(json!({"dimension": "voltage_rate", "range": [down, null_max()], "unit": "V/s"}));
+    out.at(json!({"dimension": "voltage_rate", "range": [down, null], "unit": "V/s"}));
     if !draw.off {
         out.always(move || {
             Hook::with_states(
@@ -222,11 +222,6 @@ pub fn slew_limit(draw: &mut Draw) -> Effect {
         });
     }
     out
-}
-
-/// An open upper end.
-fn null_max() -> serde_json::Value {
-    serde_json::Value::Null
 }
 
 /// eps = eps (1 - a x + b x^2), x = lambda_1 lambda_2 - 1:

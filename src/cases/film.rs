@@ -17,7 +17,7 @@ fn gent(a: f64, b: f64, locking: f64) -> [f64; 2] {
 /// The electrode, a Gent layer of its own that is free of stress where it was painted: lambda_1 = 1.5, lambda_2 = 1.5^-1/2.
 pub fn electrode_stiffness(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.4);
-    let modulus = draw.size(1.5e3, 1.3e5);
+    let modulus = draw.size(1.5e3, 9e4);
     let locking = draw.dice.range(5.0, 14.0);
     let painted = [1.5_f64, 1.5_f64.powf(-0.5)];
     let lozenge = draw.lozenge();
@@ -45,7 +45,7 @@ pub fn electrode_stiffness(draw: &mut Draw) -> Effect {
 /// -k (x + c x^3), x = theta_DEA - theta_0.
 pub fn hinge_stiffness(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.4);
-    let k1 = draw.size(0.002, 0.3);
+    let k1 = draw.size(0.002, 0.2);
     let cubic = draw.dice.range(0.0, 13.0);
     let rest = draw.dice.range(122.0, 150.0_f64).to_radians();
     let mut out = draw.effect("hinge_stiffness", on);
@@ -68,7 +68,7 @@ pub fn hinge_stiffness(draw: &mut Draw) -> Effect {
 /// The maximum follows the energy within milliseconds.
 pub fn mullins_softening(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.2);
-    let softening = draw.size(0.015, 0.45);
+    let softening = draw.size(0.04, 0.8);
     let lozenge = draw.lozenge();
     let film = draw.setting.parameters.film.clone();
     let (mu, locking) = (film.mu_pa[0], film.locking);
@@ -82,8 +82,8 @@ pub fn mullins_softening(draw: &mut Draw) -> Effect {
     };
     let rest = draw.setting.rest[0].theta_dea_rad;
     let span = (at(rest - 0.45) - at(rest)).abs();
-    let scale = span * draw.dice.range(0.15, 0.5);
-    let growth = draw.dice.range(0.0, 0.15);
+    let scale = span * draw.dice.range(0.05, 0.3);
+    let growth = draw.dice.range(0.0, 0.08);
     let follow_s = 2e-3;
     let mut out = draw.effect("mullins_softening", on);
     out.parameter("softening", softening);
@@ -206,8 +206,8 @@ pub fn loss_of_tension(draw: &mut Draw) -> Effect {
     let l = lozenge.stretches(draw.setting.rest[0].theta_dea_rad);
     let relaxed = film.mu_pa[0] * gent(l[0] * l[0], l[1] * l[1], film.locking)[1];
     // The part that begins first does so at floor + w.
-    let spread = draw.dice.range(0.15, 0.4);
-    let begins = 0.35 + 0.75 * draw.strength;
+    let spread = draw.dice.range(0.2, 0.5);
+    let begins = 0.97 + 0.2 * draw.strength;
     let floor = begins - spread;
     let mut out = draw.effect("loss_of_tension", on);
     out.parameter("threshold", floor);

@@ -32,8 +32,8 @@ pub fn joint_friction(draw: &mut Draw) -> Effect {
                     for k in 0..3 {
                         let v = s.theta_b_rate_rad_s[k];
                         let g = coulomb + (sticking - coulomb) * (-(v / stribeck).powi(2)).exp();
-                        // |v| rounded within 1e-4 rad/s
-                        let speed = (v * v + 1e-8).sqrt() - 1e-4;
+                        // |v| rounded within 1e-3 rad/s
+                        let speed = (v * v + 1e-6).sqrt() - 1e-3;
                         rates[k] = v - stiffness * speed * z[k] / g;
                         action.torque_b_n_m[k] -= m[k] * (stiffness * z[k] + micro * rates[k]);
                     }

@@ -47,8 +47,8 @@ pub fn backlash(draw: &mut Draw) -> Effect {
 /// A joint that prefers some angles: A sin(n theta_b + p).
 pub fn cogging(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.4);
-    let amplitude = draw.size(2e-5, 1.2e-3);
-    let teeth = draw.dice.range(25.0, 60.0);
+    let amplitude = draw.size(2e-5, 7e-4);
+    let teeth = draw.dice.range(25.0, 45.0);
     let phase = [(); 3].map(|()| draw.dice.range(0.0, std::f64::consts::TAU));
     let mut out = draw.effect("x_cogging", on);
     out.form("amplitude_N_m", amplitude);
@@ -249,19 +249,19 @@ pub fn cable_pull(draw: &mut Draw) -> Effect {
     out
 }
 
-/// The frame rings: a damped oscillator that the end effector's motion shakes and that shakes it back.
-/// b' = p - r v, p' = -omega^2 b - 2 zeta omega b', force -m p' along one direction.
-pub fn frame_resonance(draw: &mut Draw) -> Effect {
-    let ratio = draw.size(0.03, 1.5);
-    let omega = std::f64::consts::TAU * draw.dice.range(1.6, 4.5);
-    let damping = draw.dice.range(0.02, 0.08);
+/// A hose that is hung up elsewhere swings along: a mass on a weak spring, b' = p - v, p' = -omega^2 b - 2 zeta omega b',
+/// force -m_h p' along one direction (b: how far it lags behind).
+pub fn swinging_hose(draw: &mut Draw) -> Effect {
+    let ratio = draw.size(0.6, 8.0);
+    let omega = std::f64::consts::TAU * draw.dice.range(0.8, 2.2);
+    let damping = draw.dice.range(0.01, 0.05);
     let side = draw.dice.sideways();
     let up = draw.dice.range(0.3, 0.9);
     let flat = (1.0 - up * up).sqrt();
     let direction = [flat * side[0], flat * side[1], up];
-    let mass = draw.setting.robot.effector_kg;
-    let mut out = draw.effect("x_frame_resonance", [true; 3]);
-    out.form("coupling", ratio);
+    let mass = ratio * draw.setting.robot.effector_kg;
+    let mut out = draw.effect("x_swinging_hose", [true; 3]);
+    out.form("mass_kg", mass);
     out.form("frequency_Hz", omega / std::f64::consts::TAU);
     out.form("damping_ratio", damping);
     out.form("direction", direction.to_vec());
@@ -269,11 +269,10 @@ pub fn frame_resonance(draw: &mut Draw) -> Effect {
     out.always(move || {
         Hook::with_states(
             2,
-            1e-3,
+            1e-2,
             |_, b| b.fill(0.0),
             move |s, b, action, rates| {
-                let v = dot(direction, s.velocity_m_s);
-                let speed = b[1] - ratio * v;
+                let speed = b[1] - dot(direction, s.velocity_m_s);
                 rates[0] = speed;
                 rates[1] = -omega * omega * b[0] - 2.0 * damping * omega * speed;
                 for i in 0..3 {

@@ -1,87 +1,824 @@
-//! Doubts: is the plain model adequate, where does it fail, and which physics was left out.
+//! Doubts: is the plain model adequate; if not, where it fails, which physics was left out, and how much better the model is with it.
+//!
+//! 1. The plain model is fitted with all of its own parameters free, weighted by what the noise of the capture makes of the residual.
+//! 2. Every effect of the catalogue, on all actuators and on one, is scanned by its fingerprint with everything projected out that a
+//!    refit could absorb (`scan`).
+//! 3. The leading ones are fitted together with film and forearm, at the weights of the best of them, and scored (`judge`).
+//! 4. Pairs are tried where the best single one leaves more than noise.
+//! 5. The verdict: adequate, a named cause, or unexplained; where it lives (`locate`); what could not have been seen.
+//!
+//! Residuals are torques: linear in the squared voltage, without a special case near 0 V.
 
+mod judge;
+mod law;
+mod locate;
+mod outcome;
 mod problem;
 mod scan;
 
+pub use outcome::*;
+
 use rayon::prelude::*;
 
-use crate::dataset::{Dataset, OffsetSource};
-use crate::effects::{Seen, When};
+use crate::dataset::OffsetSource;
+use crate::effects::{Acting, CATALOGUE, Seen, When};
 use crate::model::{ForearmTorque, Robot};
-use crate::residual::{OFFSET_REACH_S, RobotResidual};
-use problem::{BRANCHES, Fitted, Problem, Tangent};
+use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
+use judge::{Judged, NEVER_ADEQUATE, alike, by_chance, unexplained};
+use locate::{Spot, coordinates, locate};
+use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
+use scan::{Group, Scanned, fingerprints, scan};
 
-pub fn experiment(robot: &Robot, train: &[&Dataset], holdout: &[&Dataset], train_when: Vec<When>, holdout_when: Vec<When>) {
-    let t0 = std::time::Instant::now();
-    let forearm = ForearmTorque::zero();
-    let open = |d: &[&'_ Dataset]| RobotResidual::new(robot, unsafe { std::mem::transmute(d) }, BRANCHES, &forearm).unwrap_or_else(|_| panic!("reach"));
-    let residual = open(train);
-    let offsets: Vec<f64> = train.iter().filter(|d| d.offset_source == OffsetSource::Free).map(|d| d.offset_s).collect();
-    let (nonlinear, linear) = problem::unknowns(&offsets, 7, OFFSET_REACH_S);
-    let mut p = Problem { train: residual, holdout: (!holdout.is_empty()).then(|| open(holdout)), train_when, holdout_when, nonlinear, linear };
-    let eta: Vec<f64> = p.nonlinear.iter().map(|u| u.start).collect();
-    let beta: Vec<f64> = p.linear.iter().map(|u| u.start).collect();
-    eprintln!("open {:?}", t0.elapsed());
-    p.train.keep_drawn(6);
-    if let Some(h) = &mut p.holdout { h.keep_drawn(6); }
-    eprintln!("drawn {:?}", t0.elapsed());
-    let mut plain = p.fit(&[], &eta, &beta, 40);
-    eprintln!("fit0 {:?} ev {} cost {:.1}", t0.elapsed(), plain.state.evaluations, plain.cost());
-    for _ in 0..2 {
-        p.weigh(&plain).unwrap();
-        eprintln!("weigh {:?}", t0.elapsed());
-        plain = p.fit(&[], &plain.state.eta.clone(), &plain.state.beta.clone(), 60);
-        eprintln!("fit {:?} ev {} cost/N {:.3} N {}", t0.elapsed(), plain.state.evaluations, plain.cost() / plain.state.rows as f64, plain.state.rows);
+/// Tracks that are drawn to see what the capture's noise does.
+const DRAWN: usize = 6;
+/// Hypotheses that are fitted in full, and of one effect at most.
+const FITTED: usize = 10;
+const OF_ONE: usize = 2;
+/// Evaluations of a first fit with an effect, and of a polished one.
+const FIRST: usize = 12;
+const POLISH: usize = 25;
+/// Leading effects that are fitted again at the leader's weights.
+const LEADING: usize = 6;
+/// Mean square above which a partner of the best single effect is looked for.
+const PAIR_ABOVE: f64 = 1.15;
+/// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
+/// their face value.
+const TEMPERATURE: f64 = 12.0;
+
+/// Diagnoses `robot` on the recordings `train`, judged also on `holdout`. `watch` is told what is being done.
+///
+/// # Errors
+/// [`Error`].
+pub fn diagnose(
+    robot: &Robot,
+    train: &[Entry],
+    holdout: &[Entry],
+    request: &Request,
+    watch: &(dyn Fn(&str) + Sync),
+) -> Result<Diagnosis, Error> {
+    let mut remarks = Vec::new();
+    let (mut problem, seen) = open(robot, train, holdout, &mut remarks)?;
+    let wanted = |id: &str| request.only.is_empty() || request.only.iter().any(|o| o == id);
+    watch("fitting the plain model");
+    let mut plain = baseline(&mut problem)?;
+    watch("scanning the catalogue");
+    let tangent = Tangent::new(&problem, &plain)?;
+    let groups = fingerprints(&problem, &plain, &seen, &wanted);
+    let scanned = scan(&problem, &plain, &tangent, &groups, &wanted)?;
+    drop(tangent);
+    watch("fitting the leading effects");
+    let chosen = choose(&scanned, FITTED);
+    let mut fits = refit(&problem, &plain, &chosen, &[]);
+    if let Some(leader) = fits.first().filter(|f| f.cost() < 0.8 * plain.cost()) {
+        // The noise gain depends on the film, and the plain refit of a wrong model runs to an extreme one.
+        problem.weigh(leader)?;
+        let again = problem.fit(&[], &plain.state.eta, &plain.state.beta, POLISH);
+        let nominal = problem.nominal(&[], POLISH);
+        plain = if again.cost() < nominal.cost() { again } else { nominal };
+        let mut seen_ids: Vec<(&str, [bool; 3])> = Vec::new();
+        let leading: Vec<&Fitted> = fits
+            .iter()
+            .filter(|f| {
+                let key = (f.effects[0].effect.id(), f.effects[0].on);
+                let new = !seen_ids.contains(&key) && seen_ids.len() < LEADING;
+                if new {
+                    seen_ids.push(key);
+                }
+                new
+            })
+            .collect();
+        fits = leading
+            .into_par_iter()
+            .map(|f| polish(&problem, f))
+            .collect();
     }
-    eprintln!("T {:?} J {:.1} mu {:?}", plain.state.eta[..6].iter().map(|x| (x.exp() * 1e3).round() / 1e3).collect::<Vec<_>>(), 1.0 / plain.state.eta[6], plain.state.beta[..7].iter().map(|x| (x / 1e3).round()).collect::<Vec<_>>());
-    let tangent = Tangent::new(&p, &plain).unwrap();
-    let mut seen = Seen { voltage_v: 0.0, rate_v_s: 0.0, theta_b_rad: [9.0, -9.0], theta_dea_rad: [9.0, -9.0] };
-    for (n, d) in train.iter().enumerate() {
-        let m = p.train.mechanics(n);
+    let plain = Judged::new(&problem, plain);
+    let mut singles: Vec<Judged> = fits
+        .into_par_iter()
+        .map(|f| Judged::new(&problem, f))
+        .collect();
+    singles.sort_by(|a, b| a.score.total_cmp(&b.score));
+    let rows = plain.fitted.state.rows;
+    let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
+    let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
+    let allowed = by_chance(rows) * allowance(request.false_alarm_rate);
+    let adequate = largest_drop < allowed && plain.mean_square < NEVER_ADEQUATE;
+    // Pairs
+    let mut pair: Option<Judged> = None;
+    let mut partners: Vec<Judged> = Vec::new();
+    if let (false, Some(first)) = (adequate, singles.first())
+        && first.mean_square > PAIR_ABOVE
+    {
+        watch("looking for a second effect");
+        let second = singles
+            .get(1)
+            .filter(|s| s.excess() < 4.0 * first.excess() && s.mean_square > PAIR_ABOVE);
+        let mut both: Vec<Judged> = Vec::new();
+        for base in std::iter::once(first).chain(second) {
+            both.extend(with_partner(&problem, base, &groups, &wanted)?);
+        }
+        both.sort_by(|a, b| a.score.total_cmp(&b.score));
+        if let Some(best) = both.first() {
+            let gained = first.fitted.cost() - best.fitted.cost();
+            let better = gained > 150.0_f64.max(allowed)
+                && best.excess() * 1.35 < first.excess()
+                && !(best.holdout > first.holdout);
+            if better {
+                pair = Some(best.clone());
+            }
+        }
+        partners = both;
+    }
+    let best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
+    let verdict = if adequate || singles.is_empty() {
+        Verdict::Adequate
+    } else if unexplained(&plain, &best) {
+        Verdict::Unexplained
+    } else {
+        Verdict::MissingPhysics
+    };
+    watch("judging");
+    let in_model = verdict == Verdict::MissingPhysics;
+    let augmented = if in_model { &best } else { &plain };
+    let candidates = candidates(&problem, &plain, &singles, pair.as_ref(), &partners, verdict);
+    let groups_alike = if in_model {
+        (0..best.fitted.effects.len())
+            .filter_map(|own| {
+                let mut ids = alike(&problem, &best.fitted, own, &groups);
+                ids.insert(0, best.fitted.effects[own].effect.id());
+                (ids.len() > 1).then_some(ids)
+            })
+            .collect()
+    } else {
+        Vec::new()
+    };
+    let spots = spots(&problem, train, &plain.fitted, &augmented.fitted)?;
+    let named: &[Acting] = if in_model { &best.fitted.effects } else { &[] };
+    let places = locate(&spots, train, named);
+    let law = (verdict == Verdict::Unexplained)
+        .then(|| law::law(&problem, train, &best.fitted))
+        .transpose()?;
+    let hidden = hidden(&scanned, allowed);
+    let (train_gain, mut traces) = gain(
+        &problem.train,
+        &problem.train_when,
+        &plain.fitted,
+        &augmented.fitted,
+        false,
+        |f| Some(f.state.eta[..problem.nonlinear.len()].to_vec()),
+    )?;
+    let mut holdout_gain = None;
+    if let Some(h) = &problem.holdout {
+        let (g, t) = gain(
+            h,
+            &problem.holdout_when,
+            &plain.fitted,
+            &augmented.fitted,
+            true,
+            |f| problem.holdout_eta(f),
+        )?;
+        holdout_gain = Some(g);
+        traces.extend(t);
+    } else {
+        remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
+    }
+    let confidence = confidence(verdict, largest_drop, allowed, &plain, &best, &candidates);
+    let next_experiment = next_experiment(verdict, &groups_alike, &candidates);
+    let says = says(verdict, &candidates, &train_gain, holdout_gain.as_ref(), &places);
+    let model = |j: &Judged| problem.train.parameters(&j.fitted.state.eta, &j.fitted.state.beta);
+    Ok(Diagnosis {
+        verdict,
+        confidence,
+        places,
+        candidates,
+        groups: groups_alike,
+        next_experiment,
+        hidden,
+        train: train_gain,
+        holdout: holdout_gain,
+        plain: rising(model(&plain)),
+        parameters: rising(model(augmented)),
+        eps_r: robot.eps_r,
+        plain_mean_square: plain.mean_square,
+        plain_holdout_mean_square: plain.holdout,
+        law,
+        traces,
+        remarks,
+        says,
+    })
+}
+
+/// How much more than chance a drop must be for the asked rate of false alarms; 1 at 2 %.
+fn allowance(rate: f64) -> f64 {
+    // Drops on clean recordings fall off about exponentially, by a factor of e every quarter of the limit.
+    (1.0 + 0.25 * (0.02 / rate.clamp(1e-6, 0.5)).ln()).max(0.3)
+}
+
+/// Relaxation times in rising order, their moduli with them.
+fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
+    let mut pairs: Vec<(f64, f64)> = p
+        .film
+        .relaxation_time_s
+        .iter()
+        .copied()
+        .zip(p.film.mu_pa[1..].iter().copied())
+        .collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (i, (t, mu)) in pairs.into_iter().enumerate() {
+        p.film.relaxation_time_s[i] = t;
+        p.film.mu_pa[i + 1] = mu;
+    }
+    p
+}
+
+fn open<'a>(
+    robot: &'a Robot,
+    train: &[Entry<'a>],
+    holdout: &[Entry<'a>],
+    remarks: &mut Vec<String>,
+) -> Result<(Problem<'a>, Seen), Error> {
+    if train.is_empty() {
+        return Err(Error::Nothing);
+    }
+    let forearm = ForearmTorque::zero();
+    let residual = |entries: &[Entry<'a>]| {
+        let list: Vec<&'a crate::dataset::Dataset> = entries.iter().map(|e| e.dataset).collect();
+        let mut r = RobotResidual::new(robot, &list, BRANCHES, &forearm).map_err(
+            |(number, sample, why)| Error::Unreachable {
+                recording: list[number].id.clone(),
+                time_s: list[number].time_s(sample),
+                why: why.to_string(),
+            },
+        )?;
+        r.keep_drawn(DRAWN);
+        Ok::<_, Error>(r)
+    };
+    let own = residual(train)?;
+    let mut seen = Seen {
+        voltage_v: 0.0,
+        rate_v_s: 0.0,
+        theta_b_rad: [f64::INFINITY, f64::NEG_INFINITY],
+        theta_dea_rad: [f64::INFINITY, f64::NEG_INFINITY],
+    };
+    for (number, e) in train.iter().enumerate() {
+        let (d, m) = (e.dataset, own.mechanics(number));
+        let mut span = 0.0_f64;
         for k in 0..3 {
+            let first = d.command_v(k, 0, d.offset_s);
+            let mut before = first;
             for i in 1..d.samples() {
-                let (a, b) = (d.command_v(k, i - 1, d.offset_s), d.command_v(k, i, d.offset_s));
-                seen.voltage_v = seen.voltage_v.max(b.abs());
-                seen.rate_v_s = seen.rate_v_s.max((b - a).abs() / d.step_s);
-                let t = m.chains[k].theta_b[i][0];
-                seen.theta_b_rad = [seen.theta_b_rad[0].min(t), seen.theta_b_rad[1].max(t)];
-                let t = m.chains[k].theta_dea_rad[i];
-                seen.theta_dea_rad = [seen.theta_dea_rad[0].min(t), seen.theta_dea_rad[1].max(t)];
+                let v = d.command_v(k, i, d.offset_s);
+                span = span.max((v - first).abs());
+                seen.voltage_v = seen.voltage_v.max(v.abs());
+                seen.rate_v_s = seen.rate_v_s.max((v - before).abs() / d.step_s);
+                before = v;
+            }
+            for i in (0..d.samples()).filter(|&i| d.usable[i]) {
+                let widen = |r: &mut [f64; 2], x: f64| *r = [r[0].min(x), r[1].max(x)];
+                widen(&mut seen.theta_b_rad, m.chains[k].theta_b[i][0]);
+                widen(&mut seen.theta_dea_rad, m.chains[k].theta_dea_rad[i]);
+            }
+        }
+        if span < 50.0 {
+            remarks.push(format!(
+                "{}: the voltages hardly change ({span:.0} V): it says next to nothing of the film or of any effect that depends on the drive.",
+                d.id
+            ));
+        }
+    }
+    if remarks.len() == train.len() {
+        let what = "no recording changes its voltages by more than 50 V: nothing moves, so nothing can be judged; record a sine, steps or a multisine";
+        return Err(Error::NothingExcited(what.into()));
+    }
+    if train.len() == 1 {
+        remarks.push("One recording only: effects that need a series (drift, creep, changes between recordings, payloads) can hardly be judged.".into());
+    }
+    let offsets: Vec<f64> = train
+        .iter()
+        .filter(|e| e.dataset.offset_source == OffsetSource::Free)
+        .map(|e| e.dataset.offset_s)
+        .collect();
+    if !offsets.is_empty() {
+        remarks.push("A clock offset is left to be estimated: it is free in every model, so a wrong clock cannot be named and a lag of the voltage is harder to see.".into());
+    }
+    let (nonlinear, linear) =
+        problem::unknowns(&offsets, forearm.nodes_rad().len(), OFFSET_REACH_S);
+    let when = |entries: &[Entry]| entries.iter().map(|e| e.when).collect::<Vec<When>>();
+    let problem = Problem {
+        train: own,
+        holdout: (!holdout.is_empty()).then(|| residual(holdout)).transpose()?,
+        train_when: when(train),
+        holdout_when: when(holdout),
+        nonlinear,
+        linear,
+    };
+    Ok((problem, seen))
+}
+
+/// The plain model: from the nominal film and from where equal weights lead.
+fn baseline(problem: &mut Problem) -> Result<Fitted, Error> {
+    let rough = problem.nominal(&[], 25);
+    if !rough.cost().is_finite() {
+        return Err(Error::Baseline(rough.state.failure.unwrap_or_default()));
+    }
+    problem.weigh(&rough)?;
+    let (a, b) = rayon::join(
+        || problem.fit(&[], &rough.state.eta, &rough.state.beta, 40),
+        || problem.nominal(&[], 40),
+    );
+    Ok(if a.cost() < b.cost() { a } else { b })
+}
+
+/// The most promising hypotheses, not too many of one effect.
+fn choose(scanned: &[Scanned], count: usize) -> Vec<&Scanned> {
+    let mut out: Vec<&Scanned> = Vec::new();
+    for s in scanned {
+        let same = |c: &&&Scanned| c.acting.effect.id() == s.acting.effect.id();
+        let of = out.iter().filter(same).count();
+        let known = out
+            .iter()
+            .any(|c| c.acting.effect.id() == s.acting.effect.id() && c.acting.on == s.acting.on);
+        if out.len() < count && of < OF_ONE && !(known && of > 0 && s.promised < 0.5 * out[0].promised) {
+            out.push(s);
+        }
+    }
+    out
+}
+
+/// Fits the hypotheses, each beside the effects that are there already, best first.
+fn refit(
+    problem: &Problem,
+    base: &Fitted,
+    chosen: &[&Scanned],
+    beside: &[Acting],
+) -> Vec<Fitted> {
+    let plain = problem.nonlinear.len();
+    let mut fits: Vec<Fitted> = chosen
+        .par_iter()
+        .map(|s| {
+            let mut effects = beside.to_vec();
+            effects.push(s.acting.clone());
+            let warm = problem.fit(&effects, &base.state.eta[..plain], &base.state.beta, FIRST);
+            if warm.cost() > base.cost() - 0.5 * s.promised {
+                // Worse than promised: the plain film may have run to its bounds.
+                let cold = problem.nominal(&effects, FIRST);
+                if cold.cost() < warm.cost() {
+                    return cold;
+                }
+            }
+            warm
+        })
+        .filter(|f: &Fitted| f.cost().is_finite())
+        .collect();
+    fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+    fits
+}
+
+/// A fit carried on to its end, thresholds also from either side.
+fn polish(problem: &Problem, fitted: &Fitted) -> Fitted {
+    let plain = problem.nonlinear.len();
+    let mut starts = vec![fitted.effects.clone()];
+    for (e, a) in fitted.effects.iter().enumerate() {
+        for (v, q) in a.effect.parameters().iter().enumerate() {
+            let threshold = q.size && (q.off.is_infinite() || q.name == "threshold");
+            if threshold && q.name != "rate_down" {
+                for factor in [0.87, 1.13] {
+                    let mut other = fitted.effects.clone();
+                    let near = other[e].values[v];
+                    other[e].values[v] = if q.name == "theta_stop" {
+                        near + 0.1 * (factor - 1.0)
+                    } else {
+                        (near * factor).clamp(q.lower, q.upper)
+                    };
+                    starts.push(other);
+                }
             }
         }
     }
-    let all = scan::scan(&p, &plain, &tangent, &seen).unwrap();
-    eprintln!("scan {:?} {} hypotheses", t0.elapsed(), all.len());
-    for s in all.iter().take(8) {
-        eprintln!("   {:10.1} hid {:.4} {:?}", s.promised, s.hidden_share, s.acting);
-    }
-    // refit
-    let mut chosen: Vec<&scan::Scanned> = Vec::new();
-    for s in &all {
-        let of = chosen.iter().filter(|c| c.acting.effect.id() == s.acting.effect.id()).count();
-        if of < 2 && chosen.len() < 10 {
-            chosen.push(s);
+    starts
+        .into_iter()
+        .map(|s| problem.fit(&s, &fitted.state.eta[..plain], &fitted.state.beta, POLISH))
+        .filter(|f| f.cost().is_finite())
+        .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+        .unwrap_or_else(|| fitted.clone())
+}
+
+/// The best partners of an effect.
+fn with_partner(
+    problem: &Problem,
+    first: &Judged,
+    groups: &[Group],
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Vec<Judged>, Error> {
+    let tangent = Tangent::new(problem, &first.fitted)?;
+    let own = &first.fitted.effects[0];
+    let scanned: Vec<Scanned> = scan(problem, &first.fitted, &tangent, groups, wanted)?
+        .into_iter()
+        .filter(|s| s.acting.effect.id() != own.effect.id())
+        .collect();
+    let count = if first.mean_square > 3.0 { 6 } else { 3 };
+    let chosen: Vec<&Scanned> = choose(&scanned, count);
+    let fits = refit(problem, &first.fitted, &chosen, &first.fitted.effects);
+    Ok(fits
+        .into_iter()
+        .take(2)
+        .map(|f| Judged::new(problem, polish(problem, &f)))
+        .collect())
+}
+
+fn candidates(
+    problem: &Problem,
+    plain: &Judged,
+    singles: &[Judged],
+    pair: Option<&Judged>,
+    partners: &[Judged],
+    verdict: Verdict,
+) -> Vec<Candidate> {
+    let mut out: Vec<Candidate> = Vec::new();
+    let in_model = verdict == Verdict::MissingPhysics;
+    let mut add = |judged: &Judged, own: usize, probability: f64, in_model: bool| {
+        let acting = &judged.fitted.effects[own];
+        if out.iter().any(|c| c.acting.effect.id() == acting.effect.id()) {
+            return;
+        }
+        let errors = value_errors(problem, &judged.fitted)
+            .unwrap_or_else(|_| vec![f64::NAN; judged.fitted.free.len()]);
+        let values = values(problem, &judged.fitted, own, &errors);
+        let says = format!(
+            "{}{}; the weighted mean square falls from {:.2} to {:.2}",
+            acting.effect.says(),
+            if acting.on == [true; 3] {
+                String::new()
+            } else {
+                format!(" (actuator {})", 1 + acting.on.iter().position(|o| *o).unwrap_or(0))
+            },
+            plain.mean_square,
+            judged.mean_square
+        );
+        out.push(Candidate {
+            acting: acting.clone(),
+            probability,
+            delta_bic: judged.score - plain.score,
+            mean_square: judged.mean_square,
+            holdout_mean_square: judged.holdout,
+            in_model,
+            values,
+            says,
+        });
+    };
+    let best = pair.or(singles.first());
+    let Some(best) = best else {
+        return out;
+    };
+    // Odds among rivals; each effect by its best variant.
+    let known = match verdict {
+        Verdict::MissingPhysics => 1.0,
+        Verdict::Adequate => 0.05,
+        Verdict::Unexplained => 0.25,
+    };
+    if let Some(pair) = pair {
+        for own in 0..pair.fitted.effects.len() {
+            // How sure each member is: against the best model that lacks it.
+            let id = pair.fitted.effects[own].effect.id();
+            let without = singles
+                .iter()
+                .chain(partners)
+                .filter(|j| j.fitted.effects.iter().all(|a| a.effect.id() != id))
+                .map(|j| j.score)
+                .fold(f64::INFINITY, f64::min);
+            let odds = ((without - pair.score) / (2.0 * TEMPERATURE)).clamp(-50.0, 50.0).exp();
+            add(pair, own, known * odds / (1.0 + odds), in_model);
         }
     }
-    let n = plain.state.rows as f64;
-    let mut fits: Vec<(Fitted, f64)> = chosen
-        .par_iter()
-        .map(|s| {
-            let t = std::time::Instant::now();
-            let warm = p.fit(&[s.acting.clone()], &plain.state.eta, &plain.state.beta, 15);
-            let f = if warm.cost() > plain.cost() - 0.5 * s.promised {
-                let cold = p.fit(&[s.acting.clone()], &eta, &beta, 15);
-                if warm.cost() < cold.cost() { warm } else { cold }
-            } else { warm };
-            (f, t.elapsed().as_secs_f64())
+    let mut by_effect: Vec<(usize, f64)> = Vec::new();
+    for (i, j) in singles.iter().enumerate() {
+        let id = j.fitted.effects[0].effect.id();
+        if !by_effect
+            .iter()
+            .any(|(k, _)| singles[*k].fitted.effects[0].effect.id() == id)
+        {
+            by_effect.push((i, (-(j.score - best.score) / (2.0 * TEMPERATURE)).exp()));
+        }
+    }
+    let sum: f64 = by_effect.iter().map(|b| b.1).sum();
+    for (place, (i, weight)) in by_effect.iter().enumerate() {
+        let probability = known * weight / if pair.is_some() { sum.max(1.0) + 1.0 } else { sum };
+        add(&singles[*i], 0, probability, in_model && pair.is_none() && place == 0);
+    }
+    // What almost joined as a second one comes after the first.
+    if let (None, Some(almost)) = (pair, partners.first())
+        && almost.fitted.effects.len() > 1
+    {
+        add(almost, 1, 0.02 * known, false);
+    }
+    out
+}
+
+fn values(problem: &Problem, fitted: &Fitted, own: usize, errors: &[f64]) -> Vec<Value> {
+    let acting = &fitted.effects[own];
+    let name_of = |number: f64| {
+        problem
+            .train_when
+            .iter()
+            .zip(problem.train.datasets())
+            .find(|(w, _)| w.recording as f64 == number)
+            .map(|(_, d)| d.id.clone())
+    };
+    acting
+        .effect
+        .parameters()
+        .iter()
+        .enumerate()
+        .map(|(v, q)| {
+            let value = acting.values[v];
+            let std_error = fitted
+                .free
+                .iter()
+                .position(|f| *f == (own, v))
+                .map_or(f64::NAN, |i| errors[i]);
+            let word = match q.name {
+                "recording" => name_of(value),
+                _ if v == 0 => acting
+                    .effect
+                    .variants()
+                    .get(value as usize)
+                    .map(|w| w.to_string()),
+                _ => None,
+            };
+            Value {
+                name: q.name,
+                unit: q.unit,
+                value,
+                word,
+                std_error,
+                ci95: [value - 1.96 * std_error, value + 1.96 * std_error],
+                at_bound: std_error.is_nan() && (value <= q.lower || value >= q.upper),
+            }
         })
-        .collect();
-    fits.sort_by(|a, b| a.0.cost().total_cmp(&b.0.cost()));
-    eprintln!("refits {:?}", t0.elapsed());
-    let h0 = p.held_out(&plain);
-    eprintln!("   plain chi2/N {:.3} hold {:?}", plain.cost() / n, h0.map(|h| h.0 / h.1 as f64));
-    for (f, t) in fits.iter().take(8) {
-        let h = p.held_out(f);
-        eprintln!("   {:.3} hold {:.3} ev {} {:.2}s {:?}", f.cost() / n, h.map_or(f64::NAN, |h| h.0 / h.1 as f64), f.state.evaluations, t, f.effects);
+        .collect()
+}
+
+/// Torque error of the plain and the augmented model at every kept sample, in standard deviations of its own noise.
+fn spots(
+    problem: &Problem,
+    train: &[Entry],
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<Vec<Spot>, Error> {
+    let of = |f: &Fitted| -> Result<Vec<f64>, Error> {
+        let residual = problem.residual(f);
+        let design = residual.design(&f.state.eta, &f.state.beta)?;
+        Ok(design.column(design.ncols() - 1).iter().copied().collect())
+    };
+    let (a, b) = rayon::join(|| of(before), || of(after));
+    let (a, b) = (a?, b?);
+    let same = after.effects.is_empty();
+    let mut out = Vec::with_capacity(a.len());
+    let mut row = 0;
+    for (number, entry) in train.iter().enumerate() {
+        let kept = problem.train.kept(number);
+        let places = coordinates(entry, problem.train.mechanics(number), kept);
+        for (at, w) in places.iter().zip(problem.train.whitening(number)) {
+            let before = unwhiten(w, &a[row..row + 3]);
+            let after = unwhiten(w, &b[row..row + 3]);
+            for k in 0..3 {
+                out.push(Spot {
+                    recording: number,
+                    actuator: k,
+                    before: before[k],
+                    after: if same { 1.0 } else { after[k] },
+                    at: at[k],
+                });
+            }
+            row += 3;
+        }
+    }
+    Ok(out)
+}
+
+/// Squares of the torque errors over their own standard deviations, from whitened ones.
+fn unwhiten(w: &[f64; 6], e: &[f64]) -> [f64; 3] {
+    // e = W r with W lower triangular; L = W^-1 has the covariance L L'.
+    let l00 = 1.0 / w[0];
+    let l11 = 1.0 / w[2];
+    let l22 = 1.0 / w[5];
+    let l10 = -w[1] * l00 * l11;
+    let l21 = -w[4] * l11 * l22;
+    let l20 = -(w[3] * l00 + w[4] * l10) * l22;
+    let r = [
+        l00 * e[0],
+        l10 * e[0] + l11 * e[1],
+        l20 * e[0] + l21 * e[1] + l22 * e[2],
+    ];
+    let v = [
+        l00 * l00,
+        l10 * l10 + l11 * l11,
+        l20 * l20 + l21 * l21 + l22 * l22,
+    ];
+    [0, 1, 2].map(|k| r[k] * r[k] / v[k])
+}
+
+/// Errors in volts before and after, and the traces that show them.
+fn gain(
+    residual: &RobotResidual,
+    when: &[When],
+    before: &Fitted,
+    after: &Fitted,
+    held_out: bool,
+    plain_eta: impl Fn(&Fitted) -> Option<Vec<f64>>,
+) -> Result<(Gain, Vec<Traces>), Error> {
+    let eta = [before, after].map(|f| plain_eta(f).unwrap_or_default());
+    let models = [before, after]
+        .map(|f| residual.with_effects(f.effects.clone(), Vec::new(), when));
+    let fits = [before, after];
+    let mut sums = [[0.0; 2]; 3]; // before, after, floor: above 1 kV, all
+    let mut counts = [0.0; 2];
+    let mut traces = Vec::new();
+    for (number, d) in residual.datasets().enumerate() {
+        let errors = [0, 1].map(|i| models[i].voltage_error(number, &eta[i], &fits[i].state.beta));
+        let [a, b] = errors;
+        let (a, b) = (a?, b?);
+        let n = d.samples();
+        let mut trace = Traces {
+            id: d.id.clone(),
+            held_out,
+            time_s: (0..n).map(|i| d.time_s(i)).collect(),
+            command_v: a.command_v.clone(),
+            before_v: vec![[f64::NAN; 3]; n],
+            after_v: vec![[f64::NAN; 3]; n],
+            torque_before: kept_torque(&models[0], number, &eta[0], &fits[0].state.beta)?,
+            torque_after: kept_torque(&models[1], number, &eta[1], &fits[1].state.beta)?,
+            height_mm: d.axes[2].position.iter().map(|z| z * 1e3).collect(),
+        };
+        for i in 0..n {
+            for k in 0..3 {
+                if !(a.counts[i] && b.counts[i]) {
+                    continue;
+                }
+                let e = [&a, &b].map(|e| {
+                    let needed = root_v(e.predicted_squared_v2[i][k]);
+                    needed - e.command_v[i][k].abs()
+                });
+                trace.before_v[i][k] = e[0];
+                trace.after_v[i][k] = e[1];
+                let told = a.command_v[i][k].abs() > 1000.0;
+                let squares = [e[0] * e[0], e[1] * e[1], b.sd_v[i][k].powi(2)];
+                for (sum, square) in sums.iter_mut().zip(squares) {
+                    sum[1] += square;
+                    if told {
+                        sum[0] += square;
+                    }
+                }
+                counts[1] += 1.0;
+                counts[0] += f64::from(told);
+            }
+        }
+        traces.push(trace);
+    }
+    let rms = |i: usize, j: usize| (sums[i][j] / f64::max(counts[j], 1.0)).sqrt();
+    Ok((
+        Gain {
+            before_v: rms(0, 0),
+            after_v: rms(1, 0),
+            noise_floor_v: rms(2, 0),
+            all_v: [rms(0, 1), rms(1, 1), rms(2, 1)],
+        },
+        traces,
+    ))
+}
+
+/// Filtered torque error at the kept samples: time, three chains, N m.
+fn kept_torque(
+    residual: &RobotResidual,
+    number: usize,
+    eta: &[f64],
+    beta: &[f64],
+) -> Result<Vec<[f64; 4]>, Error> {
+    let d = residual.datasets().nth(number).expect("its own recording");
+    let torque = residual.filtered_torque_error(number, eta, beta)?;
+    Ok(residual
+        .kept(number)
+        .iter()
+        .zip(torque)
+        .map(|(&c, t)| [d.time_s(c), t[0], t[1], t[2]])
+        .collect())
+}
+
+/// The smallest size of each effect that would have been found.
+fn hidden(scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
+    let mut out: Vec<Hidden> = Vec::new();
+    for effect in CATALOGUE {
+        let best = scanned
+            .iter()
+            .filter(|s| s.acting.effect.id() == effect.id() && s.strength.0 > 0.0)
+            .max_by(|a, b| (a.strength.0 / a.strength.1.powi(2)).total_cmp(&(b.strength.0 / b.strength.1.powi(2))));
+        let Some(s) = best else { continue };
+        let Some(q) = effect.parameters().iter().find(|q| q.size && q.off.is_finite()) else {
+            continue;
+        };
+        out.push(Hidden {
+            effect: effect.id(),
+            hidden_share: s.hidden_share,
+            smallest_detectable: (allowed / s.strength.0).sqrt() * s.strength.1 * q.spread,
+            name: q.name,
+            unit: q.unit,
+        });
+    }
+    out.sort_by(|a, b| b.hidden_share.total_cmp(&a.hidden_share));
+    out
+}
+
+fn confidence(
+    verdict: Verdict,
+    drop: f64,
+    allowed: f64,
+    plain: &Judged,
+    best: &Judged,
+    candidates: &[Candidate],
+) -> f64 {
+    let odds = |x: f64| 1.0 / (1.0 + (-x).exp());
+    match verdict {
+        Verdict::Adequate => odds(6.0 * (allowed / drop.max(1.0)).ln() + 1.0),
+        Verdict::MissingPhysics => {
+            candidates.first().map_or(0.5, |c| c.probability)
+                * odds(6.0 * (drop / allowed).ln() + 1.0)
+        }
+        Verdict::Unexplained => {
+            let left = best.excess() / plain.excess().max(1e-9);
+            odds(3.0 * (best.mean_square.max(1.0) / 4.0).ln() + 2.0 * (left / 0.05).ln().min(2.0))
+        }
+    }
+}
+
+fn next_experiment(verdict: Verdict, groups: &[Vec<&'static str>], candidates: &[Candidate]) -> String {
+    let by = |id: &str| {
+        crate::effects::by_id(id).map_or(String::new(), |e| e.brought_out_by().to_string())
+    };
+    match (verdict, groups.first()) {
+        (Verdict::MissingPhysics, Some(g)) => format!(
+            "To tell {} from {}: {}; and {}.",
+            g[0].replace('_', " "),
+            g[1].replace('_', " "),
+            by(g[0]),
+            by(g[1])
+        ),
+        (Verdict::MissingPhysics, None) => format!(
+            "To confirm {}: {}.",
+            candidates
+                .first()
+                .map_or(String::new(), |c| c.acting.effect.id().replace('_', " ")),
+            candidates
+                .first()
+                .map_or(String::new(), |c| c.acting.effect.brought_out_by().to_string())
+        ),
+        (Verdict::Unexplained, _) => {
+            "The same drive again, then one actuator at a time, with and without a known payload: what repeats with voltage, pose, direction or time says what it depends on.".into()
+        }
+        (Verdict::Adequate, _) => {
+            "To see what could hide here: three rates, holds, a staircase with repeats, a known payload on and off, and poses off the axis.".into()
+        }
+    }
+}
+
+fn says(
+    verdict: Verdict,
+    candidates: &[Candidate],
+    train: &Gain,
+    holdout: Option<&Gain>,
+    places: &[Place],
+) -> String {
+    let on_new = holdout.map_or(String::new(), |h| {
+        format!(
+            " On recordings that were not fitted it goes from {:.1} V to {:.1} V (noise: {:.1} V).",
+            h.before_v, h.after_v, h.noise_floor_v
+        )
+    });
+    match verdict {
+        Verdict::Adequate => format!(
+            "The plain model suffices: what it leaves, {:.1} V above 1 kV, is what noise leaves, and no effect of the catalogue takes away more than chance would.",
+            train.before_v
+        ),
+        Verdict::MissingPhysics => {
+            let named: Vec<String> = candidates
+                .iter()
+                .filter(|c| c.in_model)
+                .map(|c| format!("{} ({})", c.acting.effect.id(), c.acting.effect.says()))
+                .collect();
+            format!(
+                "Left out: {}. With it the error above 1 kV goes from {:.1} V to {:.1} V; noise alone makes {:.1} V.{on_new}",
+                named.join("; "),
+                train.before_v,
+                train.after_v,
+                train.noise_floor_v
+            )
+        }
+        Verdict::Unexplained => format!(
+            "Model and recordings differ by more than noise ({:.1} V above 1 kV against {:.1} V), and no effect of the catalogue accounts for it.{}",
+            train.before_v,
+            train.noise_floor_v,
+            places
+                .first()
+                .map_or(String::new(), |p| format!(" It lives here: {}.", p.says))
+        ),
     }
 }

@@ -226,3 +226,21 @@ pub struct Entry<'a> {
     /// When it was made.
     pub when: crate::effects::When,
 }
+
+/// What a diagnosis is asked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// Share of adequate models that may be called inadequate.
+    pub false_alarm_rate: f64,
+    /// Ids of the effects that are considered; all when empty.
+    pub only: Vec<String>,
+}
+
+impl Default for Request {
+    fn default() -> Self {
+        Request {
+            false_alarm_rate: 0.02,
+            only: Vec::new(),
+        }
+    }
+}

@@ -204,13 +204,27 @@ impl Problem<'_> {
         }
     }
 
+    /// Fits the plain model with `effects` from the nominal film.
+    pub fn nominal(&self, effects: &[Acting], evaluations: usize) -> Fitted {
+        let start = |list: &[Unknown]| list.iter().map(|u| u.start).collect::<Vec<f64>>();
+        self.fit(effects, &start(&self.nonlinear), &start(&self.linear), evaluations)
+    }
+
+    /// The plain unknowns of the held-out recordings: the fitted film, clock offsets as far as they are known.
+    pub fn holdout_eta(&self, fitted: &Fitted) -> Option<Vec<f64>> {
+        let holdout = self.holdout.as_ref()?;
+        let mut eta = fitted.state.eta[..BRANCHES + 1].to_vec();
+        let layout = holdout.layout();
+        let datasets: Vec<_> = holdout.datasets().collect();
+        eta.extend(layout.free_offsets.iter().map(|&r| datasets[r].offset_s));
+        Some(eta)
+    }
+
     /// Sum of squares of the held-out recordings under a fitted model, and their number of residuals.
     pub fn held_out(&self, fitted: &Fitted) -> Option<(f64, usize)> {
         let holdout = self.holdout.as_ref()?;
         let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
-        let plain = BRANCHES + 1;
-        let mut eta = fitted.state.eta[..plain].to_vec();
-        eta.resize(residual.layout().nonlinear(), 0.0);
+        let eta = self.holdout_eta(fitted)?;
         let normal =
             crate::residual::SeparableResidual::evaluate(&residual, &eta, &fitted.state.beta).ok()?;
         let last = normal.gram.nrows() - 1;
@@ -232,8 +246,8 @@ impl Problem<'_> {
         if let Some(holdout) = &self.holdout {
             let mut weighed =
                 holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
-            let eta = &fitted.state.eta[..BRANCHES + 1];
-            weighed.weigh(eta, &fitted.state.beta)?;
+            let eta = self.holdout_eta(fitted).unwrap_or_default();
+            weighed.weigh(&eta, &fitted.state.beta)?;
             self.holdout =
                 Some(weighed.with_effects(Vec::new(), Vec::new(), &none(self.holdout_when.len())));
         }
@@ -263,7 +277,8 @@ impl Tangent {
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
     pub fn new(problem: &Problem, fitted: &Fitted) -> Result<Self, Locked> {
-        let residual = problem.residual(fitted);
+        let mut residual = problem.residual(fitted);
+        residual.linearise(&fitted.state.eta, &fitted.state.beta)?;
         let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
         let width = design.ncols() - 1;
         let mut unknowns = problem.nonlinear.clone();
@@ -305,4 +320,52 @@ impl Tangent {
     pub fn projected(&self, product: f64, a: &DVector<f64>, b: &DVector<f64>) -> f64 {
         product - a.dot(&(&self.inverse * b))
     }
+}
+
+/// Standard errors of the free values of a fitted model's effects, in their units.
+///
+/// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under the noise of the capture.
+/// What a textbook form leaves beyond noise widens it by the root of the mean square.
+pub(super) fn value_errors(problem: &Problem, fitted: &Fitted) -> Result<Vec<f64>, Locked> {
+    let mut residual = problem.residual(fitted);
+    residual.linearise(&fitted.state.eta, &fitted.state.beta)?;
+    let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
+    let scores = residual.score_covariance(eta, beta)?;
+    let gram = fitted.state.gram();
+    let mut unknowns = problem.nonlinear.clone();
+    let first = unknowns.len();
+    unknowns.extend(value_unknowns(&fitted.effects, &fitted.free));
+    unknowns.extend(problem.linear.iter().copied());
+    let at: Vec<f64> = eta.iter().chain(beta).copied().collect();
+    let free: Vec<usize> = (0..unknowns.len())
+        .filter(|&i| at[i] > unknowns[i].lower && at[i] < unknowns[i].upper)
+        .collect();
+    let n = free.len();
+    let scale: Vec<f64> = free
+        .iter()
+        .map(|&i| 1.0 / gram[(i, i)].sqrt().max(f64::MIN_POSITIVE))
+        .collect();
+    let misfit = (fitted.cost() / fitted.state.rows as f64).max(1.0);
+    let mut h = DMatrix::from_fn(n, n, |a, b| scale[a] * scale[b] * gram[(free[a], free[b])]);
+    let mut s = DMatrix::from_fn(n, n, |a, b| {
+        misfit * scale[a] * scale[b] * scores[(free[a], free[b])]
+    });
+    for a in 0..n {
+        let prior = unknowns[free[a]].prior.map_or(0.0, |p| p.sd.powi(-2));
+        h[(a, a)] += scale[a] * scale[a] * prior + 1e-12;
+        s[(a, a)] += scale[a] * scale[a] * prior;
+    }
+    let Some(inverse) = h.cholesky().map(|c| c.inverse()) else {
+        return Ok(vec![f64::NAN; fitted.free.len()]);
+    };
+    let covariance = &inverse * s * &inverse;
+    Ok((0..fitted.free.len())
+        .map(|i| {
+            let (e, v) = fitted.free[i];
+            let spread = fitted.effects[e].effect.parameters()[v].spread;
+            free.iter().position(|&f| f == first + i).map_or(f64::NAN, |a| {
+                covariance[(a, a)].max(0.0).sqrt() * scale[a] * spread
+            })
+        })
+        .collect())
 }

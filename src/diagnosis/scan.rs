@@ -17,36 +17,54 @@ pub(super) struct Scanned {
     pub promised: f64,
     /// Share of the fingerprint that a refit of the plain model absorbs.
     pub hidden_share: f64,
-    /// Length of the projected fingerprint per unit of the first size, in units of its spread.
-    pub sensitivity: f64,
-    /// Projected fingerprint's direction, where it is kept for comparisons: product with itself is 1.
-    pub direction: Option<DVector<f64>>,
+    /// Square of the projected fingerprint, and the size (over its spread, or 1) that it belongs to.
+    pub strength: (f64, f64),
 }
 
 /// The hypotheses of one effect that share a start: its columns on each actuator.
-struct Group {
-    effect: &'static dyn Effect,
-    values: Vec<Vec<f64>>,
+pub(super) struct Group {
+    pub effect: &'static dyn Effect,
+    pub values: Vec<Vec<f64>>,
     /// Column: value vector, actuator.
     columns: Vec<[DVector<f64>; 3]>,
 }
 
-/// All fingerprints at a fitted model.
-pub(super) fn scan(
+impl Group {
+    /// The columns with the effect on these actuators.
+    pub fn columns_on(&self, on: [bool; 3]) -> Vec<DVector<f64>> {
+        self.columns
+            .iter()
+            .map(|by_actuator| {
+                if self.effect.reach() == Reach::All {
+                    return by_actuator[0].clone();
+                }
+                let mut sum = DVector::zeros(by_actuator[0].len());
+                for k in (0..3).filter(|&k| on[k]) {
+                    sum += &by_actuator[k];
+                }
+                sum
+            })
+            .collect()
+    }
+}
+
+/// All fingerprints at a fitted model, of the effects that are `wanted`.
+pub(super) fn fingerprints(
     problem: &Problem,
     fitted: &Fitted,
-    tangent: &Tangent,
     seen: &Seen,
-) -> Result<Vec<Scanned>, Locked> {
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+) -> Vec<Group> {
     let residual = problem.residual(fitted);
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
     let starts: Vec<(&'static dyn Effect, Vec<Vec<f64>>)> = CATALOGUE
         .iter()
+        .filter(|e| wanted(e.id()))
         .flat_map(|e| e.starts(seen).into_iter().map(move |v| (*e, v)))
         .collect();
-    let groups: Vec<Group> = starts
+    starts
         .into_par_iter()
-        .map(|(effect, values)| {
+        .filter_map(|(effect, values)| {
             let columns = values
                 .iter()
                 .map(|v| {
@@ -75,20 +93,30 @@ pub(super) fn scan(
                             .map(DVector::from_vec)
                     })
                 })
-                .collect::<Result<Vec<_>, Locked>>()?;
-            Ok(Group {
+                .collect::<Result<Vec<_>, Locked>>()
+                .ok()?; // a start that the mechanism cannot follow is no hypothesis
+            Some(Group {
                 effect,
                 values,
                 columns,
             })
         })
-        .filter(|g: &Result<Group, Locked>| g.is_ok()) // a start that the mechanism cannot follow is no hypothesis
-        .collect::<Result<_, _>>()?;
+        .collect()
+}
+
+/// What every hypothesis promises at a fitted model, most promising first.
+pub(super) fn scan(
+    problem: &Problem,
+    fitted: &Fitted,
+    tangent: &Tangent,
+    groups: &[Group],
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Vec<Scanned>, Locked> {
     let mut out: Vec<Scanned> = groups
         .par_iter()
         .flat_map_iter(|g| hypotheses(g, tangent))
         .collect();
-    out.extend(steps(problem, fitted, tangent)?);
+    out.extend(steps(problem, fitted, tangent)?.into_iter().filter(|s| wanted(s.acting.effect.id())));
     out.sort_by(|a, b| b.promised.total_cmp(&a.promised));
     Ok(out)
 }
@@ -105,20 +133,7 @@ fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
     }
     sets.into_iter()
         .filter_map(|on| {
-            let columns: Vec<DVector<f64>> = group
-                .columns
-                .iter()
-                .map(|by_actuator| {
-                    if group.effect.reach() == Reach::All {
-                        return by_actuator[0].clone();
-                    }
-                    let mut sum = DVector::zeros(by_actuator[0].len());
-                    for k in (0..3).filter(|&k| on[k]) {
-                        sum += &by_actuator[k];
-                    }
-                    sum
-                })
-                .collect();
+            let columns = group.columns_on(on);
             solve(group.effect, &group.values, on, &columns, tangent)
         })
         .collect()
@@ -137,12 +152,9 @@ fn solve(
         .iter()
         .map(|c| tangent.columns.tr_mul(c))
         .collect();
-    let residual_along = tangent.columns.tr_mul(&tangent.residual);
     let gram = DMatrix::from_fn(n, n, |i, j| {
         tangent.projected(columns[i].dot(&columns[j]), &along[i], &along[j])
     });
-    // Descent direction: r + F c.
-    let _ = &residual_along;
     let slope = DVector::from_fn(n, |i, _| -columns[i].dot(&tangent.residual));
     let whole: Vec<f64> = columns.iter().map(|c| c.norm_squared()).collect();
     let q = effect.parameters();
@@ -227,8 +239,7 @@ fn solve(
         },
         promised,
         hidden_share: 1.0 - (gram[(0, 0)] / whole[0].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
-        sensitivity: gram[(0, 0)].max(0.0).sqrt() / one,
-        direction: None,
+        strength: (gram[(0, 0)].max(0.0), one),
     })
 }
 
@@ -320,8 +331,7 @@ fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Sc
             acting,
             promised,
             hidden_share: 0.0,
-            sensitivity: promised.sqrt() / (value / q.spread).abs().max(1e-12),
-            direction: None,
+            strength: (promised, (value / q.spread).abs()),
         });
     }
     Ok(out)

@@ -1100,6 +1100,24 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
+    /// Torque error (needed minus made, N m) of each kept sample and chain of a recording, filtered, not whitened.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn filtered_torque_error(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<[f64; 3]>, Locked> {
+        let effects = self.effects(eta);
+        let mechanics = self.mechanics_with(recording, &effects)?;
+        let offset = self.offset_s(recording, eta);
+        let parameters = self.parameters(eta, beta);
+        let error = self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+        Ok(self.filtered(recording, &error))
+    }
+
     /// Middle frame of each kept sample of a recording.
     pub fn kept(&self, recording: usize) -> &[usize] {
         &self.recordings[recording].centres

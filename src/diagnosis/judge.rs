@@ -1,0 +1,144 @@
+//! From fits to a verdict: scores, pairs, probabilities, groups.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::problem::{Fitted, Problem, Tangent};
+use super::scan::Group;
+
+/// Share of the residuals that count as independent.
+const INDEPENDENT: f64 = 0.8;
+/// Weight of the held-out recordings in a score: a little, because drift and creep extrapolate badly from the right model.
+const HELD_OUT_WEIGHT: f64 = 0.1;
+/// Below this weighted mean square a fit is as good as noise.
+const NOISE: f64 = 0.9;
+/// Directions of fingerprints whose cosine is above this cannot be told apart.
+pub(super) const ALIKE: f64 = 0.9;
+
+/// A fit with what it scores.
+#[derive(Clone)]
+pub(super) struct Judged {
+    pub fitted: Fitted,
+    /// Lower is better: a Bayesian information criterion with an unknown scale of the error, because every textbook form is wrong in
+    /// detail.
+    pub score: f64,
+    /// Sum of squares with priors over the number of residuals.
+    pub mean_square: f64,
+    /// Mean square of the held-out recordings.
+    pub holdout: f64,
+}
+
+impl Judged {
+    pub fn new(problem: &Problem, fitted: Fitted) -> Self {
+        let n = fitted.state.rows as f64;
+        let mean_square = fitted.cost() / n;
+        let free = fitted.free.len() + steps(&fitted);
+        let mut score = INDEPENDENT * n * mean_square.max(NOISE).ln()
+            + free as f64 * (INDEPENDENT * n).ln();
+        let mut holdout = f64::NAN;
+        if let Some((squares, rows)) = problem.held_out(&fitted) {
+            holdout = squares / rows as f64;
+            score += HELD_OUT_WEIGHT * INDEPENDENT * rows as f64 * holdout.max(NOISE).ln();
+        }
+        Judged {
+            fitted,
+            score,
+            mean_square,
+            holdout,
+        }
+    }
+
+    /// Mean square beyond noise.
+    pub fn excess(&self) -> f64 {
+        (self.mean_square - 1.0).max(0.0)
+    }
+}
+
+/// Moments of change, which count as parameters though they are found by a search.
+fn steps(fitted: &Fitted) -> usize {
+    let is_step = |a: &&crate::effects::Acting| {
+        a.effect.parameters().iter().any(|q| q.name == "recording")
+    };
+    2 * fitted.effects.iter().filter(is_step).count()
+}
+
+/// The fall of the sum of squares that noise alone may bring about in the whole scan of `rows` residuals.
+pub(super) fn by_chance(rows: usize) -> f64 {
+    60.0 + 0.06 * rows as f64
+}
+
+/// Plain mean square above which a model is never adequate.
+pub(super) const NEVER_ADEQUATE: f64 = 1.6;
+
+/// Whether the best model leaves so much that something that is in no entry must be at work.
+pub(super) fn unexplained(plain: &Judged, best: &Judged) -> bool {
+    let left = best.excess();
+    let before = plain.excess().max(1e-9);
+    (best.mean_square > 4.0 && left > 0.05 * before) || left > 0.6 * before
+}
+
+/// Ids that the recordings cannot tell from the effect number `own` of a fitted model: the projected fingerprint of that effect lies
+/// in the span of theirs.
+pub(super) fn alike(
+    problem: &Problem,
+    fitted: &Fitted,
+    own: usize,
+    groups: &[Group],
+) -> Vec<&'static str> {
+    let Ok((film, column)) = own_column(problem, fitted, own) else {
+        return Vec::new();
+    };
+    let along = film.columns.tr_mul(&column);
+    let length = film.projected(column.norm_squared(), &along, &along);
+    if length <= 0.0 {
+        return Vec::new();
+    }
+    let me = &fitted.effects[own];
+    let mut out: Vec<(&'static str, f64)> = Vec::new();
+    for g in groups.iter().filter(|g| g.effect.id() != me.effect.id()) {
+        let columns = g.columns_on(me.on);
+        let n = columns.len();
+        let theirs: Vec<DVector<f64>> = columns.iter().map(|c| film.columns.tr_mul(c)).collect();
+        let gram = DMatrix::from_fn(n, n, |i, j| {
+            film.projected(columns[i].dot(&columns[j]), &theirs[i], &theirs[j])
+                + if i == j { 1e-9 * columns[i].norm_squared() + 1e-300 } else { 0.0 }
+        });
+        let b = DVector::from_fn(n, |i, _| {
+            film.projected(columns[i].dot(&column), &theirs[i], &along)
+        });
+        let Some(c) = gram.cholesky().map(|f| f.solve(&b)) else {
+            continue;
+        };
+        let cosine = (c.dot(&b) / length).max(0.0).sqrt();
+        match out.iter_mut().find(|o| o.0 == g.effect.id()) {
+            Some(known) => known.1 = known.1.max(cosine),
+            None => out.push((g.effect.id(), cosine)),
+        }
+    }
+    out.sort_by(|a, b| b.1.total_cmp(&a.1));
+    out.into_iter().filter(|o| o.1 > ALIKE).map(|o| o.0).collect()
+}
+
+/// The tangent space without an effect, and the derivative with respect to that effect's first size.
+fn own_column(
+    problem: &Problem,
+    fitted: &Fitted,
+    own: usize,
+) -> Result<(Tangent, DVector<f64>), crate::film::Locked> {
+    let mut without = fitted.clone();
+    without.free.retain(|f| f.0 != own);
+    let keep: Vec<usize> = (0..fitted.free.len()).filter(|&i| fitted.free[i].0 != own).collect();
+    let plain = problem.nonlinear.len();
+    let mut eta = fitted.state.eta[..plain].to_vec();
+    eta.extend(keep.iter().map(|&i| fitted.state.eta[plain + i]));
+    without.state.eta = eta;
+    let film = Tangent::new(problem, &without)?;
+    // The change that the effect makes as a whole is its own best fingerprint.
+    let mut others = fitted.clone();
+    others.effects.remove(own);
+    others.free = Vec::new();
+    others.state.eta.truncate(plain);
+    let residual = problem.residual(&others);
+    let column =
+        residual.fingerprint(&others.state.eta, &others.state.beta, &fitted.effects[own])?;
+    Ok((film, DVector::from_vec(column)))
+}

@@ -1,0 +1,360 @@
+//! Where the excess lives: in the user's coordinates, with a p-value that holds for the whole search.
+
+use statrs::distribution::{ContinuousCDF, Normal};
+
+use super::outcome::{Entry, Place};
+use crate::effects::Acting;
+use crate::model::Mechanics;
+
+/// One kept residual of one actuator.
+#[derive(Clone, Copy)]
+pub(super) struct Spot {
+    /// Number of the recording.
+    pub recording: usize,
+    /// 0 to 2.
+    pub actuator: usize,
+    /// Square of the standardised torque error before.
+    pub before: f64,
+    /// The same after; 1 where nothing was added.
+    pub after: f64,
+    /// voltage V, voltage rate V/s, time s, height mm, bicep rate rad/s, largest area stretch so far, bicep angle deg.
+    pub at: [f64; 7],
+}
+
+/// Coordinates in which the excess is looked for: dimension, unit, place in [`Spot::at`], decimals.
+const RANGES: [(&str, &str, usize, f64); 5] = [
+    ("voltage", "V", 0, 1.0),
+    ("voltage_rate", "V/s", 1, 1.0),
+    ("height", "mm", 3, 100.0),
+    ("largest_stretch", "1", 5, 1e4),
+    ("position", "deg", 6, 100.0),
+];
+/// Bins of equal count into which a coordinate is cut.
+const BINS: usize = 16;
+
+/// Coordinates of the kept samples of a recording.
+pub(super) fn coordinates(entry: &Entry, mechanics: &Mechanics, kept: &[usize]) -> Vec<[[f64; 7]; 3]> {
+    let d = entry.dataset;
+    let mut largest = [[0.0_f64; 1]; 3];
+    let mut so_far: Vec<[f64; 3]> = Vec::with_capacity(d.samples());
+    for i in 0..d.samples() {
+        so_far.push([0, 1, 2].map(|k| {
+            let [a, b] = mechanics.robot.lozenges[k].stretches(mechanics.chains[k].theta_dea_rad[i]);
+            largest[k][0] = largest[k][0].max(a * b);
+            largest[k][0]
+        }));
+    }
+    kept.iter()
+        .map(|&c| {
+            [0, 1, 2].map(|k| {
+                let t = d.time_s(c);
+                let v = |t: f64| d.voltage.at(k, t + d.offset_s);
+                [
+                    v(t).abs(),
+                    (v(t + 0.02).abs() - v(t - 0.02).abs()) / 0.04,
+                    t,
+                    d.axes[2].position[c] * 1e3,
+                    mechanics.chains[k].theta_b[c][1],
+                    so_far[c][k],
+                    mechanics.chains[k].theta_b[c][0].to_degrees(),
+                ]
+            })
+        })
+        .collect()
+}
+
+/// The best contiguous run of bins: how much more excess a run holds than its share, as a log-likelihood ratio of two mean squares
+/// against one.
+fn best_run(mean: &[f64], count: &[f64]) -> Option<(usize, usize, f64)> {
+    let n: f64 = count.iter().sum();
+    let all: f64 = mean.iter().zip(count).map(|(m, c)| m * c).sum::<f64>() / n;
+    let mut best: Option<(usize, usize, f64)> = None;
+    for a in 0..mean.len() {
+        let (mut sum, mut c) = (0.0, 0.0);
+        for b in a..mean.len() {
+            sum += mean[b] * count[b];
+            c += count[b];
+            if c > 0.7 * n || c < 1.0 {
+                continue;
+            }
+            let (inside, outside) = (sum / c, (all * n - sum) / (n - c));
+            if inside <= outside || outside <= 0.0 {
+                continue;
+            }
+            let ratio = 0.5 * (n * all.ln() - c * inside.ln() - (n - c) * outside.ln());
+            if best.is_none_or(|x| ratio > x.2) {
+                best = Some((a, b, ratio));
+            }
+        }
+    }
+    best
+}
+
+/// Where the excess lives, most telling first.
+pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec<Place> {
+    let excess = |s: &Spot| s.before - s.after;
+    let total: f64 = spots.iter().map(excess).sum::<f64>().max(1e-9);
+    let n = spots.len() as f64;
+    // Neighbours are not independent: the statistic counts one in so many.
+    let independent = 0.5;
+    let tests = 120.0_f64;
+    let normal = Normal::standard();
+    let p_value = |ratio: f64| {
+        let z = (2.0 * (ratio * independent).max(0.0)).sqrt();
+        (tests * 2.0 * (1.0 - normal.cdf(z))).clamp(1e-300, 1.0)
+    };
+    let share = |inside: &dyn Fn(&Spot) -> bool| {
+        let (mut e, mut c) = (0.0, 0.0);
+        for s in spots.iter().filter(|s| inside(s)) {
+            e += excess(s);
+            c += 1.0;
+        }
+        ((e / total).clamp(0.0, 1.0), c / n)
+    };
+    let ratio_of = |inside: &dyn Fn(&Spot) -> bool| {
+        let (mut m, mut c) = ([0.0; 2], [0.0; 2]);
+        for s in spots {
+            let i = usize::from(inside(s));
+            m[i] += s.before;
+            c[i] += 1.0;
+        }
+        if c[0] < 1.0 || c[1] < 1.0 || m[1] / c[1] <= m[0] / c[0] {
+            return 0.0;
+        }
+        let all = (m[0] + m[1]) / n;
+        0.5 * (n * all.ln() - c[1] * (m[1] / c[1]).ln() - c[0] * (m[0] / c[0]).max(1e-12).ln())
+    };
+    let mut found: Vec<(f64, Place)> = Vec::new();
+    let push = |found: &mut Vec<(f64, Place)>, ratio: f64, place: Place| found.push((ratio, place));
+    // What a named cause says of its own place comes first.
+    for a in named {
+        for place in own_places(a, entries, spots) {
+            let inside = place.1;
+            let (e, c) = share(&*inside);
+            let mut p = place.0;
+            (p.share_of_excess, p.share_of_samples) = (e, c);
+            p.p_value = p_value(ratio_of(&*inside).max(0.25 * total));
+            push(&mut found, f64::INFINITY, p);
+        }
+    }
+    for (dimension, unit, at, rounding) in RANGES {
+        let mut order: Vec<usize> = (0..spots.len()).collect();
+        order.sort_by(|&a, &b| spots[a].at[at].total_cmp(&spots[b].at[at]));
+        let edge = |i: usize| spots[order[(i * spots.len() / BINS).min(spots.len() - 1)]].at[at];
+        let (mut mean, mut count) = (vec![0.0; BINS], vec![0.0; BINS]);
+        for (i, &o) in order.iter().enumerate() {
+            let b = i * BINS / spots.len();
+            mean[b] += spots[o].before;
+            count[b] += 1.0;
+        }
+        for (m, c) in mean.iter_mut().zip(&count) {
+            *m /= f64::max(*c, 1.0);
+        }
+        let Some((a, b, ratio)) = best_run(&mean, &count) else {
+            continue;
+        };
+        let round = |x: f64| (x * rounding).round() / rounding;
+        let range = [round(edge(a)), round(edge(b + 1))];
+        let inside = move |s: &Spot| (range[0]..=range[1]).contains(&s.at[at]);
+        let (e, c) = share(&inside);
+        push(
+            &mut found,
+            ratio,
+            Place {
+                dimension,
+                range: Some(range),
+                unit,
+                value: None,
+                recording: None,
+                actuators: Vec::new(),
+                share_of_excess: e,
+                share_of_samples: c,
+                p_value: p_value(ratio),
+                says: format!(
+                    "{:.0} % of the excess lies at a {} of {} to {} {unit}, where {:.0} % of the samples are",
+                    100.0 * e,
+                    dimension.replace('_', " "),
+                    range[0],
+                    range[1],
+                    100.0 * c
+                ),
+            },
+        );
+    }
+    // Words: actuator, direction, recording; and time within each recording.
+    for k in 0..3 {
+        let inside = move |s: &Spot| s.actuator == k;
+        let ratio = ratio_of(&inside);
+        let (e, c) = share(&inside);
+        push(
+            &mut found,
+            ratio,
+            word("actuator", (k + 1).to_string(), None, vec![k + 1], e, c, p_value(ratio)),
+        );
+    }
+    for (value, sign) in [("rising", 1.0), ("falling", -1.0)] {
+        let inside = move |s: &Spot| s.at[1] * sign > 100.0;
+        let ratio = ratio_of(&inside);
+        let (e, c) = share(&inside);
+        push(
+            &mut found,
+            ratio,
+            word("direction", value.into(), None, Vec::new(), e, c, p_value(ratio)),
+        );
+    }
+    for (r, entry) in entries.iter().enumerate() {
+        let id = entry.dataset.id.clone();
+        let inside = move |s: &Spot| s.recording == r;
+        let ratio = ratio_of(&inside);
+        let (e, c) = share(&inside);
+        if entries.len() > 1 {
+            push(
+                &mut found,
+                ratio,
+                word("recording", id.clone(), Some(id), Vec::new(), e, c, p_value(ratio)),
+            );
+        }
+    }
+    found.retain(|f| f.0 > 0.0);
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(8);
+    found.into_iter().map(|f| f.1).collect()
+}
+
+fn word(
+    dimension: &'static str,
+    value: String,
+    recording: Option<String>,
+    actuators: Vec<usize>,
+    e: f64,
+    c: f64,
+    p_value: f64,
+) -> Place {
+    let says = match dimension {
+        "direction" => format!(
+            "{:.0} % of the excess lies where the voltage is {value}, {:.0} % of the samples",
+            100.0 * e,
+            100.0 * c
+        ),
+        _ => format!(
+            "{:.0} % of the excess lies in {dimension} {value}, {:.0} % of the samples",
+            100.0 * e,
+            100.0 * c
+        ),
+    };
+    Place {
+        dimension,
+        range: None,
+        unit: "",
+        value: Some(value),
+        recording,
+        actuators,
+        share_of_excess: e,
+        share_of_samples: c,
+        p_value,
+        says,
+    }
+}
+
+type Inside = Box<dyn Fn(&Spot) -> bool>;
+
+/// The places that a named cause states by its own values: its actuator, its moment, its threshold.
+fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place, Inside)> {
+    let mut out: Vec<(Place, Inside)> = Vec::new();
+    let id = acting.effect.id();
+    let value = |name: &str| {
+        acting
+            .effect
+            .parameters()
+            .iter()
+            .position(|q| q.name == name)
+            .map(|i| acting.values[i])
+    };
+    let on = acting.on;
+    let blank = |dimension, range, unit, says: String| Place {
+        dimension,
+        range,
+        unit,
+        value: None,
+        recording: None,
+        actuators: if on == [true; 3] {
+            Vec::new()
+        } else {
+            (0..3).filter(|&k| on[k]).map(|k| k + 1).collect()
+        },
+        share_of_excess: 0.0,
+        share_of_samples: 0.0,
+        p_value: 1.0,
+        says,
+    };
+    if on != [true; 3] {
+        let list: Vec<usize> = (0..3).filter(|&k| on[k]).map(|k| k + 1).collect();
+        let mut p = blank("actuator", None, "", format!("{id} sits in actuator {}", list[0]));
+        p.value = Some(list[0].to_string());
+        out.push((p, Box::new(move |s| on[s.actuator])));
+    }
+    if let (Some(time), Some(number)) = (value("time"), value("recording")) {
+        let at = entries.iter().position(|e| e.when.recording as f64 == number);
+        let (name, from, to) = at.map_or((String::new(), time, time), |i| {
+            let d = entries[i].dataset;
+            let last = d.time_s(d.samples() - 1);
+            (d.id.clone(), time.max(d.start_s), last)
+        });
+        let later: Vec<bool> = entries.iter().map(|e| e.when.recording as f64 > number).collect();
+        let mut p = blank(
+            "time",
+            Some([from, to]),
+            "s",
+            format!("from {from:.2} s of {name} on, and in all later recordings"),
+        );
+        p.recording = Some(name);
+        out.push((
+            p,
+            Box::new(move |s| later[s.recording] || (Some(s.recording) == at && s.at[2] >= time)),
+        ));
+    }
+    let highest = |at: usize| spots.iter().map(|s| s.at[at]).fold(f64::NEG_INFINITY, f64::max);
+    if let Some(c) = value("ceiling") {
+        let top = highest(0).max(c);
+        out.push((
+            blank("voltage", Some([c, top]), "V", format!("above the ceiling of {c:.0} V")),
+            Box::new(move |s| s.at[0] >= c),
+        ));
+    }
+    if let (Some(t), "amplifier_deadband") = (value("threshold"), id) {
+        out.push((
+            blank("voltage", Some([0.0, t]), "V", format!("below the threshold of {t:.0} V")),
+            Box::new(move |s| s.at[0] <= t),
+        ));
+    }
+    if let Some(r) = value("rate_up") {
+        let down = value("rate_down").unwrap_or(r);
+        let least = r.min(down);
+        out.push((
+            blank(
+                "voltage_rate",
+                Some([least, highest(1).max(least)]),
+                "V/s",
+                format!("where the command changes by more than {least:.0} V/s"),
+            ),
+            Box::new(move |s| s.at[1] >= r || s.at[1] <= -down),
+        ));
+    }
+    if let Some(stop) = value("theta_stop") {
+        let degrees = stop.to_degrees();
+        let heights = spots.iter().filter(|s| s.at[6] >= degrees - 0.3).map(|s| s.at[3]);
+        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |a, h| (a.0.min(h), a.1.max(h)));
+        if low.is_finite() {
+            out.push((
+                blank(
+                    "height",
+                    Some([low, high]),
+                    "mm",
+                    format!("at heights of {low:.1} to {high:.1} mm, where the bicep touches its stop"),
+                ),
+                Box::new(move |s| s.at[6] >= degrees),
+            ));
+        }
+    }
+    out
+}

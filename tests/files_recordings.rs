@@ -196,7 +196,7 @@ fn every_frame_has_its_row_and_a_missing_one_its_reason() {
     let d = dataset(1000);
     let r = recording_outcome(&d);
     let mut out = Vec::new();
-    csv::predicted_voltage(&mut out, &r).unwrap();
+    csv::predicted_voltage(&mut out, &r, None, &csv::missing(&r)).unwrap();
     let (header, rows) = rows(out);
     assert_eq!(
         header.join(","),
@@ -277,7 +277,7 @@ fn a_minute_is_written_in_milliseconds() {
     csv::aligned(&mut out, &d, 0.5).unwrap();
     let aligned = started.elapsed();
     let started = Instant::now();
-    csv::predicted_voltage(&mut out, &r).unwrap();
+    csv::predicted_voltage(&mut out, &r, None, &csv::missing(&r)).unwrap();
     let predicted = started.elapsed();
     let started = Instant::now();
     let mut file = Cursor::new(Vec::new());

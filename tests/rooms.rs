@@ -96,6 +96,7 @@ const ROOMS: &[Room] = &[
         May::Only(&[
             ("parameter", ANY),
             ("film", ANY),
+            ("effects", ANY),
             ("recording", &["nearest"]),
             ("dataset", ANY),
             ("model", ANY),
@@ -124,6 +125,7 @@ const ROOMS: &[Room] = &[
             ("units", ANY),
             ("kinematics", ANY),
             ("film", ANY),
+            ("effects", ANY),
             ("model", ANY),
         ]),
         NO_FILES,

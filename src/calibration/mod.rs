@@ -17,7 +17,10 @@ pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,
 };
-pub use robot::{Request, Stage, calibrate_robot, predict_force, validate_robot};
+pub use robot::{
+    Request, Stage, calibrate_robot, predict_command, predict_force, validate_robot,
+    validate_robot_with,
+};
 pub use statistics::Uncertainty;
 
 /// Something that a calibration cannot do.

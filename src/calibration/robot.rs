@@ -10,6 +10,7 @@ use super::outcome::*;
 use super::profile::{Candidate, TWO_SIDED_95, profile};
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
+use crate::effects::{Acting, Site, When, command_for};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
 use crate::model::{Contribution, ForearmTorque, Mechanics, Parameters, Robot};
 use crate::parameter::{Parameter, Transform};
@@ -450,6 +451,21 @@ pub fn validate_robot(
     datasets: &[&Dataset],
     parameters: &Parameters,
 ) -> Result<Outcome, Error> {
+    validate_robot_with(robot, datasets, parameters, &[], &[])
+}
+
+/// [`validate_robot`] with causes at work beside the plain model; `series` says when each recording was made. The error is that at
+/// the film: the voltage that the measured motion needs minus the one that the command makes there.
+///
+/// # Errors
+/// Those of [`validate_robot`]; a mechanism that cannot follow.
+pub fn validate_robot_with(
+    robot: &Robot,
+    datasets: &[&Dataset],
+    parameters: &Parameters,
+    effects: &[Acting],
+    series: &[When],
+) -> Result<Outcome, Error> {
     let request = Request {
         start: Some(parameters.clone()),
         ..Request::new(Stage::Film)
@@ -466,6 +482,9 @@ pub fn validate_robot(
         parameters.film.branches(),
         &parameters.forearm,
     )?;
+    if !effects.is_empty() {
+        residual = residual.with_effects(effects.to_vec(), Vec::new(), series);
+    }
     let mut eta: Vec<f64> = nonlinear.iter().map(|u| u.start).collect();
     let beta: Vec<f64> = linear.iter().map(|u| u.start).collect();
     let mut errors = Vec::new();
@@ -1137,8 +1156,48 @@ impl Places {
     }
 }
 
+/// The commands at which the electrical causes make the voltages `film_v` on the films along the measured motion, V; NaN where none
+/// does (above a ceiling, steeper than a limit). Without such causes these are the voltages themselves.
+///
+/// # Errors
+/// [`Error::Unreachable`] when no frame can be followed.
+pub fn predict_command(
+    robot: &Robot,
+    dataset: &Dataset,
+    film_v: &[[f64; 3]],
+    effects: &[Acting],
+    when: When,
+) -> Result<Vec<[f64; 3]>, Error> {
+    let mechanics = mechanics(robot, dataset, effects)?;
+    let mut out = film_v.to_vec();
+    for k in 0..3 {
+        let chain: Vec<&Acting> = effects
+            .iter()
+            .filter(|a| a.on[k] && a.effect.site() == Site::Electrical)
+            .collect();
+        if !chain.is_empty() {
+            let wanted: Vec<f64> = film_v.iter().map(|v| v[k]).collect();
+            let told = command_for(&chain, &mechanics.along(k, when), &wanted);
+            out.iter_mut().zip(told).for_each(|(o, t)| o[k] = t);
+        }
+    }
+    Ok(out)
+}
+
+/// The balance along a recording, with the causes that move it.
+fn mechanics(robot: &Robot, dataset: &Dataset, effects: &[Acting]) -> Result<Mechanics, Error> {
+    Mechanics::with_effects(robot, &dataset.track(), effects, dataset.pivot_m).map_err(
+        |(sample, why)| Error::Unreachable {
+            recording: dataset.id.clone(),
+            time_s: dataset.time_s(sample),
+            why: why.to_string(),
+        },
+    )
+}
+
 /// Force prediction F_FP: the force of the surroundings on the end effector at each frame of `dataset` (N, world axes; NaN out of
-/// reach or without a voltage), from its motion and its commanded voltages read with the clock offset `offset_s`.
+/// reach or without a voltage), from its motion and its commanded voltages read with the clock offset `offset_s`. With causes at
+/// work, in a recording made at `when`, their torques count as the robot's own.
 ///
 /// # Errors
 /// [`Error::Unreachable`] when no frame can be followed, [`Error::Locked`] when the film is past its locking stretch.
@@ -1147,20 +1206,44 @@ pub fn predict_force(
     dataset: &Dataset,
     parameters: &Parameters,
     offset_s: f64,
+    effects: &[Acting],
+    when: When,
 ) -> Result<Vec<[f64; 3]>, Error> {
-    let mechanics =
-        Mechanics::new(robot, &dataset.track()).map_err(|(sample, why)| Error::Unreachable {
-            recording: dataset.id.clone(),
-            time_s: dataset.time_s(sample),
-            why: why.to_string(),
-        })?;
+    let mechanics = mechanics(robot, dataset, effects)?;
     let n = dataset.samples();
-    let squared = [0, 1, 2].map(|k| {
-        dataset
-            .voltage
-            .squared(k, dataset.start_s + offset_s, dataset.step_s, n)
-            .0
-    });
+    let clock = |t: f64| {
+        let on_clock = effects.iter().filter(|a| a.effect.site() == Site::Clock);
+        on_clock.fold(t, |t, a| a.effect.clock(&a.values, t))
+    };
+    let (shift, rate) = (clock(0.0), clock(1.0) - clock(0.0));
+    let (start_s, step_s) = (dataset.start_s + offset_s + shift, dataset.step_s * rate);
+    let mut squared = [0, 1, 2].map(|k| dataset.voltage.squared(k, start_s, step_s, n).0);
+    if !effects.is_empty() {
+        for (k, squared) in squared.iter_mut().enumerate() {
+            let command: Vec<f64> = (0..n)
+                .map(|i| dataset.voltage.at(k, start_s + step_s * i as f64))
+                .collect();
+            let film_v = mechanics.film_voltage_v(k, when, effects, &command);
+            let half = mechanics.half_capacitance_slope(k, when, effects);
+            let torque = mechanics.effect_torque_n_m(k, when, effects);
+            let slack = mechanics.slack_torque_n_m(k, when, effects, parameters, &film_v)?;
+            let factor = mechanics.stress_factor(k, when, effects, &parameters.film);
+            let film = match factor {
+                Some(_) => mechanics.film_torque_n_m(k, parameters)?,
+                None => Vec::new(),
+            };
+            for i in 0..n {
+                // Everything that the causes change, as the squared voltage that would do the same in the plain balance.
+                let made = half[i] * (squared[i] + film_v[i] * film_v[i] - command[i] * command[i]);
+                let missing = slack.as_ref().map_or(0.0, |s| s[i]);
+                let softer = factor.as_ref().map_or(0.0, |f| {
+                    film[i][0] * (1.0 - f[i][0]) + film[i][1] * (1.0 - f[i][1])
+                });
+                squared[i] = (made + torque[i] - missing + softer)
+                    / mechanics.chains[k].half_capacitance_slope[i];
+            }
+        }
+    }
     let phi: Vec<[f64; 3]> = (0..n).map(|i| [0, 1, 2].map(|k| squared[k][i])).collect();
     let mut force = mechanics.external_force_n(parameters, &phi)?;
     for (i, force) in force.iter_mut().enumerate() {

@@ -1,12 +1,14 @@
 //! The command line: opens doors. `run` reads as the pipeline: arguments, files in, a job, files out.
 
 mod demo;
+mod diagnose;
 mod export;
 mod fit;
 mod import;
 mod load;
 mod predict;
 mod progress;
+mod series;
 mod validate;
 
 use std::ffi::OsString;
@@ -78,6 +80,8 @@ enum Command {
     Predict(predict::Predict),
     /// Holds parameter files against recordings: measured against predicted voltage and force
     Validate(validate::Arguments),
+    /// Is the model adequate; if not, where, and which physics was left out
+    Diagnose(diagnose::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header
     Export(export::Arguments),
     /// Completions for a shell, on standard output
@@ -110,6 +114,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Fit(fit) => fit::run(&fit, &command, talk),
         Command::Predict(predict) => predict::run(&predict, talk),
         Command::Validate(arguments) => validate::run(&arguments, &command, talk),
+        Command::Diagnose(arguments) => {
+            diagnose::run(&arguments, &command, talk, crate::diagnosis::diagnose)
+        }
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {
             let mut out = Vec::new();

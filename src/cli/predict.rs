@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::progress::Progress;
-use super::{Failure, Talk, load};
-use crate::calibration::{predict_force, validate_robot};
+use super::{Failure, Talk, load, series};
+use crate::calibration::{predict_command, predict_force, validate_robot_with};
+use crate::effects::Site;
 use crate::recording::Kind;
 use crate::report::csv::{self, Missing};
 use crate::report::json::PredictionJson;
@@ -16,7 +17,7 @@ use crate::report::output::write_atomic_with;
 /// What to predict.
 #[derive(Subcommand)]
 pub(super) enum Predict {
-    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag)
+    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and film1_V to film3_V are the voltages on the films
     Voltage(Arguments),
     /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag)
     Force(Arguments),
@@ -56,16 +57,34 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     progress.step("predicting");
     let parameters = file.parameters()?;
-    let outcome = validate_robot(&robot, &[&datasets[0]], &parameters)?;
+    let at_work = series::at_work(&file, &recordings, &datasets)?;
+    let (effects, when) = (&at_work.effects, at_work.when[0]);
+    let outcome = validate_robot_with(&robot, &[&datasets[0]], &parameters, effects, &[when])?;
     let r = &outcome.recordings[0];
     let mut flags = csv::missing(r);
+    // What the amplifier has to be told, where it is not what the film gets.
+    let electrical = effects.iter().any(|a| a.effect.site() == Site::Electrical);
+    let command_v = if electrical && matches!(predict, Predict::Voltage(_)) {
+        let told = predict_command(&robot, &datasets[0], &r.predicted_v, effects, when)?;
+        csv::no_command(&mut flags, &told);
+        Some(told)
+    } else {
+        None
+    };
     drop(progress);
     match predict {
         Predict::Voltage(_) => write(a.output.as_deref(), talk, |out| {
-            csv::predicted_voltage(out, r)
+            csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
         })?,
         Predict::Force(_) => {
-            let force = predict_force(&robot, &datasets[0], &parameters, r.offset_s)?;
+            let force = predict_force(
+                &robot,
+                &datasets[0],
+                &parameters,
+                r.offset_s,
+                effects,
+                when,
+            )?;
             for (flag, f) in flags.iter_mut().zip(&force) {
                 // A pose that no voltage holds is a force like any other.
                 if matches!(flag, Some(Missing::Negative(_))) {
@@ -83,6 +102,7 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
     if a.output.is_some() {
         talk.say(&outcome.verdict);
+        at_work.remarks.iter().for_each(|r| talk.say(r));
     }
     Ok(())
 }

@@ -66,6 +66,15 @@ impl Progress {
         }
     }
 
+    /// For work that cannot be asked to stop: ends the program where a stop was asked for. Nothing is written before a job is done.
+    pub(super) fn leave_if_stopped(&self) {
+        if STOP.load(Ordering::Relaxed) {
+            self.bar.finish_and_clear();
+            eprintln!("deacal: stopped on request; nothing was written");
+            std::process::exit(1);
+        }
+    }
+
     /// An error when a stop was asked for.
     pub(super) fn stopped(&self) -> Result<(), super::Failure> {
         if STOP.load(Ordering::Relaxed) {

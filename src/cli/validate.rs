@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Failure, Talk, load};
-use crate::calibration::{Outcome, predict_force, validate_robot};
+use super::{Failure, Talk, load, series};
+use crate::calibration::{Outcome, predict_force, validate_robot_with};
 use crate::dataset::Dataset;
+use crate::effects::{Acting, When};
 use crate::model::{Parameters, Robot};
 use crate::recording::Kind;
 use crate::report::html;
@@ -47,7 +48,10 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         let file = load::parameters(path)?;
         let robot = load::robot(rig, Some(&file))?;
         let parameters = file.parameters()?;
-        let outcome = validate_robot(&robot, &refs, &parameters)?;
+        let at_work = series::at_work(&file, &recordings, &datasets)?;
+        let (effects, when) = (&at_work.effects, &at_work.when);
+        let mut outcome = validate_robot_with(&robot, &refs, &parameters, effects, when)?;
+        outcome.remarks.extend(at_work.remarks);
         let sum = FileSum {
             role: "parameters".into(),
             file: path.display().to_string(),
@@ -56,7 +60,13 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         let mut model = ModelValidation::new(&outcome, sum);
         for (i, r) in model.recordings.iter_mut().enumerate() {
             let offset_s = outcome.recordings[i].offset_s;
-            r.force = Some(force_errors(&robot, &datasets[i], &parameters, offset_s)?);
+            r.force = Some(force_errors(
+                &robot,
+                &datasets[i],
+                &parameters,
+                offset_s,
+                (effects, when[i]),
+            )?);
             r.stroke_mm = Some(Stroke {
                 recorded: finite(stroke_mm(&datasets[i])),
                 predicted: None,
@@ -98,8 +108,9 @@ fn force_errors(
     dataset: &Dataset,
     parameters: &Parameters,
     offset_s: f64,
+    (effects, when): (&[Acting], When),
 ) -> Result<Vec<ForceErrors>, Failure> {
-    let force = predict_force(robot, dataset, parameters, offset_s)?;
+    let force = predict_force(robot, dataset, parameters, offset_s, effects, when)?;
     let track = dataset.track();
     let edge = (0.3 / dataset.step_s).round() as usize;
     let n = dataset.samples();

@@ -39,6 +39,9 @@ impl Effect for DielectricRelaxation {
     fn brought_out_by(&self) -> &'static str {
         "voltage steps with holds of tens of seconds, and a load step under constant voltage"
     }
+    fn remembers(&self) -> bool {
+        true
+    }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         let (x, y) = (v[0], v[2]);
         if x == 0.0 && y == 0.0 {

@@ -11,6 +11,7 @@ mod amplifier_deadband;
 mod amplifier_gain;
 mod amplifier_saturation;
 mod clock_skew;
+mod command;
 mod dielectric_relaxation;
 mod electrode_failure;
 mod electrode_stiffness;
@@ -32,6 +33,8 @@ mod slew_limit;
 mod slow_creep;
 mod temperature_drift;
 mod time_offset;
+
+pub use command::command_for;
 
 use crate::film::Film;
 use crate::kinematics::{Lozenge, Mechanism, Vec3};
@@ -115,6 +118,18 @@ pub struct Quantity {
     pub spread: f64,
     /// Whether it is a size of the cause (the residual is nearly proportional to it), or shapes it.
     pub size: bool,
+}
+
+impl Quantity {
+    /// The name under which files write it: three that end in `_x`, `_y`, `_z` are one list (`offset`), and this is its place there.
+    pub fn part(&self) -> (&'static str, Option<usize>) {
+        let ends = ["_x", "_y", "_z"];
+        let found = ends
+            .iter()
+            .enumerate()
+            .find_map(|(i, end)| Some((self.name.strip_suffix(end)?, Some(i))));
+        found.unwrap_or((self.name, None))
+    }
 }
 
 /// The quantity of a size that is zero when off.
@@ -256,6 +271,10 @@ pub trait Effect: Sync + Send {
     }
     /// From the commanded voltage to the one that makes the Maxwell torque, V, sample by sample.
     fn voltage(&self, _v: &[f64], _along: &Along, _phi_v: &mut [f64]) {}
+    /// Whether what [`Effect::voltage`] gives at a sample depends on earlier ones.
+    fn remembers(&self) -> bool {
+        false
+    }
     /// Changes 1/2 dC/d theta_DEA, N m/V^2.
     fn capacitance(&self, _v: &[f64], _along: &Along, _half_slope: &mut [f64]) {}
     /// Multiplies the stress of [equilibrium spring, branches].

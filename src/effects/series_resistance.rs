@@ -30,6 +30,9 @@ impl Effect for SeriesResistance {
     fn brought_out_by(&self) -> &'static str {
         "steps with holds, and sines at two rates: a resistance loses amplitude at the higher one"
     }
+    fn remembers(&self) -> bool {
+        true
+    }
     /// With the charge q = C phi:  q' = (phi_c - q/C)/R, integrated exactly for a linear command and the mean 1/C of the step.
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         let r = v[0];

@@ -47,6 +47,9 @@ impl Effect for SlewLimit {
     fn brought_out_by(&self) -> &'static str {
         "steps up and down between far voltages"
     }
+    fn remembers(&self) -> bool {
+        true
+    }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         if v[0].is_infinite() && v[1].is_infinite() {
             return;

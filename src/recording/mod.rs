@@ -34,7 +34,7 @@ pub use capture::{
     importer_for, importers, read_file, read_file_as,
 };
 pub use delimited::Delimited;
-pub use error::{Error, ErrorKind, nearest};
+pub use error::{Error, ErrorKind, nearest, suggestion};
 pub use manifest::{
     AxisCoordinate, AxisInertia, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
     CouponManifest, CouponMode, FileRef, FilmState, Kind, Manifest, MonitorManifest,

@@ -133,6 +133,8 @@ pub enum Missing {
     OutOfReach(String),
     /// phi^2 < 0 in these chains (1 to 3): no voltage holds the pose.
     Negative(Vec<usize>),
+    /// No command makes the voltage that the film of this chain (1 to 3) needs.
+    NoCommand(usize),
     /// No voltage is known at the frame.
     NoVoltage,
     /// Anything else.
@@ -152,6 +154,7 @@ impl std::fmt::Display for Missing {
                 }
                 Ok(())
             }
+            Missing::NoCommand(chain) => write!(f, "no command: chain {chain}"),
             Missing::NoVoltage => f.write_str("no voltage"),
             Missing::Other(why) => f.write_str(why),
         }
@@ -212,13 +215,28 @@ pub fn missing(r: &RecordingOutcome) -> Vec<Option<Missing>> {
     out
 }
 
+/// Marks the frames at which no command makes the voltage that a film needs.
+pub fn no_command(flags: &mut [Option<Missing>], command_v: &[[f64; 3]]) {
+    for (flag, command) in flags.iter_mut().zip(command_v) {
+        if flag.is_none() {
+            let chain = command.iter().position(|v| v.is_nan());
+            *flag = chain.map(|k| Missing::NoCommand(k + 1));
+        }
+    }
+}
+
 /// Predicted voltages: `time_s,phi1_V,phi2_V,phi3_V,phi1_sd_V,phi2_sd_V,phi3_sd_V,flag`. `sd` is what the noise of the
-/// capture makes of the prediction. Every frame has its row; see [`Missing`] for the flags.
+/// capture makes of the prediction. Every frame has its row; see [`Missing`] for the flags. With `command_v`, what the amplifier must
+/// be told, that is phi, and `film1_V` to `film3_V` before the flag are the voltages on the films.
 ///
 /// # Errors
 /// Those of the writer.
-pub fn predicted_voltage(out: &mut (impl Write + ?Sized), r: &RecordingOutcome) -> io::Result<()> {
-    let flags = missing(r);
+pub fn predicted_voltage(
+    out: &mut (impl Write + ?Sized),
+    r: &RecordingOutcome,
+    command_v: Option<&[[f64; 3]]>,
+    flags: &[Option<Missing>],
+) -> io::Result<()> {
     let known = |i: usize, v: [f64; 3]| match &flags[i] {
         None => v,
         Some(Missing::Negative(chains)) => [0, 1, 2].map(|k| {
@@ -230,11 +248,18 @@ pub fn predicted_voltage(out: &mut (impl Write + ?Sized), r: &RecordingOutcome) 
         }),
         Some(_) => [f64::NAN; 3],
     };
-    let value = |i: usize| known(i, r.predicted_v[i]);
+    let command = |i: usize| known(i, command_v.map_or(r.predicted_v[i], |c| c[i]));
+    let film = |i: usize| match &flags[i] {
+        Some(Missing::NoCommand(_)) => r.predicted_v[i],
+        _ => known(i, r.predicted_v[i]),
+    };
     let sd = |i: usize| known(i, r.sd_v.get(i).copied().unwrap_or([f64::NAN; 3]));
     let mut columns = vec![Column::new("time_s", TIME, |i| r.time_s[i])];
-    columns.extend(Column::three("phi{}_V", CHAINS, VOLT, value));
+    columns.extend(Column::three("phi{}_V", CHAINS, VOLT, command));
     columns.extend(Column::three("phi{}_sd_V", CHAINS, VOLT, sd));
+    if command_v.is_some() {
+        columns.extend(Column::three("film{}_V", CHAINS, VOLT, film));
+    }
     write_table(out, &columns, r.time_s.len(), |i, buffer| {
         if let Some(flag) = &flags[i] {
             put(buffer, flag);

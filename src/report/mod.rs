@@ -1,6 +1,8 @@
 //! The room `report`: shows and writes. A number that is not in the outcome it does not invent.
 
 pub mod csv;
+pub mod diagnosis_json;
+pub mod effect_entries;
 pub mod export;
 pub mod html;
 pub mod json;

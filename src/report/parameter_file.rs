@@ -6,6 +6,7 @@
 //! [forearm]     nodes_deg, torque_N_m
 //! [axis]        values of a single axis
 //! [[effect]]    id, actuators, and the effect's own values
+//! [[series]]    id, number, begins_s, clock_s: when the recordings of a diagnosis were made
 //! [provenance]  program, command, rig and recordings with their SHA-256
 //! ```
 //!
@@ -20,6 +21,7 @@ use toml::de::DeValue;
 
 use super::provenance::{FileSum, Provenance, RecordingSum};
 use crate::calibration::{CouponOutcome, Estimate, Outcome};
+use crate::diagnosis::Diagnosis;
 use crate::film::Film;
 use crate::model::{ForearmTorque, Parameters};
 use crate::recording::keys::{Document, Keys, Value, describe};
@@ -128,6 +130,20 @@ impl Effect {
     }
 }
 
+/// `[[series]]`: when a recording was made.
+#[derive(Debug, Clone, PartialEq, Serialize, serde::Deserialize, JsonSchema)]
+pub struct SeriesEntry {
+    /// The recording.
+    pub id: String,
+    /// Its number in the series.
+    pub number: usize,
+    /// Its beginning after that of the first, s; assumed where no beginning was stated.
+    pub begins_s: f64,
+    /// Its beginning on the clock that `start` of its manifest states, s since 1970.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clock_s: Option<f64>,
+}
+
 /// A parameter file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ParameterFile {
@@ -141,13 +157,22 @@ pub struct ParameterFile {
     pub axis: Values,
     /// `[[effect]]`.
     pub effects: Vec<Effect>,
+    /// `[[series]]`: the recordings of a diagnosis; what happens at a moment refers to it.
+    pub series: Vec<SeriesEntry>,
     /// `[provenance]`.
     pub provenance: Provenance,
     /// What a reader should know: defaults that were taken.
     pub notes: Vec<Note>,
 }
 
-const TOP: &[&str] = &["film", "forearm", "axis", "effect", "provenance"];
+const TOP: &[&str] = &[
+    "film",
+    "forearm",
+    "axis",
+    "effect",
+    "series",
+    "provenance",
+];
 const FILM: &[&str] = &[
     "mu_Pa",
     "mu_Pa_std_error",
@@ -169,6 +194,7 @@ const FOREARM: &[&str] = &[
     "torque_N_m_ci95",
 ];
 const EFFECT: &[&str] = &["id", "actuators"];
+const SERIES: &[&str] = &["id", "number", "begins_s", "clock_s"];
 const PROVENANCE: &[&str] = &["program", "command", "rig", "recording"];
 const RECORDING: &[&str] = &["id", "files"];
 const FILE: &[&str] = &["role", "file", "sha256"];
@@ -228,6 +254,22 @@ impl ParameterFile {
         }
         file.provenance = provenance;
         file
+    }
+
+    /// The augmented model of a diagnosis: film, forearm and the causes that it contains.
+    #[must_use]
+    pub fn of_diagnosis(
+        diagnosis: &Diagnosis,
+        series: Vec<SeriesEntry>,
+        provenance: Provenance,
+    ) -> Self {
+        let found = diagnosis.candidates.iter().filter(|c| c.in_model);
+        ParameterFile {
+            effects: found.map(Effect::of).collect(),
+            series,
+            provenance,
+            ..ParameterFile::of(&diagnosis.parameters, Some(diagnosis.eps_r))
+        }
     }
 
     /// The film that a calibration on coupons found, with its errors: those of the noise of the stress alone, as in `fit.json`.
@@ -360,6 +402,22 @@ impl ParameterFile {
             let _ = writeln!(out, "id = {}", string(&effect.id));
             let _ = writeln!(out, "actuators = {:?}", effect.actuators);
             values(&mut out, &effect.values);
+        }
+        if !self.series.is_empty() {
+            out.push('\n');
+            comment(
+                &mut out,
+                "The recordings in the order in which they were made; begins_s is counted from the first.",
+            );
+        }
+        for entry in &self.series {
+            out.push_str("[[series]]\n");
+            let _ = writeln!(out, "id = {}", string(&entry.id));
+            let _ = writeln!(out, "number = {}", entry.number);
+            let _ = writeln!(out, "begins_s = {}", number(entry.begins_s));
+            if let Some(clock_s) = entry.clock_s {
+                let _ = writeln!(out, "clock_s = {}", number(clock_s));
+            }
         }
         provenance(&mut out, &self.provenance);
         out
@@ -532,6 +590,20 @@ fn read(document: &Document) -> Result<ParameterFile, Error> {
     }
     for t in top.open_tables("effect", EFFECT)? {
         file.effects.push(read_effect(&t)?);
+    }
+    for t in top.tables("series", SERIES)? {
+        let number: i64 = t.need("number")?;
+        let Ok(number) = usize::try_from(number) else {
+            return Err(t
+                .bad("number", format!("found {number}"))
+                .expected("a whole number not below 0"));
+        };
+        file.series.push(SeriesEntry {
+            id: t.need("id")?,
+            number,
+            begins_s: t.need("begins_s")?,
+            clock_s: t.get("clock_s")?,
+        });
     }
     if let Some(t) = top.table("provenance", PROVENANCE)? {
         file.provenance = read_provenance(&t)?;
@@ -898,6 +970,9 @@ pub struct ParametersJson {
     /// Causes that the plain model leaves out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effect: Vec<EffectJson>,
+    /// When the recordings of a diagnosis were made.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub series: Vec<SeriesEntry>,
     /// What the values were made of.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub provenance: Option<Provenance>,
@@ -1031,6 +1106,7 @@ impl ParametersJson {
                     values: json_values(&e.values),
                 })
                 .collect(),
+            series: file.series.clone(),
             provenance: (file.provenance != Provenance::default()).then(|| file.provenance.clone()),
         }
     }

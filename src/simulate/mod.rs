@@ -6,6 +6,7 @@
 //! | forward dynamics of the robot, phi_k(t) to u(t) | [`motion`], [`rest`] |
 //! | hanging film sample, both ways | [`sample_motion`], [`sample_phi_squared_v2`], [`sample_rest`] |
 //! | what else acts on the robot | [`Addition`] |
+//! | causes of the catalogue | [`effect_addition`], [`effect_robot`], [`effect_reading`], [`EffectClock`] |
 //! | built-in drives, a circle through the inverse model | [`Drive`], [`Circle`], [`flip_polarity`] |
 //! | the files of a recording, with noise and a seed | [`mod@write`] |
 //! | voltages and payload over time | [`Voltage`], [`Sampled`], [`Payload`] |
@@ -15,6 +16,7 @@
 mod addition;
 mod branches;
 mod drive;
+mod effects;
 mod integrator;
 mod robot;
 mod sample;
@@ -23,6 +25,7 @@ pub mod write;
 
 pub use addition::{Action, Addition, Situation};
 pub use drive::{Circle, DEFAULT_RATE_HZ, Drive, PlannedDrive, flip_polarity};
+pub use effects::{EffectClock, effect_addition, effect_reading, effect_robot};
 pub use integrator::Effort;
 pub use robot::{Energy, Motion, Options, Rest, Start, motion, rest};
 pub use sample::{

@@ -7,6 +7,7 @@
 
 mod contributions;
 mod coupon;
+mod diagnosis;
 mod errors;
 pub mod number;
 pub mod page;
@@ -25,6 +26,7 @@ use crate::report::provenance::Provenance;
 use page::Section;
 
 pub use coupon::render_coupons;
+pub use diagnosis::render_diagnosis;
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 

@@ -1,0 +1,271 @@
+//! `diagnose`: is the model adequate, and if not, where, and what was left out.
+
+use std::path::PathBuf;
+
+use super::progress::Progress;
+use super::series::{self, Series};
+use super::{Failure, Talk, load};
+use crate::dataset::Dataset;
+use crate::diagnosis::{Diagnosis, Entry, Error, Request, Verdict};
+use crate::effects::CATALOGUE;
+use crate::model::Robot;
+use crate::recording::{Kind, suggestion};
+use crate::report::diagnosis_json::DiagnosisJson;
+use crate::report::html;
+use crate::report::json::to_text;
+use crate::report::output::OutputSet;
+use crate::report::parameter_file::ParameterFile;
+use crate::report::provenance::Provenance;
+
+/// What to diagnose.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// recording.toml files, or folders that have one, to fit
+    #[arg(required = true, value_name = "REC")]
+    recordings: Vec<PathBuf>,
+    /// Recordings that are not fitted, to judge by (default: the last one or two of four or more)
+    #[arg(long, num_args = 1.., value_name = "REC")]
+    holdout: Vec<PathBuf>,
+    /// Rig to use instead of the recordings' own
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// plan.toml of an earlier run, to make the same choices again
+    #[arg(long)]
+    plan: Option<PathBuf>,
+    /// Causes to consider, by id, separated by commas (default: all)
+    #[arg(long, value_delimiter = ',', value_name = "ID,ID", value_parser = parse_id)]
+    only: Vec<String>,
+    /// Share of recordings without a cause in which one may be named all the same
+    #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
+    false_alarms: f64,
+    /// Folder for the results
+    #[arg(short, long, default_value = "out/diagnose")]
+    output: PathBuf,
+}
+
+fn parse_id(text: &str) -> Result<String, String> {
+    let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
+    if ids.contains(&text) {
+        return Ok(text.to_owned());
+    }
+    Err(format!("no cause is called `{text}`; {}", suggestion(text, &ids)))
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|r| (1e-6..=0.5).contains(r));
+    rate.ok_or_else(|| "expected a share between 0.000001 and 0.5".into())
+}
+
+/// Least change of a command that excites anything, V.
+const EXCITING_V: f64 = 100.0;
+/// From this many recordings on the last ones are held out where none are named: one, from half as many again on two.
+const ENOUGH: usize = 4;
+
+/// The search for causes.
+pub(super) type Search = fn(
+    &Robot,
+    &[Entry],
+    &[Entry],
+    &Request,
+    &(dyn Fn(&str) + Sync),
+) -> Result<Diagnosis, Error>;
+
+pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let paths: Vec<PathBuf> = a.recordings.iter().chain(&a.holdout).cloned().collect();
+    let recordings = load::recordings(&paths, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let provenance = Provenance::of(command, &recordings);
+    let robot = load::robot(load::rig(&recordings)?, None)?;
+    let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
+    let series = series::order(&recordings, &datasets)?;
+    drop(recordings);
+    let request = Request {
+        false_alarm_rate: a.false_alarms,
+        only: a.only.clone(),
+    };
+    let (diagnosis, series) = judge(
+        &robot,
+        &datasets,
+        a.recordings.len(),
+        series,
+        &request,
+        &progress,
+        search,
+    )?;
+    progress.stopped()?;
+    progress.step("writing");
+    let json = write(&a.output, &diagnosis, series, provenance)?;
+    drop(progress);
+    talk.result(&json);
+    say(&diagnosis, talk);
+    talk.say(&format!(
+        "Report: {}",
+        a.output.join("report.html").display()
+    ));
+    Ok(())
+}
+
+/// Diagnoses the first `named` datasets; the others are held out.
+pub(super) fn judge(
+    robot: &Robot,
+    datasets: &[Dataset],
+    named: usize,
+    series: Series,
+    request: &Request,
+    progress: &Progress,
+    search: Search,
+) -> Result<(Diagnosis, Vec<crate::report::parameter_file::SeriesEntry>), Failure> {
+    let Series {
+        entries,
+        mut remarks,
+    } = series;
+    let mut order: Vec<usize> = (0..datasets.len()).collect();
+    order.sort_by_key(|&i| entries[i].number);
+    let split = split(&order, named);
+    let (train, holdout) = (&split.0, &split.1);
+    remarks.extend(excited(datasets, train)?);
+    if holdout.is_empty() {
+        remarks.push(
+            "No recording was held out: that the model is better with a cause was seen only on the recordings that were fitted. Give others with --holdout, or four recordings or more.".into(),
+        );
+    } else if named == datasets.len() {
+        let ids: Vec<&str> = holdout.iter().map(|&i| datasets[i].id.as_str()).collect();
+        remarks.push(format!(
+            "Held out without being asked, as the last of the series: {}.",
+            ids.join(", ")
+        ));
+    }
+    if train.len() == 1 {
+        remarks.push(
+            "One recording only: a cause that shows in another drive, or from one recording to the next, cannot be seen, and much of any cause hides in the film's parameters.".into(),
+        );
+    }
+    let entry = |&i: &usize| Entry {
+        dataset: &datasets[i],
+        when: series::when(&entries[i], &datasets[i]),
+    };
+    let train: Vec<Entry> = train.iter().map(entry).collect();
+    let holdout: Vec<Entry> = holdout.iter().map(entry).collect();
+    let watch = |what: &str| {
+        progress.step(what);
+        progress.leave_if_stopped();
+    };
+    let mut diagnosis = search(robot, &train, &holdout, request, &watch)?;
+    diagnosis.remarks.extend(remarks);
+    Ok((diagnosis, order.iter().map(|&i| entries[i].clone()).collect()))
+}
+
+/// What is fitted and what is held out, of `order`, where the first `named` were not asked to be held out.
+fn split(order: &[usize], named: usize) -> (Vec<usize>, Vec<usize>) {
+    if named < order.len() {
+        return order.iter().partition(|i| **i < named);
+    }
+    let out = match order.len() {
+        n if n < ENOUGH => 0,
+        n if n < ENOUGH + ENOUGH / 2 => 1,
+        _ => 2,
+    };
+    let (train, holdout) = order.split_at(order.len() - out);
+    (train.to_vec(), holdout.to_vec())
+}
+
+/// Refuses recordings in which no voltage changes; names those in which none does beside others.
+fn excited(datasets: &[Dataset], train: &[usize]) -> Result<Option<String>, Failure> {
+    let swing = |d: &Dataset| {
+        (0..3)
+            .map(|k| {
+                let volts = (0..d.samples()).map(|i| d.command_v(k, i, d.offset_s));
+                let [low, high] = volts.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| {
+                    [a.min(v), b.max(v)]
+                });
+                high - low
+            })
+            .fold(0.0, f64::max)
+    };
+    let still: Vec<(&str, f64)> = train
+        .iter()
+        .map(|&i| (datasets[i].id.as_str(), swing(&datasets[i])))
+        .filter(|(_, swing)| *swing < EXCITING_V)
+        .collect();
+    let ids: Vec<&str> = still.iter().map(|s| s.0).collect();
+    if still.len() == train.len() {
+        let most = still.iter().map(|s| s.1).fold(0.0, f64::max);
+        return Err(format!(
+            "the voltage is constant in {} (it changes by {most:.0} V at most): nothing is excited that could be told from the film's stiffness; record ramps, steps or sines of 1 kV or more",
+            ids.join(", ")
+        )
+        .into());
+    }
+    Ok((!still.is_empty()).then(|| {
+        format!(
+            "The voltage is constant in {}: it tells of the pose at one voltage and of nothing else.",
+            ids.join(", ")
+        )
+    }))
+}
+
+/// Numbers, augmented model and report of a diagnosis, all or none.
+pub(super) fn write(
+    output: &std::path::Path,
+    diagnosis: &Diagnosis,
+    series: Vec<crate::report::parameter_file::SeriesEntry>,
+    provenance: Provenance,
+) -> Result<DiagnosisJson, Failure> {
+    let json = DiagnosisJson::new(diagnosis, series.clone(), provenance.clone());
+    let mut set = OutputSet::new(output)?;
+    set.write("report.html", html::render_diagnosis(diagnosis, &provenance))?;
+    set.write(
+        "parameters.toml",
+        ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml(),
+    )?;
+    set.write("diagnosis.json", to_text(&json))?;
+    set.commit()?;
+    Ok(json)
+}
+
+/// The first screen of the report, in the terminal.
+pub(super) fn say(d: &Diagnosis, talk: Talk) {
+    talk.say(&d.says);
+    if let Some(place) = d.places.first().filter(|_| d.verdict != Verdict::Adequate) {
+        talk.say(&format!("Where: {}", place.says));
+    }
+    for c in d.candidates.iter().filter(|c| c.in_model) {
+        talk.say(&format!(
+            "{} ({:.0} %): {}",
+            c.acting.effect.id(),
+            100.0 * c.probability,
+            c.says
+        ));
+    }
+    if let (Some(h), Verdict::MissingPhysics) = (d.holdout, d.verdict) {
+        talk.say(&format!(
+            "On the held-out recordings: {:.1} V rms above 1 kV before, {:.1} V after, noise {:.1} V.",
+            h.before_v, h.after_v, h.noise_floor_v
+        ));
+    }
+    if !d.next_experiment.is_empty() {
+        talk.say(&format!("Record next: {}", d.next_experiment));
+    }
+    for remark in &d.remarks {
+        talk.say(remark);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_are_held_out_where_there_are_enough() {
+        let n = |n: usize| split(&(0..n).collect::<Vec<_>>(), n).1;
+        assert!(n(3).is_empty());
+        assert_eq!((n(4), n(5), n(6)), (vec![3], vec![4], vec![4, 5]));
+        assert_eq!(split(&[2, 0, 1], 2), (vec![0, 1], vec![2]));
+    }
+
+    #[test]
+    fn an_unknown_cause_is_answered_with_the_nearest() {
+        let text = parse_id("series_resistence").unwrap_err();
+        assert!(text.contains("series_resistance") && text.contains("frame_tilt"), "{text}");
+    }
+}

@@ -1,0 +1,243 @@
+//! The order of recordings in time, and what that means for causes that begin, drift or break.
+
+use super::Failure;
+use crate::dataset::Dataset;
+use crate::effects::{Acting, When};
+use crate::recording::Recording;
+use crate::report::parameter_file::{ParameterFile, SeriesEntry};
+
+/// From one beginning to the next where no manifest states them, s.
+const BETWEEN_S: f64 = 120.0;
+/// Shortest pause between two recordings, s.
+const PAUSE_S: f64 = 20.0;
+/// Numbers further apart than this are dates or the like: only their order counts.
+const APART: usize = 50;
+
+/// Leading number of the last part of an id: 2 of `rig-a/02-single`.
+fn leading_number(id: &str) -> Option<usize> {
+    let last = id.rsplit('/').next()?;
+    let digits = last.find(|c: char| !c.is_ascii_digit()).unwrap_or(last.len());
+    last[..digits].parse().ok()
+}
+
+/// The part of an id before its last: what recordings of one series share.
+fn family(id: &str) -> &str {
+    id.rsplit_once('/').map_or("", |(family, _)| family)
+}
+
+/// A series: its recordings in the order in which they were given, and what had to be assumed.
+pub(super) struct Series {
+    pub entries: Vec<SeriesEntry>,
+    pub remarks: Vec<String>,
+}
+
+/// Puts recordings in the order in which they were made. Numbers are the leading ones of the ids, otherwise the order of the stated
+/// beginnings, otherwise that of the command line.
+pub(super) fn order(recordings: &[Recording], datasets: &[Dataset]) -> Result<Series, Failure> {
+    let ids: Vec<&str> = recordings.iter().map(|r| r.manifest.id.as_str()).collect();
+    let starts: Option<Vec<f64>> = recordings
+        .iter()
+        .map(|r| r.manifest.start.as_ref().map(|s| s.clock_s))
+        .collect();
+    let durations: Vec<f64> = datasets
+        .iter()
+        .map(|d| d.samples() as f64 * d.step_s)
+        .collect();
+    arrange(&ids, starts.as_deref(), &durations)
+}
+
+fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<Series, Failure> {
+    let mut remarks = Vec::new();
+    let leading: Option<Vec<usize>> = ids.iter().map(|id| leading_number(id)).collect();
+    let distinct = |n: &Vec<usize>| {
+        let mut sorted = n.clone();
+        sorted.sort_unstable();
+        sorted.windows(2).all(|w| w[0] < w[1])
+    };
+    let numbers = match (leading.filter(distinct), starts) {
+        (Some(numbers), _) => numbers,
+        (None, Some(starts)) => {
+            let rank = |s: &f64| 1 + starts.iter().filter(|other| *other < s).count();
+            starts.iter().map(rank).collect()
+        }
+        (None, None) => {
+            if ids.len() > 1 {
+                remarks.push(
+                    "Neither the ids nor `start` keys say in which order the recordings were made; the order of the command line was taken. Begin the last part of each id with a number, or state `start`.".into(),
+                );
+            }
+            (1..=ids.len()).collect()
+        }
+    };
+    let mut by_number: Vec<usize> = (0..ids.len()).collect();
+    by_number.sort_by_key(|&i| numbers[i]);
+    let mut begins_s = vec![0.0; ids.len()];
+    for pair in by_number.windows(2) {
+        let (a, b) = (pair[0], pair[1]);
+        begins_s[b] = begins_s[a]
+            + match starts {
+                Some(starts) if starts[b] <= starts[a] => {
+                    return Err(format!(
+                        "recording `{}` comes before `{}` by its number, and after it by its `start`: correct one of them",
+                        ids[a], ids[b]
+                    )
+                    .into());
+                }
+                Some(starts) => starts[b] - starts[a],
+                None => {
+                    let apart = numbers[b] - numbers[a];
+                    let steps = if apart > APART { 1 } else { apart };
+                    (BETWEEN_S * steps as f64).max(durations_s[a] + PAUSE_S)
+                }
+            };
+    }
+    if starts.is_none() && ids.len() > 1 {
+        remarks.push(format!(
+            "Not every recording states its `start`: they are taken to begin about {BETWEEN_S:.0} s apart, in the order of their numbers. Causes that drift over minutes depend on that."
+        ));
+    }
+    let mut families: Vec<&str> = ids.iter().map(|id| family(id)).collect();
+    families.sort_unstable();
+    families.dedup();
+    if families.len() > 1 {
+        remarks.push(format!(
+            "The recordings are of several series by their ids ({}); they are taken as one.",
+            families.join(", ")
+        ));
+    }
+    let entries = (0..ids.len())
+        .map(|i| SeriesEntry {
+            id: ids[i].to_owned(),
+            number: numbers[i],
+            begins_s: begins_s[i],
+            clock_s: starts.map(|s| s[i]),
+        })
+        .collect();
+    Ok(Series { entries, remarks })
+}
+
+/// When a recording was made.
+pub(super) fn when(entry: &SeriesEntry, dataset: &Dataset) -> When {
+    When {
+        recording: entry.number,
+        series_s: entry.begins_s,
+        start_s: dataset.start_s,
+    }
+}
+
+/// The causes of a parameter file, and when each recording was made, as they see it.
+pub(super) struct AtWork {
+    pub effects: Vec<Acting>,
+    pub when: Vec<When>,
+    pub remarks: Vec<String>,
+}
+
+/// The causes of `file` at work in `recordings`.
+pub(super) fn at_work(
+    file: &ParameterFile,
+    recordings: &[Recording],
+    datasets: &[Dataset],
+) -> Result<AtWork, Failure> {
+    if file.effects.is_empty() {
+        return Ok(AtWork {
+            effects: Vec::new(),
+            when: vec![When::default(); recordings.len()],
+            remarks: Vec::new(),
+        });
+    }
+    let given = order(recordings, datasets)?;
+    let first = file.series.iter().min_by_key(|e| e.number);
+    let home = first.map(|e| family(&e.id));
+    let known = |id: &str| file.series.iter().find(|e| e.id == id);
+    let number_of = |id: &str| {
+        // Numbers begin at 1 here: 0 is a recording of another series, before everything.
+        let entry = known(id).or_else(|| given.entries.iter().find(|e| e.id == id));
+        let number = entry.map(|e| e.number).or_else(|| leading_number(id));
+        number.map(|n| n + 1)
+    };
+    let effects = file.acting(&number_of)?;
+    let mut remarks = Vec::new();
+    let mut when = Vec::new();
+    for ((recording, dataset), own) in recordings.iter().zip(datasets).zip(&given.entries) {
+        let id = recording.manifest.id.as_str();
+        let start = recording.manifest.start.as_ref().map(|s| s.clock_s);
+        let here = file
+            .effects
+            .iter()
+            .find_map(|e| e.values.iter().find(|(n, _)| n == "recording"))
+            .and_then(|(_, v)| v.as_str())
+            .map(family);
+        let same = home.or(here).is_none_or(|h| h == family(id));
+        let entry = match (known(id), first) {
+            (Some(entry), _) => entry.clone(),
+            (None, Some(first)) if same => SeriesEntry {
+                begins_s: match (start, first.clock_s) {
+                    (Some(start), Some(zero)) => start - zero,
+                    _ => BETWEEN_S * own.number.saturating_sub(first.number) as f64,
+                },
+                ..own.clone()
+            },
+            _ => own.clone(),
+        };
+        let mut w = self::when(&entry, dataset);
+        w.recording = if same { entry.number + 1 } else { 0 };
+        if !same {
+            w.series_s = 0.0;
+            for e in &file.effects {
+                let moment = e.values.iter().any(|(n, _)| n == "recording");
+                let drifts = matches!(e.id.as_str(), "temperature_drift" | "slow_creep");
+                if moment {
+                    remarks.push(format!(
+                        "{id}: {} happened in another series and is not applied here.",
+                        e.id
+                    ));
+                } else if drifts {
+                    remarks.push(format!(
+                        "{id}: {} is taken as at the beginning of a series.",
+                        e.id
+                    ));
+                }
+            }
+        }
+        when.push(w);
+    }
+    Ok(AtWork {
+        effects,
+        when,
+        remarks,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(ids: &[&str], starts: Option<&[f64]>) -> Result<Series, String> {
+        arrange(ids, starts, &vec![60.0; ids.len()]).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn numbers_come_from_ids_and_times_from_starts() {
+        let s = of(&["a/04-x", "a/01-y", "a/02-z"], None).unwrap();
+        let numbers: Vec<usize> = s.entries.iter().map(|e| e.number).collect();
+        let begins: Vec<f64> = s.entries.iter().map(|e| e.begins_s).collect();
+        assert_eq!((numbers, begins), (vec![4, 1, 2], vec![360.0, 0.0, 120.0]));
+        assert!(s.remarks[0].contains("120 s apart"));
+        let s = of(&["b", "a"], Some(&[100.0, 40.0])).unwrap();
+        assert_eq!((s.entries[0].number, s.entries[0].begins_s), (2, 60.0));
+        assert!(s.remarks.is_empty());
+        let s = of(&["20260302-a", "20260303-b"], None).unwrap();
+        assert_eq!(s.entries[1].begins_s, 120.0);
+        let s = of(&["b", "a"], None).unwrap();
+        assert_eq!(s.entries[0].number, 1);
+        assert!(s.remarks[0].contains("order of the command line"));
+        let s = of(&["x/1", "y/2"], None).unwrap();
+        assert!(s.remarks[1].contains("several series"));
+    }
+
+    #[test]
+    fn a_number_against_a_start_is_refused() {
+        let text = of(&["a/1", "a/2"], Some(&[50.0, 10.0])).err().unwrap();
+        assert!(text.contains("a/1") && text.contains("start"));
+    }
+}

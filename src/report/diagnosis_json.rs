@@ -1,0 +1,311 @@
+//! `diagnosis.json`, in the keys that scripts rely on.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::effect_entries::{actuators, named};
+use super::json::{Named, Number, finite};
+use super::parameter_file::SeriesEntry;
+use super::provenance::Provenance;
+use crate::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place};
+
+/// `diagnosis.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "diagnosis.json")]
+pub struct DiagnosisJson {
+    /// `adequate`, `missing_physics` or `unexplained`.
+    pub verdict: String,
+    /// Probability of the verdict.
+    pub confidence: Number,
+    /// The verdict in one or two sentences.
+    pub says: String,
+    /// Where model and recordings differ, most telling first.
+    #[serde(rename = "where")]
+    pub places: Vec<PlaceJson>,
+    /// Causes, most probable first.
+    pub candidates: Vec<CandidateJson>,
+    /// Groups of causes that these recordings cannot tell apart.
+    pub indistinguishable: Vec<Vec<String>>,
+    /// What to record next.
+    pub next_experiment: String,
+    /// Causes that these recordings could not have shown.
+    pub hidden: Vec<HiddenJson>,
+    /// The law that was found in what no cause explains.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<LawJson>,
+    /// Samples over which the errors are taken.
+    pub rmse_basis: String,
+    /// Errors on the recordings that were fitted.
+    #[serde(rename = "train_rmse_V")]
+    pub train: GainJson,
+    /// Errors on the recordings that were held out; null without any.
+    #[serde(rename = "holdout_rmse_V")]
+    pub holdout: Option<GainJson>,
+    /// Weighted mean square of the plain model on the recordings that were fitted; noise alone makes 1.
+    pub plain_mean_square: Number,
+    /// The same on those that were held out.
+    pub plain_holdout_mean_square: Number,
+    /// What weakens the verdict.
+    pub remarks: Vec<String>,
+    /// The recordings in the order in which they were made.
+    pub series: Vec<SeriesEntry>,
+    /// What the result was made of.
+    pub provenance: Provenance,
+}
+
+/// A place where model and recordings differ.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PlaceJson {
+    /// The coordinate: `voltage`, `direction`, `recording`, ...
+    pub dimension: String,
+    /// From and to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f64; 2]>,
+    /// Unit of the range.
+    #[serde(skip_serializing_if = "String::is_empty", default)]
+    pub unit: String,
+    /// A place that is a word.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<String>,
+    /// The recording, where it is in one only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<String>,
+    /// The actuators, where it is not in all.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub actuators: Vec<usize>,
+    /// Share of the squares beyond noise that lies here.
+    pub share_of_excess: Number,
+    /// Share of the samples that lie here.
+    pub share_of_samples: Number,
+    /// Probability of as much by chance, over the whole search.
+    pub p_value: Number,
+    /// One sentence.
+    pub says: String,
+}
+
+impl PlaceJson {
+    fn of(p: &Place) -> Self {
+        PlaceJson {
+            dimension: p.dimension.into(),
+            range: p.range.filter(|r| r.iter().all(|v| v.is_finite())),
+            unit: p.unit.into(),
+            value: p.value.clone(),
+            recording: p.recording.clone(),
+            actuators: p.actuators.clone(),
+            share_of_excess: finite(p.share_of_excess),
+            share_of_samples: finite(p.share_of_samples),
+            p_value: finite(p.p_value),
+            says: p.says.clone(),
+        }
+    }
+}
+
+/// A cause that was judged.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CandidateJson {
+    /// Id of the catalogue.
+    pub effect: String,
+    /// Probability that it is at work.
+    pub probability: Number,
+    /// Bayesian information criterion with it minus without.
+    pub delta_bic: Number,
+    /// Whether the augmented model contains it.
+    pub in_model: bool,
+    /// Its values, by name.
+    pub parameters: Named<ValueJson>,
+    /// The actuators that it sits in.
+    pub actuators: Vec<usize>,
+    /// Weighted mean square with it on the recordings that were fitted; noise alone makes 1.
+    pub mean_square: Number,
+    /// The same on those that were held out.
+    pub holdout_mean_square: Number,
+    /// One sentence.
+    pub says: String,
+}
+
+/// A value of a cause: a number, a word (a link, a recording), or the three of a vector with three errors and intervals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ValueJson {
+    /// The value.
+    pub value: Value,
+    /// Its unit.
+    pub unit: String,
+    /// Standard error; null where it was not estimated.
+    pub std_error: Value,
+    /// 95 % interval; null where there is none.
+    pub ci95: Value,
+    /// Whether it rests on a physical bound.
+    pub at_bound: bool,
+}
+
+impl CandidateJson {
+    fn of(c: &Candidate) -> Self {
+        let number = |v: f64| finite(v).map_or(Value::Null, Value::from);
+        let parameters = named(c)
+            .into_iter()
+            .map(|n| {
+                let each = |of: &dyn Fn(&crate::diagnosis::Value) -> Value| match &n.values[..] {
+                    [one] => of(one),
+                    many => many.iter().map(|v| of(v)).collect(),
+                };
+                let ends = |v: &crate::diagnosis::Value| match v.ci95.map(finite) {
+                    [Some(low), Some(high)] => Value::from(vec![low, high]),
+                    _ => Value::Null,
+                };
+                let value = ValueJson {
+                    value: each(&|v| match &v.word {
+                        Some(word) => word.as_str().into(),
+                        None => number(v.value),
+                    }),
+                    unit: match n.values[0].word {
+                        Some(_) => String::new(),
+                        None => n.values[0].unit.into(),
+                    },
+                    std_error: each(&|v| number(v.std_error)),
+                    ci95: each(&ends),
+                    at_bound: n.values.iter().any(|v| v.at_bound),
+                };
+                (n.name.to_owned(), value)
+            })
+            .collect();
+        CandidateJson {
+            effect: c.acting.effect.id().into(),
+            probability: finite(c.probability),
+            delta_bic: finite(c.delta_bic),
+            in_model: c.in_model,
+            parameters: Named(parameters),
+            actuators: actuators(c.acting.on),
+            mean_square: finite(c.mean_square),
+            holdout_mean_square: finite(c.holdout_mean_square),
+            says: c.says.clone(),
+        }
+    }
+}
+
+/// A cause that these recordings could not have shown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HiddenJson {
+    /// Id of the catalogue.
+    pub effect: String,
+    /// Share of its trace that a refit of the plain model absorbs.
+    pub hidden_share: Number,
+    /// Smallest size that would have been seen.
+    pub smallest_detectable: SizeJson,
+}
+
+/// A size.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SizeJson {
+    /// Name of the cause's parameter.
+    pub name: String,
+    /// Its value.
+    pub value: Number,
+    /// Its unit.
+    pub unit: String,
+}
+
+impl HiddenJson {
+    fn of(h: &Hidden) -> Self {
+        HiddenJson {
+            effect: h.effect.into(),
+            hidden_share: finite(h.hidden_share),
+            smallest_detectable: SizeJson {
+                name: h.name.into(),
+                value: finite(h.smallest_detectable),
+                unit: h.unit.into(),
+            },
+        }
+    }
+}
+
+/// A law over physical variables: a hypothesis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LawJson {
+    /// Its terms, strongest first.
+    pub terms: Vec<TermJson>,
+    /// Share of the squares beyond noise that all terms take away.
+    pub share_of_excess: Number,
+}
+
+/// A term of a law.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[allow(non_snake_case)]
+pub struct TermJson {
+    /// The variable.
+    pub variable: String,
+    /// Torque per standard deviation of the variable, N m.
+    pub coefficient_N_m: Number,
+    /// Share that it takes away alone.
+    pub share_of_excess: Number,
+}
+
+impl LawJson {
+    fn of(law: &Law) -> Self {
+        LawJson {
+            terms: law
+                .terms
+                .iter()
+                .map(|(variable, coefficient, share)| TermJson {
+                    variable: variable.clone(),
+                    coefficient_N_m: finite(*coefficient),
+                    share_of_excess: finite(*share),
+                })
+                .collect(),
+            share_of_excess: finite(law.share),
+        }
+    }
+}
+
+/// Errors before and after, V.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GainJson {
+    /// Of the plain model, refitted with all its parameters free.
+    pub before: Number,
+    /// Of the augmented model.
+    pub after: Number,
+    /// Of the noise of the capture alone.
+    pub noise_floor: Number,
+    /// The same three over all samples.
+    pub all: [Number; 3],
+}
+
+impl GainJson {
+    fn of(g: &Gain) -> Self {
+        GainJson {
+            before: finite(g.before_v),
+            after: finite(g.after_v),
+            noise_floor: finite(g.noise_floor_v),
+            all: g.all_v.map(finite),
+        }
+    }
+}
+
+impl DiagnosisJson {
+    /// Of a diagnosis.
+    #[must_use]
+    pub fn new(d: &Diagnosis, series: Vec<SeriesEntry>, provenance: Provenance) -> Self {
+        let groups = d.groups.iter();
+        DiagnosisJson {
+            verdict: d.verdict.name().into(),
+            confidence: finite(d.confidence),
+            says: d.says.clone(),
+            places: d.places.iter().map(PlaceJson::of).collect(),
+            candidates: d.candidates.iter().map(CandidateJson::of).collect(),
+            indistinguishable: groups
+                .map(|g| g.iter().map(|id| (*id).to_owned()).collect())
+                .collect(),
+            next_experiment: d.next_experiment.clone(),
+            hidden: d.hidden.iter().map(HiddenJson::of).collect(),
+            law: d.law.as_ref().map(LawJson::of),
+            rmse_basis: "above_1kV".into(),
+            train: GainJson::of(&d.train),
+            holdout: d.holdout.as_ref().map(GainJson::of),
+            plain_mean_square: finite(d.plain_mean_square),
+            plain_holdout_mean_square: finite(d.plain_holdout_mean_square),
+            remarks: d.remarks.clone(),
+            series,
+            provenance,
+        }
+    }
+}

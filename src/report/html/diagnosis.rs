@@ -1,0 +1,714 @@
+//! The report of a diagnosis: first in words what is missing and how sure that is, then what it looks like.
+
+use minijinja::{Value, context};
+
+use super::number::{self, MISSING};
+use super::page::{self, Cell, Item, Note, Section, Status, Summary, Table, Tile, safe};
+use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
+use super::recordings::curve;
+use super::summary::{item, note, remarks, tile};
+use super::{Provenance, provenance};
+use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, Traces, Verdict};
+use crate::effects::by_id;
+use crate::report::effect_entries::{actuators, named};
+
+/// Questions that the first screen answers.
+pub const FITS: &str = "Does the plain model fit, against the noise?";
+/// See [`FITS`].
+pub const WHERE: &str = "Where does it not?";
+/// See [`FITS`].
+pub const MISSING_IS: &str = "What is missing?";
+/// See [`FITS`].
+pub const CHANGED: &str = "What changed when it was added?";
+/// See [`FITS`].
+pub const NEXT: &str = "What to record next?";
+/// See [`FITS`].
+pub const UNSEEN: &str = "What could not have been seen?";
+
+/// Places and causes that the first screen names.
+const NAMED: usize = 4;
+/// A cause less probable than this is left to the table.
+const WORTH_NAMING: f64 = 0.02;
+/// Dots of a scatter plot.
+const DOTS: usize = 500;
+
+/// The report of a diagnosis.
+pub fn render_diagnosis(d: &Diagnosis, made_of: &Provenance) -> String {
+    let sections: Vec<Section> = [
+        voltages(d),
+        located(d),
+        candidates(d),
+        law(d),
+        hidden(d),
+        Some(provenance::of(made_of)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    page::page("Diagnosis of the model", &summary(d), &sections)
+}
+
+fn summary(d: &Diagnosis) -> Summary {
+    let (status, word) = match d.verdict {
+        Verdict::Adequate => (Status::Good, "adequate"),
+        Verdict::MissingPhysics => (Status::Fair, "physics is missing"),
+        Verdict::Unexplained => (Status::Poor, "unexplained"),
+    };
+    let notes = [
+        fits(d),
+        places(d),
+        missing(d),
+        changed(d),
+        next(d),
+        unseen(d),
+        remarks(&d.remarks),
+    ];
+    Summary {
+        status,
+        word: word.into(),
+        headline: number::words(&d.says),
+        tiles: tiles(d),
+        notes: notes.into_iter().flatten().collect(),
+    }
+}
+
+fn volt(v: f64) -> String {
+    number::significant(v, 3)
+}
+
+/// A probability, without pretending to certainty.
+fn odds(p: f64) -> String {
+    match p {
+        p if !p.is_finite() => MISSING.into(),
+        p if p > 0.99 => "above 99 %".into(),
+        p => number::per_cent(p),
+    }
+}
+
+fn tiles(d: &Diagnosis) -> Vec<Tile> {
+    let (gain, on) = judged_on(d);
+    let after = d.verdict == Verdict::MissingPhysics;
+    let mut out = vec![
+        tile("Probability of this verdict", odds(d.confidence), ""),
+        tile(
+            &format!("Plain model, {on}, rms above 1 kV"),
+            volt(gain.before_v),
+            "V",
+        ),
+    ];
+    if after {
+        let label = format!("Augmented model, {on}");
+        out.push(tile(&label, volt(gain.after_v), "V"));
+    }
+    out.push(tile("Noise of the capture alone", volt(gain.noise_floor_v), "V"));
+    let count = |held: bool| number::count(d.traces.iter().filter(|t| t.held_out == held).count());
+    out.push(tile("Recordings fitted", count(false), ""));
+    out.push(tile("Recordings held out", count(true), ""));
+    out
+}
+
+/// The errors that count: on held-out recordings where there are any.
+fn judged_on(d: &Diagnosis) -> (&Gain, &'static str) {
+    match &d.holdout {
+        Some(gain) => (gain, "held out"),
+        None => (&d.train, "fitted"),
+    }
+}
+
+fn fits(d: &Diagnosis) -> Option<Note> {
+    let sentence = |on: &str, gain: &Gain, square: f64| {
+        let mut text = format!(
+            "{} V rms above 1 kV, where the noise of the capture makes {} V: {} times as much.",
+            volt(gain.before_v),
+            volt(gain.noise_floor_v),
+            number::significant(gain.before_v / gain.noise_floor_v, 2),
+        );
+        if square.is_finite() {
+            text += &format!(
+                " In torque, weighted by the noise, the mean square is {} where noise alone makes 1.",
+                number::significant(square, 3)
+            );
+        }
+        item(format!("{on}:"), text)
+    };
+    let mut items = vec![sentence(
+        "On the fitted recordings",
+        &d.train,
+        d.plain_mean_square,
+    )];
+    if let Some(gain) = &d.holdout {
+        let square = d.plain_holdout_mean_square;
+        items.push(sentence("On the held-out recordings", gain, square));
+    }
+    let lead = match d.verdict {
+        Verdict::Adequate => {
+            "Yes. With all of its parameters fitted anew it leaves no more than noise."
+        }
+        _ => "No. With all of its parameters fitted anew it leaves more than noise:",
+    };
+    Some(note(FITS, lead, items))
+}
+
+fn places(d: &Diagnosis) -> Option<Note> {
+    if d.places.is_empty() {
+        return None;
+    }
+    let line = |p: &Place| {
+        let mut text = number::words(&p.says);
+        if p.share_of_excess.is_finite() && p.share_of_samples.is_finite() {
+            text += &format!(
+                " {} of what exceeds the noise lies in {} of the samples",
+                number::per_cent(p.share_of_excess),
+                number::per_cent(p.share_of_samples)
+            );
+            text += &match p.p_value {
+                p if p.is_nan() => ".".to_string(),
+                p if p < 1e-3 => "; chance would not do that.".into(),
+                p => format!("; by chance with probability {}.", number::significant(p, 1)),
+            };
+        }
+        item(format!("{}:", place(p)), text)
+    };
+    let lead = match d.verdict {
+        Verdict::Adequate => "Nothing stands out of the noise; the most conspicuous places are:",
+        _ => "",
+    };
+    Some(note(WHERE, lead, d.places.iter().take(NAMED).map(line).collect()))
+}
+
+/// A place in few words: `voltage 0 to 1.5 kV, actuator 2`.
+fn place(p: &Place) -> String {
+    let mut out = p.dimension.replace('_', " ");
+    if let Some([low, high]) = p.range {
+        let end = |v: f64| number::significant(v, 3);
+        out += &match (low.is_finite(), high.is_finite()) {
+            (true, true) => format!(" {} to {} {}", end(low), end(high), p.unit),
+            (true, false) => format!(" above {} {}", end(low), p.unit),
+            (false, true) => format!(" below {} {}", end(high), p.unit),
+            (false, false) => String::new(),
+        };
+    }
+    if let Some(value) = &p.value {
+        out += &format!(" {value}");
+    }
+    if let Some(recording) = &p.recording {
+        out += &format!(", {recording}");
+    }
+    if !p.actuators.is_empty() && p.dimension != "actuator" {
+        out += &format!(", {}", sits_in(&p.actuators));
+    }
+    out
+}
+
+/// `actuator 2`, `actuators 1 and 3`, `all actuators`.
+fn sits_in(list: &[usize]) -> String {
+    match list {
+        [a] => format!("actuator {a}"),
+        [a, b] => format!("actuators {a} and {b}"),
+        _ => "all actuators".into(),
+    }
+}
+
+/// The values of a candidate with their intervals: `resistance 9.80e6 ohm (9.1e6 to 10.6e6)`.
+fn values(c: &Candidate) -> String {
+    let one = |v: &crate::diagnosis::Value| {
+        if let Some(word) = &v.word {
+            return word.clone();
+        }
+        let mut text = number::significant(v.value, 3);
+        let [low, high] = v.ci95.map(|e| number::significant(e, 3));
+        if low != MISSING && high != MISSING {
+            text += &format!(" ({low} to {high})");
+        }
+        text + if v.at_bound { " at its bound" } else { "" }
+    };
+    named(c)
+        .iter()
+        .map(|n| {
+            let list: Vec<String> = n.values.iter().map(|v| one(v)).collect();
+            let first = n.values[0];
+            let unit = match (&first.word, first.unit) {
+                (Some(_), _) | (_, "1") => String::new(),
+                (_, unit) => format!(" {unit}"),
+            };
+            format!("{} {}{unit}", n.name.replace('_', " "), list.join(", "))
+        })
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
+/// The id of an effect as a reader wants it.
+fn title(id: &str) -> String {
+    super::summary::capital(&id.trim_start_matches("x_").replace('_', " "))
+}
+
+/// Other ids of the groups that an effect is in.
+fn mistaken_for(d: &Diagnosis, id: &str) -> Vec<String> {
+    let mut out: Vec<String> = Vec::new();
+    for group in d.groups.iter().filter(|g| g.contains(&id)) {
+        for other in group.iter().filter(|o| **o != id) {
+            let name = other.replace('_', " ");
+            if !out.contains(&name) {
+                out.push(name);
+            }
+        }
+    }
+    out
+}
+
+fn missing(d: &Diagnosis) -> Option<Note> {
+    let line = |c: &Candidate| -> Item {
+        let id = c.acting.effect.id();
+        let role = if c.in_model { "" } else { " (not in the model)" };
+        let mut text = super::summary::capital(&number::words(&c.says));
+        if !text.is_empty() && !text.ends_with('.') {
+            text.push('.');
+        }
+        text += &format!(
+            " In {}; {}.",
+            sits_in(&actuators(c.acting.on)),
+            values(c)
+        );
+        let others = mistaken_for(d, id);
+        if !others.is_empty() {
+            text += &format!(" Could be mistaken for {}.", others.join(", "));
+        }
+        item(
+            format!("{}, {}{role}:", title(id), odds(c.probability)),
+            text,
+        )
+    };
+    let list: Vec<Item> = d
+        .candidates
+        .iter()
+        .filter(|c| c.in_model || c.probability >= WORTH_NAMING)
+        .take(NAMED)
+        .map(line)
+        .collect();
+    let lead = match (d.verdict, list.is_empty()) {
+        (Verdict::Adequate, true) => "Nothing that these recordings could show.",
+        (Verdict::Adequate, false) => {
+            "Nothing that these recordings could show; the nearest causes, none of which is needed:"
+        }
+        (Verdict::MissingPhysics, _) => {
+            "The percentage is the probability that the cause is at work; several can be. Sizes are equivalent values of a textbook form, with 95 % intervals."
+        }
+        (Verdict::Unexplained, true) => {
+            "Something that is not in the catalogue. None of its causes accounts for the misfit."
+        }
+        (Verdict::Unexplained, false) => {
+            "Something that is not in the catalogue. None of its causes accounts for the misfit; those that come nearest:"
+        }
+    };
+    Some(note(MISSING_IS, lead, list))
+}
+
+/// Share of the way from the plain model down to the noise, in squares.
+fn closed(g: &Gain) -> Option<f64> {
+    let excess = |v: f64| v * v - g.noise_floor_v * g.noise_floor_v;
+    let before = excess(g.before_v);
+    (before > 0.0).then(|| (1.0 - excess(g.after_v) / before).min(1.0))
+}
+
+fn changed(d: &Diagnosis) -> Option<Note> {
+    if d.verdict != Verdict::MissingPhysics {
+        return None;
+    }
+    let line = |on: &str, g: &Gain| {
+        let mut text = format!(
+            "{} V rms above 1 kV before, {} V after; the noise makes {} V.",
+            volt(g.before_v),
+            volt(g.after_v),
+            volt(g.noise_floor_v)
+        );
+        match closed(g) {
+            Some(share) if share > 0.0 => {
+                text += &format!(
+                    " {} of the squares beyond noise are gone.",
+                    number::per_cent(share)
+                );
+            }
+            Some(_) => text += " That is no gain.",
+            None => {}
+        }
+        item(format!("{on}:"), text)
+    };
+    let mut items = Vec::new();
+    if let Some(gain) = &d.holdout {
+        items.push(line("On recordings that were not fitted", gain));
+    }
+    items.push(line("On the fitted recordings", &d.train));
+    let lead = match d.holdout {
+        Some(_) => "",
+        None => "No recording was held out, so this is no proof: any further parameter lowers the error where it is fitted.",
+    };
+    Some(note(CHANGED, lead, items))
+}
+
+fn next(d: &Diagnosis) -> Option<Note> {
+    let says = super::summary::capital(&number::words(&d.next_experiment));
+    (!says.is_empty()).then(|| note(NEXT, says, Vec::new()))
+}
+
+fn unseen(d: &Diagnosis) -> Option<Note> {
+    let names: Vec<String> = d.hidden.iter().map(|h| h.effect.replace('_', " ")).collect();
+    let lead = match names.len() {
+        0 => return None,
+        1 => "One cause would have stayed hidden in these recordings, because a refit of the plain model absorbs it. Its smallest visible size is in the table below.".to_string(),
+        n => format!(
+            "{n} causes would have stayed hidden in these recordings unless large, because a refit of the plain model absorbs them: {}. Their smallest visible sizes are in the table below.",
+            names.join(", ")
+        ),
+    };
+    Some(note(UNSEEN, lead, Vec::new()))
+}
+
+/// Commands above which errors in volts are shown, V.
+const ABOVE_V: f64 = 1000.0;
+
+fn voltages(d: &Diagnosis) -> Option<Section> {
+    if d.traces.is_empty() {
+        return None;
+    }
+    let after = d.verdict == Verdict::MissingPhysics;
+    let recordings: Vec<Value> = d
+        .traces
+        .iter()
+        .map(|t| {
+            let floor = match (&d.holdout, t.held_out) {
+                (Some(gain), true) => gain.noise_floor_v,
+                _ => d.train.noise_floor_v,
+            };
+            let context = context! {
+                id => t.id.clone(),
+                lead => if t.held_out { "Held out: no step of the fit has read it." } else { "Fitted." },
+                figure => safe(errors_over_time(t, floor, after)),
+            };
+            context
+        })
+        .collect();
+    let context = context! { recordings => recordings };
+    let template = include_str!("diagnosis_voltages.html");
+    Some(Section::new(
+        "voltages",
+        "Voltage error before and after",
+        template,
+        context,
+    ))
+}
+
+fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
+    let shown = |rows: &[[f64; 3]], k: usize| -> Vec<[f64; 2]> {
+        let row = |((t, c), v): ((&f64, &[f64; 3]), &[f64; 3])| {
+            let above = c[k].abs() > ABOVE_V;
+            [*t, if above { v[k] } else { f64::NAN }]
+        };
+        t.time_s.iter().zip(&t.command_v).zip(rows).map(row).collect()
+    };
+    let all = (0..3).flat_map(|k| [shown(&t.before_v, k), shown(&t.after_v, k)]);
+    let most = all
+        .flatten()
+        .filter(|p| p[1].is_finite())
+        .fold(2.5 * floor_v.max(1.0), |m, p| m.max(p[1].abs()));
+    let ends = plot::extent(t.time_s.iter().copied());
+    let noise = |name: &str| Band {
+        name: name.into(),
+        role: Role::Base,
+        rows: ends.map(|x| [x, -2.0 * floor_v, 2.0 * floor_v]).to_vec(),
+    };
+    let command = Panel {
+        y: Axis::new("command, kV"),
+        height: 90.0,
+        shades: Vec::new(),
+        bands: Vec::new(),
+        series: super::ACTUATORS
+            .iter()
+            .enumerate()
+            .map(|(k, (name, role))| {
+                let points = t.time_s.iter().zip(&t.command_v);
+                let points = points.map(|(t, c)| [*t, c[k] * 1e-3]).collect();
+                curve(name, *role, Mark::Line, points)
+            })
+            .collect(),
+    };
+    let mut panels = vec![command];
+    for k in 0..3 {
+        let mut series = vec![curve(
+            "plain model",
+            Role::Two,
+            Mark::Line,
+            shown(&t.before_v, k),
+        )];
+        if after {
+            let points = shown(&t.after_v, k);
+            series.push(curve("augmented model", Role::One, Mark::Line, points));
+        }
+        panels.push(Panel {
+            y: Axis::over(
+                format!("error of actuator {}, V", k + 1),
+                [-1.1 * most, 1.1 * most],
+            ),
+            height: 110.0,
+            shades: Vec::new(),
+            bands: vec![noise("\u{b1}2 noise floors")],
+            series,
+        });
+    }
+    let label = format!("Voltage error over time in {}", t.id);
+    let drawing = plot::line_plot(&label, &Axis::new("time, s"), &panels, Width::Full);
+    plot::figure(
+        &[drawing],
+        &plot::legend(&panels),
+        "Voltage that the motion needs at the film minus the one that the command makes there, where the command exceeds 1 kV; below, the noise of the capture alone is worth hundreds of volts.",
+    )
+}
+
+/// What a torque error is drawn over: the axis, and its value at a frame of a chain.
+type Over = (&'static str, fn(&Traces, usize, usize) -> f64);
+
+/// The coordinate in which a place lies, as far as the traces have it.
+fn coordinate(dimension: &str) -> Over {
+    fn rate(t: &Traces, i: usize, k: usize) -> f64 {
+        let (a, b) = (i.saturating_sub(3), (i + 3).min(t.time_s.len() - 1));
+        (t.command_v[b][k] - t.command_v[a][k]) * 1e-3 / (t.time_s[b] - t.time_s[a])
+    }
+    match dimension {
+        "voltage" => ("command, kV", |t, i, k| t.command_v[i][k].abs() * 1e-3),
+        "voltage_rate" | "direction" | "frequency" => ("rate of the command, kV/s", rate),
+        "height" | "position" | "largest_stretch" => {
+            ("height of the end effector, mm", |t, i, _| t.height_mm[i])
+        }
+        _ => ("time in the recording, s", |t, i, _| t.time_s[i]),
+    }
+}
+
+/// Torque errors of the recordings `held_out` or not over a coordinate, mN m.
+fn scatter(d: &Diagnosis, p: &Place, held_out: bool, after: bool) -> Vec<[f64; 2]> {
+    let (_, over) = coordinate(p.dimension);
+    let mut out = Vec::new();
+    for t in d.traces.iter().filter(|t| t.held_out == held_out) {
+        if !held_out && p.recording.as_ref().is_some_and(|r| *r != t.id) {
+            continue;
+        }
+        let rows = if after { &t.torque_after } else { &t.torque_before };
+        let frames = t.time_s.len();
+        for row in rows {
+            let i = t.time_s.partition_point(|x| *x < row[0] - 1e-9);
+            if i >= frames || frames < 2 {
+                continue;
+            }
+            for k in 0..3 {
+                if p.actuators.is_empty() || p.actuators.contains(&(k + 1)) {
+                    out.push([over(t, i, k), row[k + 1] * 1e3]);
+                }
+            }
+        }
+    }
+    let every = out.len().div_ceil(DOTS).max(1);
+    out.into_iter().step_by(every).collect()
+}
+
+fn located(d: &Diagnosis) -> Option<Section> {
+    let p = d.places.first()?;
+    let mut drawings = Vec::new();
+    for held_out in [false, true] {
+        let before = scatter(d, p, held_out, false);
+        if before.is_empty() {
+            continue;
+        }
+        let after = scatter(d, p, held_out, true);
+        let y = |points: &[[f64; 2]]| points.iter().map(|p| p[1]).collect::<Vec<_>>();
+        let all = [y(&before), y(&after)].concat();
+        let range = plot::padded(plot::extent(all.into_iter()));
+        let what = if held_out { "held out" } else { "fitted" };
+        let mut both: Vec<(&str, Role, Vec<[f64; 2]>)> = vec![("plain model", Role::Two, before)];
+        if d.verdict == Verdict::MissingPhysics && !after.is_empty() {
+            both.push(("augmented model", Role::One, after));
+        }
+        for (name, role, points) in both {
+            let series = Series {
+                name: name.into(),
+                role,
+                mark: Mark::Dots,
+                points,
+            };
+            drawings.push(plot::loops(
+                &format!("Torque error of the {name}, {what}"),
+                &Axis::new(coordinate(p.dimension).0),
+                &Axis::over(format!("{name}, {what}, mN m"), range),
+                vec![series],
+            ));
+        }
+    }
+    if drawings.is_empty() {
+        return None;
+    }
+    let of = match p.actuators.len() {
+        1 | 2 => format!(" Shown: {}.", sits_in(&p.actuators)),
+        _ => String::new(),
+    };
+    let caption = format!(
+        "Torque that the motion needs minus torque that the command makes, in the coordinate in which the plain model fails most ({}).{of} A model that suffices leaves a level cloud around zero.",
+        place(p)
+    );
+    let figure = plot::figure(&drawings, "", &caption);
+    let mut table = Table::new(
+        "Places in which the plain model differs from the recordings, most telling first.",
+        [
+            vec![Cell::text("place")],
+            ["share of excess", "share of samples", "by chance"]
+                .map(Cell::number)
+                .to_vec(),
+            vec![Cell::text("in words")],
+        ]
+        .concat(),
+    );
+    for p in &d.places {
+        table.row(vec![
+            Cell::text(place(p)),
+            Cell::number(number::per_cent(p.share_of_excess)),
+            Cell::number(number::per_cent(p.share_of_samples)),
+            Cell::number(number::significant(p.p_value, 1)),
+            Cell::text(number::words(&p.says)),
+        ]);
+    }
+    let context = context! { figure => safe(figure), table => table.html() };
+    let template = "{{ figure }}\n{{ table }}\n";
+    Some(Section::new(
+        "where",
+        "Where the model fails",
+        template,
+        context,
+    ))
+}
+
+fn candidates(d: &Diagnosis) -> Option<Section> {
+    if d.candidates.is_empty() {
+        return None;
+    }
+    let head = [
+        vec![Cell::text("cause")],
+        [
+            "probability",
+            "\u{394} BIC",
+            "mean square, fitted",
+            "mean square, held out",
+        ]
+        .map(Cell::number)
+        .to_vec(),
+        vec![Cell::text("in the model"), Cell::text("values, and how it did")],
+    ]
+    .concat();
+    let mut table = Table::new(
+        "Causes that were fitted in full, most probable first. Mean squares are of the torque error weighted by the noise of the capture, which alone makes 1.",
+        head,
+    );
+    table.row_of(
+        "group",
+        vec![
+            Cell::text("plain model"),
+            Cell::number(""),
+            Cell::number(""),
+            Cell::number(number::significant(d.plain_mean_square, 3)),
+            Cell::number(number::significant(d.plain_holdout_mean_square, 3)),
+            Cell::text(""),
+            Cell::text("all of its own parameters fitted anew"),
+        ],
+    );
+    for c in &d.candidates {
+        let says = number::words(&c.says);
+        table.row(vec![
+            Cell::text(format!(
+                "{}, {}",
+                c.acting.effect.id(),
+                sits_in(&actuators(c.acting.on))
+            )),
+            Cell::number(odds(c.probability)),
+            Cell::number(number::significant(c.delta_bic, 3)),
+            Cell::number(number::significant(c.mean_square, 3)),
+            Cell::number(number::significant(c.holdout_mean_square, 3)),
+            match c.in_model {
+                true => Cell::of("badge good", "yes"),
+                false => Cell::of("quiet", "no"),
+            },
+            Cell::text(format!("{}. {says}", super::summary::capital(&values(c)))),
+        ]);
+    }
+    let groups: Vec<String> = d
+        .groups
+        .iter()
+        .map(|g| g.iter().map(|id| id.replace('_', " ")).collect::<Vec<_>>().join(", "))
+        .collect();
+    let context = context! { table => table.html(), groups => groups };
+    let template = include_str!("diagnosis_candidates.html");
+    Some(Section::new("candidates", "Causes", template, context))
+}
+
+fn law(d: &Diagnosis) -> Option<Section> {
+    let law = d.law.as_ref()?;
+    let mut table = Table::new(
+        "Terms of the law, strongest first.",
+        ["share of excess alone", "mN m per standard deviation"]
+            .map(Cell::number)
+            .into_iter()
+            .fold(vec![Cell::text("what the torque error depends on")], |mut v, c| {
+                v.push(c);
+                v
+            }),
+    );
+    for (variable, coefficient, share) in &law.terms {
+        table.row(vec![
+            Cell::text(number::words(variable)),
+            Cell::number(number::per_cent(*share)),
+            Cell::number(number::significant(coefficient * 1e3, 2)),
+        ]);
+    }
+    let says = format!(
+        "No cause of the catalogue explains the misfit. A law over physical variables was looked for in what is left: these terms take away {} of what exceeds the noise. It is a hypothesis about what to look for at the robot, not a name.",
+        number::per_cent(law.share)
+    );
+    let context = context! { says => says, table => table.html() };
+    let template = "<p>{{ says }}</p>\n{{ table }}\n";
+    Some(Section::new(
+        "law",
+        "What the unexplained part depends on",
+        template,
+        context,
+    ))
+}
+
+fn hidden(d: &Diagnosis) -> Option<Section> {
+    if d.hidden.is_empty() {
+        return None;
+    }
+    let mut table = Table::new(
+        "Causes that these recordings could not have shown below the size in the last column.",
+        [
+            vec![Cell::text("cause")],
+            ["share that a refit absorbs", "smallest visible size"]
+                .map(Cell::number)
+                .to_vec(),
+            vec![Cell::text("would be brought out by")],
+        ]
+        .concat(),
+    );
+    for h in &d.hidden {
+        let unit = if h.unit == "1" { "" } else { h.unit };
+        let size = number::significant(h.smallest_detectable, 2);
+        table.row(vec![
+            Cell::text(h.effect),
+            // Three nines say more than 100 %.
+            Cell::number(format!("{} %", number::fixed(100.0 * h.hidden_share, 1))),
+            Cell::number(format!("{} {size} {unit}", h.name.replace('_', " "))),
+            Cell::text(by_id(h.effect).map_or("", |e| e.brought_out_by())),
+        ]);
+    }
+    let context = context! { table => table.html() };
+    let template = "<p>That a cause is not named above does not mean that it is absent: moduli, relaxation times and the forearm's curve can imitate much. Each row says how much of a cause's trace a refit would have swallowed.</p>\n{{ table }}\n";
+    Some(Section::new(
+        "hidden",
+        "What could not have been seen",
+        template,
+        context,
+    ))
+}

@@ -1,0 +1,499 @@
+//! Causes of the catalogue in forward dynamics, in the catalogue's own form, so that the inverse model with the same cause finds its
+//! way back.
+//!
+//! | the cause acts on | becomes |
+//! |---|---|
+//! | voltage, capacitance, stress, torques | an [`Addition`]: [`effect_addition`] |
+//! | lengths | another robot: [`effect_robot`] |
+//! | what the capture reads of the motion | another motion: [`effect_reading`] |
+//! | the clock | another drive: [`EffectClock`] |
+//!
+//! Where a cause without memory is concerned the addition calls the catalogue's own formula, one sample at a time; a cause with memory
+//! has states here, and its formula is the differential equation that the catalogue solves in steps.
+
+use super::addition::{Action, Addition, Situation};
+use super::robot::Motion;
+use super::voltage::{Side, Voltage};
+use crate::effects::{Acting, Along, Reading, Site, When};
+use crate::film::Film;
+use crate::kinematics::Vec3;
+use crate::model::{Parameters, Robot};
+use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
+
+/// Charge of which a state counts one, C.
+const NANOCOULOMB: f64 = 1e-9;
+/// Times within which what has no inertia of its own follows, s: a clamped rate, a largest energy, an acceleration.
+const SLEW_S: f64 = 2e-4;
+const LARGEST_S: f64 = 2e-4;
+const INERTIA_S: f64 = 2e-3;
+/// The slow share's time over the fast one's, as in the catalogue.
+const SLOWER: f64 = 15.0;
+/// Steps in which a slow branch is followed from the assembly to the first sample, s.
+const REST_STEP_S: f64 = 5.0;
+
+/// What an addition remembers, chain by chain.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Memory {
+    /// Nothing.
+    None,
+    /// The charge of the film, nC.
+    Charge,
+    /// Two slow polarisations, V.
+    Polarisation,
+    /// The amplifier's output, V.
+    Output,
+    /// Presliding, -1 to 1.
+    Presliding,
+    /// The largest energy density, J/m^3.
+    LargestEnergy,
+    /// ln xi_1, ln xi_2 of a slow branch.
+    Branch,
+    /// sigma_2 at the beginning, Pa.
+    Rest,
+    /// theta_b', followed closely: its difference is the acceleration.
+    BicepRate,
+    /// The end effector's velocity, followed closely.
+    Velocity,
+}
+
+impl Memory {
+    fn of(id: &str) -> Self {
+        match id {
+            "series_resistance" => Memory::Charge,
+            "dielectric_relaxation" => Memory::Polarisation,
+            "slew_limit" => Memory::Output,
+            "joint_friction" => Memory::Presliding,
+            "mullins_softening" => Memory::LargestEnergy,
+            "slow_creep" => Memory::Branch,
+            "loss_of_tension" => Memory::Rest,
+            "actuator_mass" => Memory::BicepRate,
+            "payload_change" => Memory::Velocity,
+            _ => Memory::None,
+        }
+    }
+
+    /// States a chain, and their typical size.
+    fn states(self) -> (usize, f64) {
+        match self {
+            Memory::None => (0, 1.0),
+            Memory::Charge => (1, 3000.0),
+            Memory::Polarisation => (2, 1000.0),
+            Memory::Output => (1, 1000.0),
+            Memory::Presliding => (1, 1.0),
+            Memory::LargestEnergy => (1, 1e5),
+            Memory::Branch => (2, 1.0),
+            Memory::Rest => (1, 1e6),
+            Memory::BicepRate | Memory::Velocity => (1, 1.0),
+        }
+    }
+}
+
+/// A cause at work in forward dynamics.
+struct EffectAddition {
+    acting: Acting,
+    robot: Robot,
+    film: Film,
+    when: When,
+    memory: Memory,
+}
+
+/// The catalogue's cause as an addition to the forward dynamics of `robot` with `parameters`, in a recording made at `when`, whose
+/// `start_s` is the time of the first sample. Causes that change the voltage stand before those that use it.
+///
+/// # Errors
+/// A sentence for causes that act on lengths, the reading or the clock, saying which function does them.
+pub fn effect_addition(
+    acting: &Acting,
+    robot: &Robot,
+    parameters: &Parameters,
+    when: When,
+) -> Result<Box<dyn Addition>, String> {
+    let id = acting.effect.id();
+    match acting.effect.site() {
+        Site::Motion if id == "link_length_error" => {
+            Err(format!("{id} changes the robot, not what acts on it: see effect_robot"))
+        }
+        Site::Motion => Err(format!(
+            "{id} changes what is read of the motion, not the motion: see effect_reading"
+        )),
+        Site::Clock => Err(format!("{id} changes the clock of the drive: see EffectClock")),
+        _ => Ok(Box::new(EffectAddition {
+            acting: acting.clone(),
+            robot: robot.clone(),
+            film: parameters.film.clone(),
+            when,
+            memory: Memory::of(id),
+        })),
+    }
+}
+
+/// The robot with the lengths that a cause gives it; the same robot where it gives none.
+pub fn effect_robot(acting: &Acting, robot: &Robot) -> Robot {
+    let mut out = robot.clone();
+    acting.effect.geometry(
+        &acting.values,
+        acting.on,
+        &mut out.mechanism,
+        &mut out.lozenges,
+    );
+    out
+}
+
+/// What a capture with the cause reads of `motion`, such that the catalogue's correction gives the motion back. `pivot_m` is the point
+/// about which the capture's axes turn.
+pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion {
+    let mut out = motion.clone();
+    if acting.effect.id() == "mocap_lag" {
+        lagged(acting.values[0], &mut out);
+        return out;
+    }
+    // A shift and a rotation are undone by their opposites.
+    let back: Vec<f64> = acting.values.iter().map(|v| -v).collect();
+    acting.effect.reading(
+        &back,
+        &mut Reading {
+            step_s: motion.step_s,
+            pivot_m,
+            position_m: &mut out.position_m,
+            velocity_m_s: &mut out.velocity_m_s,
+            acceleration_m_s2: &mut out.acceleration_m_s2,
+        },
+    );
+    out
+}
+
+/// u_m + delay u_m' + tau^2 u_m'' = u with delay = 1.4 tau, from rest at the first position; u is a straight line between samples,
+/// and the step is split until tau is many of them.
+fn lagged(delay_s: f64, motion: &mut Motion) {
+    if delay_s == 0.0 {
+        return;
+    }
+    let square = (delay_s / 1.4).powi(2);
+    let parts = (40.0 * motion.step_s / delay_s).ceil().max(4.0);
+    let h = motion.step_s / parts;
+    for axis in 0..3 {
+        let truth: Vec<f64> = motion.position_m.iter().map(|u| u[axis]).collect();
+        let mut state = [truth[0], 0.0];
+        let rates = |s: [f64; 2], u: f64| [s[1], (u - s[0] - delay_s * s[1]) / square];
+        for i in 0..truth.len() {
+            if i > 0 {
+                let (a, b) = (truth[i - 1], truth[i]);
+                for p in 0..parts as usize {
+                    let u = |x: f64| a + (b - a) * (p as f64 + x) / parts;
+                    let add = |s: [f64; 2], k: [f64; 2], x: f64| [s[0] + x * k[0], s[1] + x * k[1]];
+                    let k1 = rates(state, u(0.0));
+                    let k2 = rates(add(state, k1, 0.5 * h), u(0.5));
+                    let k3 = rates(add(state, k2, 0.5 * h), u(0.5));
+                    let k4 = rates(add(state, k3, h), u(1.0));
+                    for c in 0..2 {
+                        state[c] += h / 6.0 * (k1[c] + 2.0 * k2[c] + 2.0 * k3[c] + k4[c]);
+                    }
+                }
+            }
+            motion.position_m[i][axis] = state[0];
+            motion.velocity_m_s[i][axis] = state[1];
+            motion.acceleration_m_s2[i][axis] = rates(state, truth[i])[1];
+        }
+    }
+}
+
+/// The drive that the robot really gets when `logged` is what the log says and causes on the clock are at work: the log at the
+/// time that the catalogue would read.
+pub struct EffectClock<'a> {
+    logged: &'a dyn Voltage,
+    start_s: f64,
+    shift_s: f64,
+    rate: f64,
+}
+
+impl<'a> EffectClock<'a> {
+    /// The drive of a recording whose first sample is at `start_s`.
+    pub fn new(logged: &'a dyn Voltage, effects: &[Acting], start_s: f64) -> Self {
+        let read = |t: f64| effects.iter().fold(t, |t, a| a.effect.clock(&a.values, t));
+        EffectClock {
+            logged,
+            start_s,
+            shift_s: read(0.0),
+            rate: read(1.0) - read(0.0),
+        }
+    }
+}
+
+impl Voltage for EffectClock<'_> {
+    fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3] {
+        let t = self.start_s + self.shift_s + self.rate * (t_s - self.start_s);
+        self.logged.phi_v(t, side)
+    }
+    fn next_break_s(&self, t_s: f64) -> f64 {
+        let t = self.start_s + self.shift_s + self.rate * (t_s - self.start_s);
+        let next = self.logged.next_break_s(t);
+        let back = self.start_s + (next - self.start_s - self.shift_s) / self.rate;
+        // Rounding must not give the same break again.
+        if back > t_s { back } else { t_s + 1e-12 * t_s.abs().max(1.0) }
+    }
+}
+
+impl EffectAddition {
+    /// Chain `k` at this moment, as the catalogue sees it: one sample. The lever is 1, so that a torque on theta_b comes out as such.
+    fn along<'a>(&'a self, s: &Situation, k: usize, sample: &'a Sample) -> Along<'a> {
+        Along {
+            step_s: 1.0,
+            when: When {
+                recording: self.when.recording,
+                series_s: self.when.series_s + s.t_s - self.when.start_s,
+                start_s: s.t_s,
+            },
+            lozenge: &self.robot.lozenges[k],
+            eps_f_m: self.robot.eps_r * VACUUM_PERMITTIVITY_F_M,
+            bicep_m: self.robot.mechanism.chains[k].bicep_m,
+            theta_dea_rad: &sample.theta_dea,
+            theta_b: &sample.theta_b,
+            bicep_lever: &[1.0],
+            force_lever: &[[0.0; 3]],
+            acceleration_m_s2: &[[0.0; 3]],
+        }
+    }
+
+    /// d ln xi/dt of a slow branch at the stretches `l`.
+    fn creep(&self, l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+        let (a, b) = (
+            l[0] * l[0] * (-2.0 * x[0]).exp(),
+            l[1] * l[1] * (-2.0 * x[1]).exp(),
+        );
+        let c = 1.0 / (a * b);
+        let s = [a - c, b - c];
+        let rate = 1.0 / (3.0 * self.acting.values[1]);
+        ([rate * (s[0] - 0.5 * s[1]), rate * (s[1] - 0.5 * s[0])], s)
+    }
+
+    /// Stress of the equilibrium spring, Pa, and its energy density, J/m^3.
+    fn equilibrium(&self, l: [f64; 2]) -> ([f64; 2], f64) {
+        let [a, b] = l.map(|l| l * l);
+        let c = 1.0 / (a * b);
+        let d = (1.0 - (a + b + c - 3.0) / self.film.locking).max(1e-9);
+        let mu = self.film.mu_pa[0];
+        (
+            [mu * (a - c) / d, mu * (b - c) / d],
+            -0.5 * mu * self.film.locking * d.ln(),
+        )
+    }
+}
+
+/// theta_DEA and theta_b with its derivatives, of one chain at one moment.
+struct Sample {
+    theta_dea: [f64; 1],
+    theta_b: [[f64; 3]; 1],
+}
+
+impl Addition for EffectAddition {
+    fn states(&self) -> usize {
+        3 * self.memory.states().0
+    }
+
+    fn start(&self, s: &Situation, states: &mut [f64]) {
+        let n = self.memory.states().0;
+        for (k, z) in states.chunks_exact_mut(n.max(1)).enumerate() {
+            match self.memory {
+                Memory::Charge => z[0] = s.capacitance_f[k] * s.command_v[k] / NANOCOULOMB,
+                Memory::Polarisation => z.fill(s.command_v[k]),
+                Memory::Output => z[0] = s.command_v[k],
+                Memory::LargestEnergy => z[0] = self.equilibrium(s.stretch[k]).1,
+                Memory::Rest => z[0] = s.film_stress_pa[k][1],
+                Memory::BicepRate => z[0] = s.theta_b_rate_rad_s[k],
+                Memory::Velocity => z[0] = s.velocity_m_s[k],
+                Memory::Branch => {
+                    let rest_s = self.acting.values[2] + self.when.series_s;
+                    let steps = (rest_s / REST_STEP_S).ceil().max(1.0);
+                    let mut x = [0.0; 2];
+                    for _ in 0..steps as usize {
+                        let rate = self.creep(s.stretch[k], x).0;
+                        x = [0, 1].map(|i| x[i] + rate[i] * rest_s / steps);
+                    }
+                    z.copy_from_slice(&x);
+                }
+                Memory::Presliding | Memory::None => z.fill(0.0),
+            }
+        }
+    }
+
+    fn scale(&self, _i: usize) -> f64 {
+        self.memory.states().1
+    }
+
+    fn act(&self, s: &Situation, states: &[f64], action: &mut Action, rates: &mut [f64]) {
+        let v = &self.acting.values[..];
+        let n = self.memory.states().0;
+        let effect = self.acting.effect;
+        for k in 0..3 {
+            let (z, rate) = (&states[k * n..(k + 1) * n], &mut rates[k * n..(k + 1) * n]);
+            if !self.acting.on[k] {
+                rate.fill(0.0);
+                continue;
+            }
+            let sample = Sample {
+                theta_dea: [s.theta_dea_rad[k]],
+                theta_b: [[s.theta_b_rad[k], s.theta_b_rate_rad_s[k], 0.0]],
+            };
+            let along = self.along(s, k, &sample);
+            let lozenge = along.lozenge;
+            let told = action.phi_v[k];
+            let slopes = lozenge.log_stretch_slopes(s.theta_dea_rad[k]);
+            let volume = lozenge.volume_m3();
+            // Electrical chain
+            match self.memory {
+                Memory::Charge if v[0] == 0.0 => rate[0] = 0.0,
+                Memory::Charge => {
+                    let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
+                    rate[0] = (told - phi) / v[0] / NANOCOULOMB;
+                    action.phi_v[k] = phi;
+                }
+                Memory::Polarisation => {
+                    for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
+                        rate[j] = (told - z[j]) / time;
+                    }
+                    if v[0] != 0.0 || v[2] != 0.0 {
+                        let square = (1.0 - v[0] - v[2]) * told * told
+                            + v[0] * z[0] * z[0]
+                            + v[2] * z[1] * z[1];
+                        action.phi_v[k] = square.max(0.0).sqrt();
+                    }
+                }
+                Memory::Output => {
+                    let sign = if told == 0.0 { z[0].signum() } else { told.signum() };
+                    let wanted = sign * (told - z[0]) / SLEW_S;
+                    rate[0] = sign * wanted.clamp(-v[1], v[0]);
+                    if v[0].is_finite() || v[1].is_finite() {
+                        action.phi_v[k] = z[0];
+                    }
+                }
+                _ => {
+                    let mut phi = [told];
+                    effect.voltage(v, &along, &mut phi);
+                    action.phi_v[k] = phi[0];
+                }
+            }
+            let phi = action.phi_v[k];
+            let plain = lozenge.half_capacitance_slope(s.theta_dea_rad[k], along.eps_f_m);
+            let mut half = [plain];
+            effect.capacitance(v, &along, &mut half);
+            if half[0] != plain {
+                action.torque_dea_n_m[k] += (half[0] - plain) * phi * phi;
+            }
+            // Film
+            if effect.site() == Site::Film {
+                let torque = |stress: [f64; 2]| volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
+                match self.memory {
+                    Memory::LargestEnergy => {
+                        let (stress, energy) = self.equilibrium(s.stretch[k]);
+                        rate[0] = (energy - z[0]).max(0.0) / LARGEST_S;
+                        if v[0] != 0.0 {
+                            // The catalogue's own erf, by its factor on a recording of two samples: the largest energy, and now.
+                            let factor = softened(v, energy, z[0].max(energy));
+                            action.torque_dea_n_m[k] += (1.0 - factor) * torque(stress);
+                        }
+                    }
+                    Memory::Rest => {
+                        rate[0] = 0.0;
+                        // The first value of the series is the one at rest.
+                        let twice = Sample {
+                            theta_dea: sample.theta_dea,
+                            theta_b: sample.theta_b,
+                        };
+                        let theta = [twice.theta_dea[0]; 2];
+                        let along = Along {
+                            theta_dea_rad: &theta,
+                            ..along
+                        };
+                        let mut change = [0.0; 2];
+                        effect.slack(
+                            v,
+                            &along,
+                            &[z[0], s.film_stress_pa[k][1]],
+                            &[phi; 2],
+                            &mut change,
+                        );
+                        action.torque_dea_n_m[k] -= volume * change[1] * slopes[1];
+                    }
+                    _ => {
+                        let mut factor = [[1.0; 2]];
+                        effect.stress(v, &along, &self.film, &mut factor);
+                        if factor[0][0] != 1.0 {
+                            // Such causes scale all springs alike.
+                            let whole = torque(s.film_stress_pa[k]);
+                            action.torque_dea_n_m[k] += (1.0 - factor[0][0]) * whole;
+                        }
+                    }
+                }
+            }
+            // Balance
+            if effect.site() == Site::Balance {
+                match self.memory {
+                    Memory::Presliding => {
+                        let omega = s.theta_b_rate_rad_s[k];
+                        rate[0] = (omega - z[0] * omega.abs()) / v[1];
+                        action.torque_b_n_m[k] -= v[0] * z[0];
+                    }
+                    Memory::BicepRate => {
+                        rate[0] = (s.theta_b_rate_rad_s[k] - z[0]) / INERTIA_S;
+                        let weight = GRAVITY_M_S2 * s.theta_b_rad[k].sin();
+                        action.torque_b_n_m[k] -= v[0] * (along.bicep_m * rate[0] - weight);
+                    }
+                    Memory::Velocity => {
+                        rate[0] = (s.velocity_m_s[k] - z[0]) / INERTIA_S;
+                        if along.after(0, v[2], v[1]) {
+                            let weight = if k == 2 { GRAVITY_M_S2 } else { 0.0 };
+                            action.force_n[k] -= v[0] * (rate[0] + weight);
+                        }
+                    }
+                    Memory::Branch => {
+                        let (own, stress) = self.creep(s.stretch[k], [z[0], z[1]]);
+                        rate.copy_from_slice(&own);
+                        action.torque_dea_n_m[k] -=
+                            v[0] * volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
+                    }
+                    _ => {
+                        let mut torque = [0.0];
+                        effect.torque(v, &along, &mut torque);
+                        if matches!(effect.id(), "joint_damping" | "end_stop") {
+                            action.torque_b_n_m[k] += torque[0];
+                        } else {
+                            action.torque_dea_n_m[k] += torque[0];
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn next_break_s(&self, t_s: f64) -> f64 {
+        let quantities = self.acting.effect.parameters();
+        let at = |name: &str| {
+            let place = quantities.iter().position(|q| q.name == name)?;
+            Some(self.acting.values[place])
+        };
+        match (at("time"), at("recording")) {
+            (Some(time), Some(number)) if number == self.when.recording as f64 && time > t_s => time,
+            _ => f64::INFINITY,
+        }
+    }
+}
+
+/// 1 - r erf((W_max - W)/m), with erf to rounding error (its series, and its continued fraction).
+fn softened(v: &[f64], energy: f64, largest: f64) -> f64 {
+    let x = (largest - energy) / v[1];
+    let erf = if x < 2.5 {
+        let (mut term, mut sum) = (x, x);
+        for n in 1..60 {
+            term *= -x * x / n as f64;
+            sum += term / (2 * n + 1) as f64;
+        }
+        sum * std::f64::consts::FRAC_2_SQRT_PI
+    } else {
+        let mut tail = 0.0;
+        for n in (1..60).rev() {
+            tail = 0.5 * n as f64 / (x + tail);
+        }
+        1.0 - (-x * x).exp() / ((x + tail) * std::f64::consts::PI.sqrt())
+    };
+    1.0 - v[0] * erf
+}

@@ -1,0 +1,254 @@
+//! The files of a diagnosis, of one made up for the purpose. `DEACAL_WRITE_LOOK=DIR` also leaves the reports there, to be looked at.
+
+mod common;
+
+use deacal::diagnosis::{
+    Candidate, Diagnosis, Gain, Hidden, Law, Place, Traces, Value, Verdict,
+};
+use deacal::effects::{Acting, by_id};
+use deacal::film::Film;
+use deacal::model::{ForearmTorque, Parameters};
+use deacal::report::diagnosis_json::DiagnosisJson;
+use deacal::report::html::render_diagnosis;
+use deacal::report::json::to_text;
+use deacal::report::parameter_file::{ParameterFile, SeriesEntry};
+use deacal::report::provenance::Provenance;
+
+const HOSTILE: &str = "a/02-<b>sine</b>";
+
+fn candidate(id: &str, on: [bool; 3], values: &[f64], probability: f64, in_model: bool) -> Candidate {
+    let effect = by_id(id).unwrap();
+    let acting = Acting {
+        effect,
+        values: values.to_vec(),
+        on,
+    };
+    let values = effect
+        .parameters()
+        .iter()
+        .zip(values)
+        .map(|(q, &value)| {
+            let word = match q.name {
+                "recording" => Some(HOSTILE.to_string()),
+                "link" => Some(effect.variants()[value as usize].to_string()),
+                _ => None,
+            };
+            let std_error = if word.is_some() { f64::NAN } else { 0.05 * value.abs() };
+            Value {
+                name: q.name,
+                unit: q.unit,
+                value,
+                word,
+                std_error,
+                ci95: [value - 2.0 * std_error, value + 2.0 * std_error],
+                at_bound: false,
+            }
+        })
+        .collect();
+    Candidate {
+        acting,
+        probability,
+        delta_bic: -812.4,
+        mean_square: 1.21,
+        holdout_mean_square: 1.34,
+        in_model,
+        values,
+        says: "the resistance of wires and electrodes delays the charge of the film; it takes 97 % of the excess away".into(),
+    }
+}
+
+fn place(dimension: &'static str) -> Place {
+    Place {
+        dimension,
+        range: Some([1.2, 4.0]),
+        unit: "kV/s",
+        value: None,
+        recording: None,
+        actuators: vec![2],
+        share_of_excess: 0.72,
+        share_of_samples: 0.31,
+        p_value: 1e-9,
+        says: "where the command of actuator 2 rises faster than 1.2 kV/s the motion needs less voltage than was given.".into(),
+    }
+}
+
+fn trace(id: &str, held_out: bool) -> Traces {
+    let time_s: Vec<f64> = (0..3000).map(|i| f64::from(i) * 0.01).collect();
+    let drive = |t: f64, k: usize| 2500.0 - 2400.0 * (2.1 * t + k as f64).cos();
+    let rate = |t: f64, k: usize| (2.1 * t + k as f64).sin();
+    let noise = |i: usize, k: usize| ((i * 7919 + 31 * k) % 97) as f64 - 48.0;
+    let rows = |gain: f64| -> Vec<[f64; 3]> {
+        let row = |(i, t): (usize, &f64)| {
+            let strong = |k: usize| if k == 1 { gain } else { 0.15 * gain };
+            [0, 1, 2].map(|k| strong(k) * rate(*t, k) + 0.5 * noise(i, k))
+        };
+        time_s.iter().enumerate().map(row).collect()
+    };
+    let torque = |gain: f64| -> Vec<[f64; 4]> {
+        let errors = rows(gain);
+        let kept = (40..2960).step_by(8);
+        kept.map(|i| {
+            let e = errors[i].map(|v| v * 2e-6);
+            [time_s[i], e[0], e[1], e[2]]
+        })
+        .collect()
+    };
+    Traces {
+        id: id.into(),
+        held_out,
+        command_v: time_s.iter().map(|t| [0, 1, 2].map(|k| drive(*t, k))).collect(),
+        before_v: rows(250.0),
+        after_v: rows(10.0),
+        torque_before: torque(250.0),
+        torque_after: torque(10.0),
+        height_mm: time_s.iter().map(|t| -50.0 - drive(*t, 0) / 200.0).collect(),
+        time_s,
+    }
+}
+
+fn diagnosis(verdict: Verdict) -> Diagnosis {
+    let parameters = Parameters {
+        film: Film {
+            mu_pa: vec![8.1e5, 1.2e5, 3.3e4],
+            relaxation_time_s: vec![0.07, 4.2],
+            locking: 77.7,
+        },
+        forearm: ForearmTorque::zero(),
+    };
+    let gain = Gain {
+        before_v: 240.5,
+        after_v: 27.8,
+        noise_floor_v: 22.4,
+        all_v: [251.0, 80.1, 77.2],
+    };
+    let candidates = match verdict {
+        Verdict::Adequate => vec![],
+        Verdict::MissingPhysics => vec![
+            candidate("series_resistance", [false, true, false], &[9.8e6], 0.93, true),
+            candidate("payload_change", [true; 3], &[2.1e-3, 12.5, 2.0], 0.81, true),
+            candidate("marker_offset", [true; 3], &[1e-4, -2e-4, 3e-4], 0.05, false),
+            candidate("link_length_error", [true; 3], &[4.0, 1e-3], 0.03, false),
+            candidate("slew_limit", [true; 3], &[5e3, f64::INFINITY], 0.001, false),
+        ],
+        Verdict::Unexplained => vec![candidate("joint_damping", [true; 3], &[1e-4], 0.08, false)],
+    };
+    Diagnosis {
+        verdict,
+        confidence: 0.97,
+        places: vec![place("voltage_rate"), place("height")],
+        candidates,
+        groups: vec![vec!["time_offset", "mocap_lag"], vec!["series_resistance", "slew_limit"]],
+        next_experiment: "steps with holds, and sines at two rates: a resistance loses amplitude at the higher one.".into(),
+        hidden: vec![Hidden {
+            effect: "electrode_stiffness",
+            hidden_share: 0.998,
+            smallest_detectable: 4e4,
+            name: "modulus",
+            unit: "Pa",
+        }],
+        train: Gain { before_v: 212.0, ..gain },
+        holdout: (verdict != Verdict::Unexplained).then_some(gain),
+        plain: parameters.clone(),
+        parameters,
+        eps_r: 2.8,
+        plain_mean_square: 31.0,
+        plain_holdout_mean_square: 36.0,
+        law: (verdict == Verdict::Unexplained).then(|| Law {
+            terms: vec![("rate of theta_b, squared".into(), 1.2e-5, 0.4), ("height".into(), -3e-6, 0.1)],
+            share: 0.47,
+        }),
+        traces: vec![trace("a/01-symmetric", false), trace(HOSTILE, true)],
+        remarks: vec!["Not every recording states its `start`.".into()],
+        says: "The plain model leaves ten times the noise. A series resistance in actuator 2 accounts for 97 % of it.".into(),
+    }
+}
+
+fn series() -> Vec<SeriesEntry> {
+    let entry = |id: &str, number: usize| SeriesEntry {
+        id: id.into(),
+        number,
+        begins_s: 120.0 * (number - 1) as f64,
+        clock_s: None,
+    };
+    vec![entry("a/01-symmetric", 1), entry(HOSTILE, 2)]
+}
+
+#[test]
+fn the_numbers_have_the_promised_keys() {
+    for verdict in [Verdict::Adequate, Verdict::MissingPhysics, Verdict::Unexplained] {
+        let d = diagnosis(verdict);
+        let text = to_text(&DiagnosisJson::new(&d, series(), Provenance::new("t")));
+        common::check("diagnosis", &text);
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["verdict"], verdict.name());
+        assert_eq!(json["rmse_basis"], "above_1kV");
+        assert_eq!(json["train_rmse_V"]["before"], 212.0);
+        assert_eq!(json["where"][0]["range"][1], 4.0);
+        assert_eq!(json["where"][0]["actuators"][0], 2);
+        assert_eq!(json["hidden"][0]["smallest_detectable"]["unit"], "Pa");
+        assert_eq!(json["indistinguishable"][0][1], "mocap_lag");
+        assert_eq!(json["holdout_rmse_V"].is_null(), verdict == Verdict::Unexplained);
+        if verdict == Verdict::MissingPhysics {
+            let c = &json["candidates"];
+            assert_eq!(c[0]["parameters"]["resistance"]["value"], 9.8e6);
+            assert_eq!(c[0]["parameters"]["resistance"]["unit"], "ohm");
+            assert_eq!(c[0]["actuators"], serde_json::json!([2]));
+            assert_eq!(c[1]["parameters"]["recording"]["value"], HOSTILE);
+            assert_eq!(c[2]["parameters"]["offset"]["value"], serde_json::json!([1e-4, -2e-4, 3e-4]));
+            assert_eq!(c[3]["parameters"]["link"]["value"], "a");
+            assert!(c[4]["parameters"]["rate_down"]["value"].is_null());
+        }
+        let back: DiagnosisJson = serde_json::from_str(&text).unwrap();
+        assert_eq!(to_text(&back), text);
+    }
+}
+
+#[test]
+fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
+    let d = diagnosis(Verdict::MissingPhysics);
+    let text = ParameterFile::of_diagnosis(&d, series(), Provenance::new("t")).to_toml();
+    let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
+    let number = |id: &str| (id == HOSTILE).then_some(2);
+    let acting = file.acting(&number).unwrap();
+    let held: Vec<Acting> = d.candidates.iter().filter(|c| c.in_model).map(|c| c.acting.clone()).collect();
+    assert_eq!(acting, held);
+    assert_eq!(file.parameters().unwrap().film, d.parameters.film);
+    assert_eq!(file.series, series());
+    assert_eq!(file.to_toml(), text);
+    // every kind of value, in the model or not
+    for c in &d.candidates {
+        let mut one = d.clone();
+        one.candidates = vec![Candidate { in_model: true, ..c.clone() }];
+        let text = ParameterFile::of_diagnosis(&one, series(), Provenance::new("t")).to_toml();
+        let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
+        assert_eq!(file.acting(&number).unwrap(), [c.acting.clone()], "{text}");
+    }
+}
+
+#[test]
+fn the_report_answers_in_words_first() {
+    for verdict in [Verdict::Adequate, Verdict::MissingPhysics, Verdict::Unexplained] {
+        let html = render_diagnosis(&diagnosis(verdict), &Provenance::new("deacal diagnose"));
+        if let Some(dir) = std::env::var_os("DEACAL_WRITE_LOOK") {
+            let path = std::path::Path::new(&dir).join(format!("{}.html", verdict.name()));
+            std::fs::write(path, &html).unwrap();
+        }
+        for absent in ["<b>sine", "NaN", "http://", "https://", "<script"] {
+            assert!(!html.contains(absent), "{absent} in {}", verdict.name());
+        }
+        let first = html.split("<nav").next().unwrap();
+        for question in ["Does the plain model fit", "Where does it not?", "What is missing?", "What to record next?", "What could not have been seen?"] {
+            assert!(first.contains(question), "{question}");
+        }
+        let changed = first.contains("What changed when it was added?");
+        assert_eq!(changed, verdict == Verdict::MissingPhysics);
+        assert_eq!(html.contains("id=\"law\""), verdict == Verdict::Unexplained);
+        assert!(html.contains("id=\"voltages\"") && html.contains("id=\"hidden\""));
+        if changed {
+            for words in ["Series resistance, 93 %", "Could be mistaken for slew limit", "240 V", "not fitted"] {
+                assert!(first.contains(words), "{words} not in {first}");
+            }
+        }
+        assert!(html.len() < 3_000_000, "{} bytes", html.len());
+    }
+}

@@ -85,6 +85,8 @@ pub struct CaseRecording {
     pub motion: Motion,
     /// What a capture without noise and gaps would have measured, m: the counterpart of `parts.measured_m`.
     pub clean_m: Vec<Vec3>,
+    /// The base marker as captured, mm.
+    pub base_mm: Vec<Vec3>,
     /// Parameters at work in this recording, drifts included.
     pub parameters: Parameters,
     /// Robot at work in this recording.
@@ -508,13 +510,13 @@ fn record(
     write::nexus_csv(&mut motion_csv, &capture, &seen).map_err(fail)?;
     write::voltage_csv(&mut voltage_csv, &log, &logged).map_err(fail)?;
     write::recording_toml(&mut toml, &text, &capture, &log).map_err(fail)?;
-    let measured_m = measured(&motion_csv, &stated.placement)?;
+    let (measured_m, base_mm) = measured(&motion_csv, &stated.placement)?;
     let mut silent = capture.clone();
     silent.noise = Noise::default();
     silent.gaps.clear();
     let mut clean_csv = Vec::new();
     write::nexus_csv(&mut clean_csv, &silent, &seen).map_err(fail)?;
-    let clean_m = measured(&clean_csv, &stated.placement)?;
+    let (clean_m, _) = measured(&clean_csv, &stated.placement)?;
     let stated_payload = Payload::steps(planned.payload_kg[0].1, planned.payload_kg[1..].to_vec())?;
     let payload_kg = (0..measured_m.len())
         .map(|i| stated_payload.mass_kg(i as f64 * truth.step_s, crate::simulate::Side::After))
@@ -534,6 +536,7 @@ fn record(
         id,
         parts,
         motion: truth,
+        base_mm,
         clean_m,
         parameters,
         robot,
@@ -627,11 +630,12 @@ fn voltage(drive: &Sampled) -> Voltage {
 }
 
 /// Positions of the end effector's centre in the world, m, from a motion file that this room wrote and the stated places of its
-/// markers (rotation zero); NaN in gaps.
-fn measured(csv: &[u8], place: &Placement) -> Result<Vec<Vec3>, String> {
+/// markers (rotation zero), NaN in gaps; and the base marker as captured, mm.
+fn measured(csv: &[u8], place: &Placement) -> Result<(Vec<Vec3>, Vec<Vec3>), String> {
     let text = std::str::from_utf8(csv).map_err(|e| e.to_string())?;
     let mut effector = Vec::new();
     let mut base = [0.0; 3];
+    let mut still = Vec::new();
     for line in text.lines().skip(5) {
         let mut cells = line
             .split(',')
@@ -643,6 +647,7 @@ fn measured(csv: &[u8], place: &Placement) -> Result<Vec<Vec3>, String> {
         for i in 0..3 {
             base[i] += here[i];
         }
+        still.push(here);
     }
     let base = base.map(|b| b / effector.len() as f64);
     let world = |p: &Vec3| {
@@ -650,7 +655,7 @@ fn measured(csv: &[u8], place: &Placement) -> Result<Vec<Vec3>, String> {
             (p[i] - base[i]) * 1e-3 + place.base_position_m[i] - place.end_effector_offset_m[i]
         })
     };
-    Ok(effector.iter().map(world).collect())
+    Ok((effector.iter().map(world).collect(), still))
 }
 
 impl Case {

@@ -1,5 +1,5 @@
-//! The colour of the capture's noise: whether it is white, or has a slow part besides, told from what smoothing leaves well above the
-//! motion's frequencies.
+//! The colour of the capture's noise: whether it is white, or has a slow part besides, told from a marker that stands still, or
+//! else from what smoothing leaves well above the motion's frequencies.
 //!
 //! A slow part (a first-order autoregression) is larger within the motion's band than above it, so a floor that takes the noise
 //! for white is too low there. Its spectrum over that of the white part,
@@ -18,15 +18,15 @@ pub struct Colour {
 /// Length of a piece, samples.
 const PIECE: usize = 256;
 /// Lowest frequency that is looked at over the smoother's half-power frequency: above it smoothing leaves the noise as it is.
-const ABOVE: f64 = 2.5;
+pub(super) const ABOVE: f64 = 2.5;
 /// Correlation times that are tried, s.
 const TIMES_S: [f64; 7] = [0.015, 0.022, 0.032, 0.047, 0.068, 0.1, 0.15];
 /// Rise of the log likelihood from which a slow part is believed.
 const BELIEVED: f64 = 5.0;
 
-/// The slow part of the noise in `left` (measured minus smoothed, of each axis; NaN where nothing was measured), where the
-/// likelihood asks for one.
-pub fn colour(left: &[Vec<f64>], cutoff_hz: &[f64], step_s: f64) -> Option<Colour> {
+/// The slow part of the noise in `left` (what was measured of each axis less what moved; NaN where nothing was measured), where the
+/// likelihood asks for one. Only frequencies above `lowest_hz` of each axis are looked at.
+pub fn colour(left: &[Vec<f64>], lowest_hz: &[f64], step_s: f64) -> Option<Colour> {
     let pi = std::f64::consts::PI;
     let window: Vec<f64> = (0..PIECE)
         .map(|i| 0.5 - 0.5 * (2.0 * pi * (i as f64 + 0.5) / PIECE as f64).cos())
@@ -37,9 +37,8 @@ pub fn colour(left: &[Vec<f64>], cutoff_hz: &[f64], step_s: f64) -> Option<Colou
         .collect();
     // Averaged periodograms: axis, bin, mean, pieces.
     let mut bins: Vec<(usize, f64, f64, f64)> = Vec::new();
-    for (axis, (values, cutoff)) in left.iter().zip(cutoff_hz).enumerate() {
-        let lowest = (ABOVE * cutoff).max(5.0) * step_s * PIECE as f64;
-        let first = lowest.ceil() as usize;
+    for (axis, (values, lowest)) in left.iter().zip(lowest_hz).enumerate() {
+        let first = (lowest * step_s * PIECE as f64).ceil().max(1.0) as usize;
         let mut sums = vec![0.0; PIECE / 2];
         let mut pieces = 0.0;
         let mut at = 0;
@@ -133,7 +132,7 @@ mod tests {
 
     #[test]
     fn white_noise_is_white_and_a_slow_part_is_found() {
-        let cutoff = [3.0; 3];
+        let cutoff = [7.5; 3];
         let white = (0..10).filter(|&s| colour(&noise(0.05, 0.0, s), &cutoff, 0.01).is_some());
         assert!(white.count() <= 1);
         for seed in 0..5 {

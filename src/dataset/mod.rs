@@ -182,15 +182,8 @@ impl Dataset {
                 measured.zip(smooth).map(|(m, s)| m - s).collect()
             })
             .collect();
-        let cutoff_hz = [0, 1, 2].map(|k| axes[k].choice.cutoff_hz);
-        let colour = colour::colour(&left, &cutoff_hz, parts.step_s);
-        if let Some(c) = colour {
-            notes.push(format!(
-                "the capture's noise is not white: beside the white part, {:.0} % of its size, correlated over {:.0} ms",
-                100.0 * c.variance.sqrt(),
-                1e3 * c.correlation_s
-            ));
-        }
+        let lowest_hz = [0, 1, 2].map(|k| (colour::ABOVE * axes[k].choice.cutoff_hz).max(5.0));
+        let colour = colour::colour(&left, &lowest_hz, parts.step_s);
         let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
         let (usable, film_unknown) = bridged(&observed, &axes, parts.step_s, &mut notes);
         let (offset_s, offset_source) = match (plan.and_then(|p| p.offset_s), parts.offset_s) {
@@ -247,6 +240,21 @@ impl Dataset {
             plan,
             notes,
         })
+    }
+
+    /// Takes the colour of the capture's noise from a marker that stands still (the base), as measured, in any unit.
+    pub fn colour_from(&mut self, still: &[Vec3]) {
+        let axes: Vec<Vec<f64>> = (0..3)
+            .map(|k| {
+                let known = || still.iter().map(|p| p[k]).filter(|v| !v.is_nan());
+                let mean = known().sum::<f64>() / known().count().max(1) as f64;
+                still.iter().map(|p| p[k] - mean).collect()
+            })
+            .collect();
+        let moves = axes.iter().any(|a| a.iter().all(|v| *v == 0.0 || v.is_nan()));
+        if !moves {
+            self.colour = colour::colour(&axes, &[0.4; 3], self.step_s);
+        }
     }
 
     /// Number of frames.

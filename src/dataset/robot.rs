@@ -113,6 +113,16 @@ impl Dataset {
             initial,
         };
         let mut dataset = Dataset::new(parts, plan)?;
+        if let Some(base) = &motion.base {
+            dataset.colour_from(&base.xyz);
+        }
+        if let Some(c) = dataset.colour {
+            notes.push(format!(
+                "the capture's noise is not white: a slow part of {:.0} % of the white part's size, correlated over {:.0} ms",
+                100.0 * c.variance.sqrt(),
+                1e3 * c.correlation_s
+            ));
+        }
         dataset.pivot_m =
             [0, 1, 2].map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
         dataset.notes.splice(0..0, notes);

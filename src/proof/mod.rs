@@ -57,6 +57,7 @@ fn datasets(case: &Case, list: &[CaseRecording]) -> Result<Vec<Dataset>, String>
         .map(|r| {
             let mut d = Dataset::new(r.parts.clone(), None).map_err(|e| e.to_string())?;
             d.pivot_m = case.pivot_m;
+            d.colour_from(&r.base_mm);
             Ok(d)
         })
         .collect()

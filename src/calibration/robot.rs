@@ -1234,7 +1234,8 @@ pub fn predict_force(
             };
             for i in 0..n {
                 // Everything that the causes change, as the squared voltage that would do the same in the plain balance.
-                let made = half[i] * (squared[i] + film_v[i] * film_v[i] - command[i] * command[i]);
+                let change = film_v[i] * film_v[i] - command[i] * command[i];
+                let made = half[i] * (squared[i] + change);
                 let missing = slack.as_ref().map_or(0.0, |s| s[i]);
                 let softer = factor.as_ref().map_or(0.0, |f| {
                     film[i][0] * (1.0 - f[i][0]) + film[i][1] * (1.0 - f[i][1])

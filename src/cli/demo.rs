@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::fit::{say_outcome, write_fit};
 use super::progress::Progress;
-use super::{Failure, Talk, load};
+use super::{Failure, Talk, diagnose, load, series};
 use crate::calibration::{
     CouponRequest, Request, Stage, calibrate_coupons, calibrate_robot, validate_robot,
 };
@@ -123,6 +123,20 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     set.write("validation.json", to_text(&json))?;
     set.write("report.html", html::render(&validation, &provenance))?;
     set.commit()?;
+
+    talk.say("\nWas any physics left out? The circle is held out again");
+    let (named, mut recordings, mut datasets) = (all.len(), all, datasets);
+    recordings.extend(held);
+    datasets.extend(circle);
+    let series = series::order(&recordings, &datasets)?;
+    let request = crate::diagnosis::Request::default();
+    let search = crate::diagnosis::diagnose;
+    let (diagnosis, series) =
+        diagnose::judge(&robot, &datasets, named, series, &request, &progress, search)?;
+    let provenance = Provenance::of("deacal demo", &recordings);
+    let folder = output.join("diagnosis");
+    diagnose::write(&folder, &diagnosis, series, provenance)?;
+    talk.say(&format!("  {}", diagnosis.says));
     drop(progress);
     talk.result(&json);
     talk.say(&format!(

@@ -56,8 +56,6 @@ fn parse_rate(text: &str) -> Result<f64, String> {
     rate.ok_or_else(|| "expected a share between 0.000001 and 0.5".into())
 }
 
-/// Least change of a command that excites anything, V.
-const EXCITING_V: f64 = 100.0;
 /// From this many recordings on the last ones are held out where none are named: one, from half as many again on two.
 const ENOUGH: usize = 4;
 
@@ -123,22 +121,16 @@ pub(super) fn judge(
     order.sort_by_key(|&i| entries[i].number);
     let split = split(&order, named);
     let (train, holdout) = (&split.0, &split.1);
-    remarks.extend(excited(datasets, train)?);
     if holdout.is_empty() {
-        remarks.push(
-            "No recording was held out: that the model is better with a cause was seen only on the recordings that were fitted. Give others with --holdout, or four recordings or more.".into(),
-        );
+        remarks.push(format!(
+            "To judge on recordings that were not fitted, name some with --holdout, or give {ENOUGH} recordings or more."
+        ));
     } else if named == datasets.len() {
         let ids: Vec<&str> = holdout.iter().map(|&i| datasets[i].id.as_str()).collect();
         remarks.push(format!(
             "Held out without being asked, as the last of the series: {}.",
             ids.join(", ")
         ));
-    }
-    if train.len() == 1 {
-        remarks.push(
-            "One recording only: a cause that shows in another drive, or from one recording to the next, cannot be seen, and much of any cause hides in the film's parameters.".into(),
-        );
     }
     let entry = |&i: &usize| Entry {
         dataset: &datasets[i],
@@ -167,41 +159,6 @@ fn split(order: &[usize], named: usize) -> (Vec<usize>, Vec<usize>) {
     };
     let (train, holdout) = order.split_at(order.len() - out);
     (train.to_vec(), holdout.to_vec())
-}
-
-/// Refuses recordings in which no voltage changes; names those in which none does beside others.
-fn excited(datasets: &[Dataset], train: &[usize]) -> Result<Option<String>, Failure> {
-    let swing = |d: &Dataset| {
-        (0..3)
-            .map(|k| {
-                let volts = (0..d.samples()).map(|i| d.command_v(k, i, d.offset_s));
-                let [low, high] = volts.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| {
-                    [a.min(v), b.max(v)]
-                });
-                high - low
-            })
-            .fold(0.0, f64::max)
-    };
-    let still: Vec<(&str, f64)> = train
-        .iter()
-        .map(|&i| (datasets[i].id.as_str(), swing(&datasets[i])))
-        .filter(|(_, swing)| *swing < EXCITING_V)
-        .collect();
-    let ids: Vec<&str> = still.iter().map(|s| s.0).collect();
-    if still.len() == train.len() {
-        let most = still.iter().map(|s| s.1).fold(0.0, f64::max);
-        return Err(format!(
-            "the voltage is constant in {} (it changes by {most:.0} V at most): nothing is excited that could be told from the film's stiffness; record ramps, steps or sines of 1 kV or more",
-            ids.join(", ")
-        )
-        .into());
-    }
-    Ok((!still.is_empty()).then(|| {
-        format!(
-            "The voltage is constant in {}: it tells of the pose at one voltage and of nothing else.",
-            ids.join(", ")
-        )
-    }))
 }
 
 /// Numbers, augmented model and report of a diagnosis, all or none.

@@ -64,7 +64,7 @@ impl Talk {
 
 #[derive(Subcommand)]
 enum Command {
-    /// The main job on recordings that come with the program: import, film, forearm and joint fit, a film coupon, reports
+    /// The main job on recordings that come with the program: import, film, forearm and joint fit, diagnosis, a film coupon, reports
     Demo {
         /// Folder for the results
         #[arg(short, long, default_value = "out/demo")]

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::effect_entries::{actuators, named};
+use super::effect_entries::{actuators, named, word};
 use super::json::{Named, Number, finite};
 use super::parameter_file::SeriesEntry;
 use super::provenance::Provenance;
@@ -140,7 +140,7 @@ pub struct ValueJson {
 }
 
 impl CandidateJson {
-    fn of(c: &Candidate) -> Self {
+    fn of(c: &Candidate, series: &[SeriesEntry]) -> Self {
         let number = |v: f64| finite(v).map_or(Value::Null, Value::from);
         let parameters = named(c)
             .into_iter()
@@ -154,11 +154,11 @@ impl CandidateJson {
                     _ => Value::Null,
                 };
                 let value = ValueJson {
-                    value: each(&|v| match &v.word {
-                        Some(word) => word.as_str().into(),
+                    value: each(&|v| match word(v, series) {
+                        Some(word) => word.into(),
                         None => number(v.value),
                     }),
-                    unit: match n.values[0].word {
+                    unit: match word(n.values[0], series) {
                         Some(_) => String::new(),
                         None => n.values[0].unit.into(),
                     },
@@ -291,7 +291,11 @@ impl DiagnosisJson {
             confidence: finite(d.confidence),
             says: d.says.clone(),
             places: d.places.iter().map(PlaceJson::of).collect(),
-            candidates: d.candidates.iter().map(CandidateJson::of).collect(),
+            candidates: d
+                .candidates
+                .iter()
+                .map(|c| CandidateJson::of(c, &series))
+                .collect(),
             indistinguishable: groups
                 .map(|g| g.iter().map(|id| (*id).to_owned()).collect())
                 .collect(),

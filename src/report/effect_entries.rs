@@ -1,6 +1,6 @@
 //! Causes of the catalogue to `[[effect]]` of a parameter file and back, under the names and units that the catalogue promises.
 
-use super::parameter_file::{Effect, ParameterFile, Values};
+use super::parameter_file::{Effect, ParameterFile, SeriesEntry, Values};
 use crate::diagnosis::{Candidate, Value};
 use crate::effects::{Acting, CATALOGUE, by_id};
 use crate::recording::{Error, ErrorKind, suggestion};
@@ -41,15 +41,70 @@ pub fn actuators(on: [bool; 3]) -> Vec<usize> {
     (1..=3).filter(|k| on[k - 1]).collect()
 }
 
+/// The word that a value stands for: a form, or the recording of that number in the series (the number itself where none has it).
+#[must_use]
+pub fn word(value: &Value, series: &[SeriesEntry]) -> Option<String> {
+    let named = || {
+        let entry = series.iter().find(|e| e.number as f64 == value.value);
+        entry.map_or_else(|| value.value.to_string(), |e| e.id.clone())
+    };
+    let recording = (value.name == "recording").then(named);
+    value.word.clone().or(recording)
+}
+
+impl std::str::FromStr for Effect {
+    type Err = String;
+
+    /// `ID:NAME=VALUE[,NAME=VALUE...][@ACTUATOR[,ACTUATOR]]`, as `--effect` takes it; all actuators where none is named. Vectors go by
+    /// their parts: `marker_offset:offset_x=1e-3`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (text, place) = match text.split_once('@') {
+            Some((text, place)) => (text, Some(place)),
+            None => (text, None),
+        };
+        let (id, list) = text
+            .split_once(':')
+            .ok_or("expected ID:NAME=VALUE, such as series_resistance:resistance=1e7")?;
+        let values = list
+            .split(',')
+            .map(|pair| {
+                let (name, value) = pair
+                    .split_once('=')
+                    .ok_or_else(|| format!("`{pair}` is not NAME=VALUE"))?;
+                let value = match value.trim().parse::<f64>() {
+                    Ok(number) => toml::Value::Float(number),
+                    Err(_) => toml::Value::String(value.trim().to_owned()),
+                };
+                Ok((name.trim().to_owned(), value))
+            })
+            .collect::<Result<_, String>>()?;
+        let actuators = match place {
+            None => vec![1, 2, 3],
+            Some(list) => list
+                .split(',')
+                .map(|k| match k.trim().parse() {
+                    Ok(k @ 1..=3) => Ok(k),
+                    _ => Err(format!("`{k}` is no actuator: 1, 2 or 3")),
+                })
+                .collect::<Result<_, String>>()?,
+        };
+        Ok(Effect {
+            id: id.trim().to_owned(),
+            actuators,
+            values,
+        })
+    }
+}
+
 impl Effect {
-    /// The entry of a cause that a diagnosis found.
+    /// The entry of a cause that a diagnosis of the recordings `series` found.
     #[must_use]
-    pub fn of(candidate: &Candidate) -> Self {
+    pub fn of(candidate: &Candidate, series: &[SeriesEntry]) -> Self {
         let mut values = Values::new();
         for Named { name, values: own } in named(candidate) {
             if let [value] = own[..] {
-                if let Some(word) = &value.word {
-                    values.push((name.into(), toml::Value::String(word.clone())));
+                if let Some(word) = word(value, series) {
+                    values.push((name.into(), toml::Value::String(word)));
                     continue;
                 }
                 if !value.value.is_finite() {
@@ -142,6 +197,9 @@ impl ParameterFile {
                 let q = &quantities[at];
                 #[allow(clippy::cast_precision_loss)]
                 let number = match value {
+                    toml::Value::Integer(v) if q.name == "recording" => {
+                        number_of(&v.to_string()).map_or(NEVER, |n| n as f64)
+                    }
                     toml::Value::Float(v) => *v,
                     toml::Value::Integer(v) => *v as f64,
                     toml::Value::String(word) if q.name == "recording" => {
@@ -200,6 +258,23 @@ mod tests {
         assert_eq!(a.unwrap().values[2], NEVER);
         let a = read("id = \"slew_limit\"\nrate_up = 5000").unwrap();
         assert_eq!(a.values, [5000.0, f64::INFINITY]);
+    }
+
+    #[test]
+    fn an_argument_becomes_an_entry() {
+        let e: Effect = "slew_limit:rate_up=5e3,rate_down=4000@2".parse().unwrap();
+        let file = ParameterFile {
+            effects: vec![e],
+            ..ParameterFile::default()
+        };
+        let acting = file.acting(&|_| None).unwrap().remove(0);
+        assert_eq!(acting.values, [5e3, 4e3]);
+        assert_eq!(acting.on, [false, true, false]);
+        let e: Effect = "marker_offset:offset_z=1e-3".parse().unwrap();
+        assert_eq!(e.actuators, [1, 2, 3]);
+        for wrong in ["slew_limit", "slew_limit:rate_up", "slew_limit:rate_up=1@4"] {
+            assert!(wrong.parse::<Effect>().is_err(), "{wrong}");
+        }
     }
 
     #[test]

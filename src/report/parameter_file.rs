@@ -265,7 +265,7 @@ impl ParameterFile {
     ) -> Self {
         let found = diagnosis.candidates.iter().filter(|c| c.in_model);
         ParameterFile {
-            effects: found.map(Effect::of).collect(),
+            effects: found.map(|c| Effect::of(c, &series)).collect(),
             series,
             provenance,
             ..ParameterFile::of(&diagnosis.parameters, Some(diagnosis.eps_r))

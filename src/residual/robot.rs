@@ -207,7 +207,7 @@ impl Prepared<'_> {
         let made = (0..film.len())
             .map(|i| {
                 let told = command.2[i];
-                half[i] * (command.0[i] + film[i] * film[i] - told * told)
+                half[i] * (command.0[i] + (film[i] * film[i] - told * told))
             })
             .collect();
         (made, product(&command.1, &half))
@@ -1364,17 +1364,13 @@ impl<'a> RobotResidual<'a> {
         };
         let effects = self.effects(eta);
         let mechanics = self.mechanics_with(recording, &effects)?;
-        let (mut predicted, half, film_v) = if effects.is_empty() {
-            (r.mechanics.phi_squared_v2(&parameters)?, None, None)
-        } else {
-            let (needed, _) = self.sides(recording, &mechanics, &parameters, offset, &effects)?;
-            let half = [0, 1, 2].map(|k| mechanics.half_capacitance_slope(k, r.when, &effects));
-            let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, offset, &effects));
-            let squared = (0..mechanics.samples())
-                .map(|i| [0, 1, 2].map(|k| needed[k][i] / half[k][i]))
-                .collect();
-            (squared, Some(half), Some(film_v))
-        };
+        // One path with and without effects, so that an effect that is off changes no bit.
+        let (needed, _) = self.sides(recording, &mechanics, &parameters, offset, &effects)?;
+        let half = [0, 1, 2].map(|k| mechanics.half_capacitance_slope(k, r.when, &effects));
+        let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, offset, &effects));
+        let mut predicted: Vec<[f64; 3]> = (0..mechanics.samples())
+            .map(|i| [0, 1, 2].map(|k| needed[k][i] / half[k][i]))
+            .collect();
         let n = r.dataset.samples();
         let edge = (EDGE_S / r.dataset.step_s).round() as usize;
         let mut reached = vec![true; n];
@@ -1397,16 +1393,9 @@ impl<'a> RobotResidual<'a> {
                 .collect(),
         };
         for i in 0..n {
-            out.command_v
-                .push([0, 1, 2].map(|k| match &film_v {
-                    Some(film_v) => film_v[k][i],
-                    None => r.dataset.command_v(k, i, offset),
-                }));
+            out.command_v.push([0, 1, 2].map(|k| film_v[k][i]));
             out.sd_v.push([0, 1, 2].map(|k| {
-                let slope = match &half {
-                    Some(half) => half[k][i],
-                    None => mechanics.chains[k].half_capacitance_slope[i],
-                };
+                let slope = half[k][i];
                 let squared = out.predicted_squared_v2[i][k];
                 let spread = torque_variance[i][k].sqrt() / slope.abs();
                 0.5 * (root_v(squared + spread) - root_v(squared - spread))

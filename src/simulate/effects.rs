@@ -95,6 +95,8 @@ struct EffectAddition {
     film: Film,
     when: When,
     memory: Memory,
+    /// Every size at its off value.
+    off: bool,
 }
 
 /// The catalogue's cause as an addition to the forward dynamics of `robot` with `parameters`, in a recording made at `when`, whose
@@ -118,13 +120,25 @@ pub fn effect_addition(
         )),
         Site::Clock => Err(format!("{id} changes the clock of the drive: see EffectClock")),
         _ => Ok(Box::new(EffectAddition {
+            off: is_off(acting),
             acting: acting.clone(),
             robot: robot.clone(),
             film: parameters.film.clone(),
             when,
-            memory: Memory::of(id),
+            memory: if is_off(acting) {
+                Memory::None
+            } else {
+                Memory::of(id)
+            },
         })),
     }
+}
+
+fn is_off(acting: &Acting) -> bool {
+    let quantities = acting.effect.parameters().iter();
+    quantities
+        .zip(&acting.values)
+        .all(|(q, v)| !q.size || *v == q.off)
 }
 
 /// The robot with the lengths that a cause gives it; the same robot where it gives none.
@@ -321,6 +335,9 @@ impl Addition for EffectAddition {
     }
 
     fn act(&self, s: &Situation, states: &[f64], action: &mut Action, rates: &mut [f64]) {
+        if self.off {
+            return;
+        }
         let v = &self.acting.values[..];
         let n = self.memory.states().0;
         let effect = self.acting.effect;
@@ -341,7 +358,6 @@ impl Addition for EffectAddition {
             let volume = lozenge.volume_m3();
             // Electrical chain
             match self.memory {
-                Memory::Charge if v[0] == 0.0 => rate[0] = 0.0,
                 Memory::Charge => {
                     let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
                     rate[0] = (told - phi) / v[0] / NANOCOULOMB;
@@ -351,20 +367,16 @@ impl Addition for EffectAddition {
                     for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
                         rate[j] = (told - z[j]) / time;
                     }
-                    if v[0] != 0.0 || v[2] != 0.0 {
-                        let square = (1.0 - v[0] - v[2]) * told * told
-                            + v[0] * z[0] * z[0]
-                            + v[2] * z[1] * z[1];
-                        action.phi_v[k] = square.max(0.0).sqrt();
-                    }
+                    let square = (1.0 - v[0] - v[2]) * told * told
+                        + v[0] * z[0] * z[0]
+                        + v[2] * z[1] * z[1];
+                    action.phi_v[k] = square.max(0.0).sqrt();
                 }
                 Memory::Output => {
                     let sign = if told == 0.0 { z[0].signum() } else { told.signum() };
                     let wanted = sign * (told - z[0]) / SLEW_S;
                     rate[0] = sign * wanted.clamp(-v[1], v[0]);
-                    if v[0].is_finite() || v[1].is_finite() {
-                        action.phi_v[k] = z[0];
-                    }
+                    action.phi_v[k] = z[0];
                 }
                 _ => {
                     let mut phi = [told];
@@ -386,11 +398,8 @@ impl Addition for EffectAddition {
                     Memory::LargestEnergy => {
                         let (stress, energy) = self.equilibrium(s.stretch[k]);
                         rate[0] = (energy - z[0]).max(0.0) / LARGEST_S;
-                        if v[0] != 0.0 {
-                            // The catalogue's own erf, by its factor on a recording of two samples: the largest energy, and now.
-                            let factor = softened(v, energy, z[0].max(energy));
-                            action.torque_dea_n_m[k] += (1.0 - factor) * torque(stress);
-                        }
+                        let factor = softened(v, energy, z[0].max(energy));
+                        action.torque_dea_n_m[k] += (1.0 - factor) * torque(stress);
                     }
                     Memory::Rest => {
                         rate[0] = 0.0;

@@ -154,20 +154,23 @@ fn places(d: &Diagnosis) -> Option<Note> {
         return None;
     }
     let line = |p: &Place| {
-        let mut text = number::words(&p.says);
-        if p.share_of_excess.is_finite() && p.share_of_samples.is_finite() {
+        let says = super::summary::capital(number::words(&p.says).trim_end_matches('.'));
+        let counted = says.contains("of the excess");
+        let mut text = says;
+        if !counted && p.share_of_excess.is_finite() && p.share_of_samples.is_finite() {
             text += &format!(
-                " {} of what exceeds the noise lies in {} of the samples",
+                ". {} of what exceeds the noise lies in {} of the samples",
                 number::per_cent(p.share_of_excess),
                 number::per_cent(p.share_of_samples)
             );
-            text += &match p.p_value {
-                p if p.is_nan() => ".".to_string(),
-                p if p < 1e-3 => "; chance would not do that.".into(),
-                p => format!("; by chance with probability {}.", number::significant(p, 1)),
-            };
         }
-        item(format!("{}:", place(p)), text)
+        text += &match p.p_value {
+            p if p.is_nan() => ".".to_string(),
+            p if p < 1e-3 => "; chance would not do that.".into(),
+            p if p > 0.9 => "; chance does as much.".into(),
+            p => format!("; by chance with probability {}.", number::significant(p, 1)),
+        };
+        item(format!("{}:", super::summary::capital(&place(p))), text)
     };
     let lead = match d.verdict {
         Verdict::Adequate => "Nothing stands out of the noise; the most conspicuous places are:",
@@ -191,7 +194,8 @@ fn place(p: &Place) -> String {
     if let Some(value) = &p.value {
         out += &format!(" {value}");
     }
-    if let Some(recording) = &p.recording {
+    let said = p.value.as_ref();
+    if let Some(recording) = p.recording.as_ref().filter(|r| Some(*r) != said) {
         out += &format!(", {recording}");
     }
     if !p.actuators.is_empty() && p.dimension != "actuator" {

@@ -329,7 +329,8 @@ impl Dataset {
     fn slow_deviation(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Option<SmoothedAxis> {
         let colour = self.colour?;
         let a = (-self.step_s / colour.correlation_s).exp();
-        let size = axis.choice.noise * colour.variance.sqrt();
+        // The noise that the smoother found holds both parts.
+        let size = axis.choice.noise * (colour.variance / (1.0 + colour.variance)).sqrt();
         let mut state: f64 = StandardNormal.sample(generator);
         let values: Vec<f64> = (0..self.samples())
             .map(|i| {

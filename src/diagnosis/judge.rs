@@ -77,7 +77,8 @@ pub(super) const NEVER_ADEQUATE: f64 = 1.6;
 pub(super) fn unexplained(plain: &Judged, best: &Judged) -> bool {
     let left = best.excess();
     let before = plain.excess().max(1e-9);
-    (best.mean_square > 4.0 && left > 0.05 * before) || left > 0.6 * before
+    let (size, share) = (best.mean_square, left / before);
+    (size > 4.0 && share > 0.03) || (size > 1.8 && share > 0.08) || (size > 1.25 && share > 0.6)
 }
 
 /// Ids that the recordings cannot tell from the effect number `own` of a fitted model: the projected fingerprint of that effect lies

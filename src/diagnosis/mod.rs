@@ -27,7 +27,7 @@ use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
 use judge::{Judged, NEVER_ADEQUATE, alike, by_chance, unexplained};
 use locate::{Spot, coordinates, locate};
 use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
-use scan::{Group, Scanned, fingerprints, promised_by_noise, scan};
+use scan::{Group, Scanned, fingerprints, promised_by_noise, rivals, scan};
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -66,6 +66,7 @@ pub fn diagnose(
     let groups = fingerprints(&problem, &plain, &seen, &wanted);
     let scanned = scan(&problem, &plain, &tangent, &groups, &wanted)?;
     let by_noise = promised_by_noise(&problem, &tangent, &groups);
+    let rivals = rivals(&tangent, &groups, &scanned);
     drop(tangent);
     watch("fitting the leading effects");
     let chosen = choose(&scanned, FITTED);
@@ -206,6 +207,7 @@ pub fn diagnose(
         traces,
         remarks,
         says,
+        rivals,
     })
 }
 

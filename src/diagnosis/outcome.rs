@@ -189,6 +189,8 @@ pub struct Diagnosis {
     pub remarks: Vec<String>,
     /// The verdict in one or two sentences.
     pub says: String,
+    /// What simpler methods say of the same recordings: their name, whether they see anything, and the effect that they name.
+    pub rivals: Vec<(&'static str, bool, Option<&'static str>)>,
 }
 
 /// Why a diagnosis could not be done.

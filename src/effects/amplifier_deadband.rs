@@ -29,9 +29,9 @@ impl Effect for AmplifierDeadband {
         Reach::AllOrOne
     }
     fn starts(&self, seen: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [250.0, 450.0, 700.0, 1000.0, 1400.0]
+        [250.0, 450.0, 700.0, 1000.0, 1400.0, 1900.0, 2400.0]
             .iter()
-            .filter(|t| **t < 0.6 * seen.voltage_v)
+            .filter(|t| **t < 0.5 * seen.voltage_v)
             .map(|&t| vec![vec![t, 40.0]])
             .collect()
     }

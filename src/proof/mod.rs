@@ -5,6 +5,10 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
+mod score;
+
+pub use score::{Count, Median, Method, Proof, score};
+
 use crate::cases::{Case, CaseRecording, Spec, Truth, generate};
 use crate::dataset::Dataset;
 use crate::diagnosis::{Diagnosis, Entry, Request, Verdict, diagnose};
@@ -45,6 +49,8 @@ pub struct Trial {
     pub true_values: Vec<(String, f64)>,
     /// Weighted mean squares: plain, best, held out best.
     pub mean_squares: [f64; 3],
+    /// What simpler methods said: their name, whether they saw anything, what they named.
+    pub rivals: Vec<(String, bool, Option<String>)>,
     /// Seconds that the diagnosis took.
     pub seconds: f64,
     /// Why there is no diagnosis.
@@ -150,6 +156,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
                 .collect()
         }),
         mean_squares: [f64::NAN; 3],
+        rivals: Vec::new(),
         seconds,
         failure: None,
     };
@@ -195,6 +202,11 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
             .map(|v| (v.name.to_string(), v.value, v.std_error))
             .collect();
     }
+    out.rivals = d
+        .rivals
+        .iter()
+        .map(|r| (r.0.to_string(), r.1, r.2.map(str::to_string)))
+        .collect();
     out.located = located(truth, &d);
     out
 }

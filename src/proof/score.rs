@@ -1,0 +1,260 @@
+//! Scores of a proof: counts with their 95 % intervals.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+use super::Trial;
+
+/// A share: how many of how many, with the 95 % interval of Wilson 1927.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Count {
+    /// How many.
+    pub hits: usize,
+    /// Of how many.
+    pub of: usize,
+    /// Their ratio; none of nothing.
+    pub share: Option<f64>,
+    /// Its interval.
+    pub ci95: [f64; 2],
+}
+
+impl Count {
+    fn new(hits: usize, of: usize) -> Self {
+        if of == 0 {
+            return Count {
+                hits,
+                of,
+                share: None,
+                ci95: [0.0, 1.0],
+            };
+        }
+        let (n, p, z) = (of as f64, hits as f64 / of as f64, 1.959_964_f64);
+        let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
+        let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt() / (1.0 + z * z / n);
+        Count {
+            hits,
+            of,
+            share: Some(p),
+            ci95: [(middle - half).max(0.0), (middle + half).min(1.0)],
+        }
+    }
+
+    fn of(trials: &[&Trial], hit: impl Fn(&Trial) -> bool) -> Self {
+        Count::new(trials.iter().filter(|t| hit(t)).count(), trials.len())
+    }
+}
+
+/// A median with the interval that holds it in 95 % of samples (order statistics).
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Median {
+    /// The median; none of nothing.
+    pub value: Option<f64>,
+    /// Of how many.
+    pub of: usize,
+    /// Its interval.
+    pub ci95: [Option<f64>; 2],
+}
+
+impl Median {
+    fn new(mut values: Vec<f64>) -> Self {
+        values.retain(|v| v.is_finite());
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        let half = 0.98 * (n as f64).sqrt();
+        let low = (n as f64 / 2.0 - half).floor().max(0.0) as usize;
+        let high = ((n as f64 / 2.0 + half).ceil() as usize).min(n.saturating_sub(1));
+        Median {
+            value: values.get(n / 2).copied(),
+            of: n,
+            ci95: [values.get(low).copied(), values.get(high).copied()],
+        }
+    }
+}
+
+/// What one method scored.
+#[derive(Debug, Clone, Serialize)]
+pub struct Method {
+    /// Its name.
+    pub name: String,
+    /// Clean cases in which it saw something.
+    pub false_alarm_rate: Count,
+    /// Detectable single effects that it named first.
+    pub top1_detectable: Count,
+    /// Barely visible single effects that it named first.
+    pub top1_hidden: Count,
+    /// Effects in no catalogue for which it claimed no name.
+    pub unknown_not_named: Count,
+}
+
+/// What a proof found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Proof {
+    /// Cases that were diagnosed.
+    pub n_cases: usize,
+    /// Cases without a diagnosis, and why.
+    pub failures: Vec<String>,
+    /// Clean cases that were not called adequate.
+    pub false_alarm_rate: Count,
+    /// Detectable single effects (plain refit at 1.5 times the floor or more) that were named first.
+    pub top1_detectable: Count,
+    /// The same among the first three candidates.
+    pub top3_detectable: Count,
+    /// The same, or within the group that the diagnosis states.
+    pub group_detectable: Count,
+    /// Single effects below 1.5 times the floor that were named first.
+    pub top1_hidden: Count,
+    /// The same, or within the group that the diagnosis states.
+    pub group_hidden: Count,
+    /// Single effects below 1.5 times the floor for which another name was claimed, outside the stated group.
+    pub wrong_hidden: Count,
+    /// Effects in no catalogue that were called unexplained.
+    pub unknown_called_unexplained: Count,
+    /// Pairs of which both were named.
+    pub pairs_both_named: Count,
+    /// Pairs of which the first named one is right.
+    pub pairs_first_right: Count,
+    /// Cases whose truth has a place that is among the first three.
+    pub located: Count,
+    /// Share of the gap to the floor that is closed on held-out recordings, detectable cases.
+    pub gap_closed_median: Median,
+    /// 95 % intervals of the named effect's first stated value that hold the truth, where the right effect is named. The cases' forms are
+    /// richer than the catalogue's: this counts the equivalent value.
+    pub coverage: Count,
+    /// Expected calibration error of the first candidate's probability, ten bins, where an effect is named.
+    pub calibration_error: f64,
+    /// Brier score of that probability, and of the base rate.
+    pub brier: [f64; 2],
+    /// truth -> what was said -> how often; `none`, `unknown` and pairs with a plus.
+    pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// Shares right by strength: from, to, count.
+    pub power: Vec<(f64, f64, Count)>,
+    /// Seconds a case.
+    pub seconds_median: f64,
+    /// The rivals on the same cases, and the diagnosis itself first.
+    pub methods: Vec<Method>,
+}
+
+/// From this ratio of plain refit and floor on a case counts as detectable.
+const DETECTABLE: f64 = 1.5;
+
+/// Scores trials whose answers are open.
+pub fn score(trials: &[Trial]) -> Proof {
+    let done: Vec<&Trial> = trials.iter().filter(|t| t.failure.is_none()).collect();
+    let select = |f: &dyn Fn(&Trial) -> bool| -> Vec<&Trial> {
+        done.iter().copied().filter(|t| f(t)).collect()
+    };
+    let is_unknown = |t: &Trial| t.truth.iter().any(|e| e == "unknown" || e.starts_with("x_"));
+    let single = |t: &Trial| t.truth.len() == 1 && !is_unknown(t);
+    let clean = select(&|t| t.truth.is_empty());
+    let visible = select(&|t| single(t) && t.detectability >= DETECTABLE);
+    let dim = select(&|t| single(t) && t.detectability < DETECTABLE);
+    let unknown = select(&is_unknown);
+    let pairs = select(&|t| t.truth.len() == 2);
+    let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
+    let grouped = |t: &Trial| {
+        first(t) || (!t.named.is_empty() && t.group.iter().any(|g| *g == t.truth[0]))
+    };
+    let placed = select(&|t| t.located.is_some() && t.verdict != "adequate");
+    let right = select(&|t| single(t) && first(t));
+    let (mut inside, mut measured) = (0, 0);
+    for t in &right {
+        let value = t.values.iter().find_map(|(name, value, error)| {
+            let truth = t.true_values.iter().find(|v| v.0 == *name)?;
+            (error.is_finite() && *name != "time").then_some((truth.1, *value, *error))
+        });
+        if let Some((truth, value, error)) = value {
+            measured += 1;
+            inside += usize::from((truth - value).abs() <= 1.96 * error);
+        }
+    }
+    let named = select(&|t| !t.named.is_empty());
+    let calls: Vec<(f64, f64)> = named
+        .iter()
+        .map(|t| (t.candidates[0].1, f64::from(t.truth.contains(&t.named[0]))))
+        .collect();
+    let (mut error, n) = (0.0, calls.len().max(1) as f64);
+    for bin in 0..10 {
+        let (low, high) = (0.1 * f64::from(bin), 0.1 * f64::from(bin + 1));
+        let own = calls
+            .iter()
+            .filter(|c| c.0 >= low && (c.0 < high || (bin == 9 && c.0 <= 1.0)));
+        let (mut p, mut hit) = (0.0, 0.0);
+        for c in own {
+            p += c.0;
+            hit += c.1;
+        }
+        error += (p - hit).abs() / n;
+    }
+    let base = calls.iter().map(|c| c.1).sum::<f64>() / n;
+    let brier = calls.iter().map(|c| (c.0 - c.1).powi(2)).sum::<f64>() / n;
+    let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for t in &done {
+        let truth = if t.truth.is_empty() { "none".into() } else { t.truth.join(" + ") };
+        let said = match t.verdict.as_str() {
+            "adequate" => "none".into(),
+            "unexplained" => "unknown".into(),
+            _ => t.named.join(" + "),
+        };
+        *confusion.entry(truth).or_default().entry(said).or_default() += 1;
+    }
+    let power = (0..5)
+        .map(|i| {
+            let (low, high) = (0.2 * f64::from(i), 0.2 * f64::from(i + 1));
+            let own = select(&|t| single(t) && t.strength >= low && t.strength < high + 1e-9);
+            (low, high, Count::of(&own, first))
+        })
+        .collect();
+    let mut seconds: Vec<f64> = done.iter().map(|t| t.seconds).collect();
+    seconds.sort_by(f64::total_cmp);
+    let mut methods = vec![Method {
+        name: "deacal".into(),
+        false_alarm_rate: Count::of(&clean, |t| t.verdict != "adequate"),
+        top1_detectable: Count::of(&visible, first),
+        top1_hidden: Count::of(&dim, first),
+        unknown_not_named: Count::of(&unknown, |t| t.named.is_empty()),
+    }];
+    let names = done.first().map_or(Vec::new(), |t| {
+        t.rivals.iter().map(|r| r.0.clone()).collect::<Vec<_>>()
+    });
+    for name in names {
+        let of = |t: &Trial| t.rivals.iter().find(|r| r.0 == name).cloned();
+        let says = |t: &Trial| of(t).is_some_and(|r| r.2.as_deref() == Some(t.truth[0].as_str()));
+        methods.push(Method {
+            false_alarm_rate: Count::of(&clean, |t| of(t).is_some_and(|r| r.1)),
+            top1_detectable: Count::of(&visible, says),
+            top1_hidden: Count::of(&dim, says),
+            unknown_not_named: Count::of(&unknown, |t| of(t).is_some_and(|r| r.2.is_none())),
+            name,
+        });
+    }
+    Proof {
+        n_cases: done.len(),
+        failures: trials
+            .iter()
+            .filter_map(|t| t.failure.as_ref().map(|f| format!("{}: {f}", t.case)))
+            .collect(),
+        false_alarm_rate: Count::of(&clean, |t| t.verdict != "adequate"),
+        top1_detectable: Count::of(&visible, first),
+        top3_detectable: Count::of(&visible, |t| {
+            t.candidates.iter().take(3).any(|c| c.0 == t.truth[0])
+        }),
+        group_detectable: Count::of(&visible, grouped),
+        top1_hidden: Count::of(&dim, first),
+        group_hidden: Count::of(&dim, grouped),
+        wrong_hidden: Count::of(&dim, |t| !t.named.is_empty() && !grouped(t)),
+        unknown_called_unexplained: Count::of(&unknown, |t| t.verdict == "unexplained"),
+        pairs_both_named: Count::of(&pairs, |t| t.truth.iter().all(|e| t.named.contains(e))),
+        pairs_first_right: Count::of(&pairs, |t| {
+            t.named.first().is_some_and(|n| t.truth.contains(n))
+        }),
+        located: Count::of(&placed, |t| t.located == Some(true)),
+        gap_closed_median: Median::new(visible.iter().map(|t| t.gap_closed).collect()),
+        coverage: Count::new(inside, measured),
+        calibration_error: error,
+        brier: [brier, base * (1.0 - base)],
+        confusion,
+        power,
+        seconds_median: seconds.get(seconds.len() / 2).copied().unwrap_or(f64::NAN),
+        methods,
+    }
+}

@@ -13,3 +13,4 @@ pub mod report;
 pub mod residual;
 pub mod simulate;
 pub mod units;
+pub mod validation;

@@ -110,6 +110,19 @@ const ROOMS: &[Room] = &[
         "a simulation is the yardstick of the calibration and shares nothing with it but the model",
     ),
     (
+        "validation",
+        May::Only(&[
+            ("units", ANY),
+            ("film", &["InitialState"]),
+            ("dataset", ANY),
+            ("model", ANY),
+            ("calibration", ANY),
+            ("simulate", ANY),
+        ]),
+        NO_FILES,
+        "a validation holds finished parameters against recordings: it joins what the inverse and the forward model say, and fits nothing",
+    ),
+    (
         "report",
         May::All,
         FILES,

@@ -7,6 +7,7 @@ mod import;
 mod load;
 mod predict;
 mod progress;
+mod simulate;
 mod validate;
 
 use std::ffi::OsString;
@@ -76,7 +77,9 @@ enum Command {
     /// Predicts from recordings and a parameter file
     #[command(subcommand)]
     Predict(predict::Predict),
-    /// Holds parameter files against recordings: measured against predicted voltage and force
+    /// A recording as the instruments would have written it: known parameters, a drive, noise and a seed
+    Simulate(Box<simulate::Arguments>),
+    /// Holds parameter files against recordings: measured against predicted voltage, path, force and stroke
     Validate(validate::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header
     Export(export::Arguments),
@@ -109,6 +112,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Import(arguments) => import::run(&arguments, &command, talk),
         Command::Fit(fit) => fit::run(&fit, &command, talk),
         Command::Predict(predict) => predict::run(&predict, talk),
+        Command::Simulate(arguments) => simulate::run(&arguments, talk),
         Command::Validate(arguments) => validate::run(&arguments, &command, talk),
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {

@@ -1199,6 +1199,23 @@ pub fn motion(
     options: &Options,
     additions: &[&dyn Addition],
 ) -> Result<Motion, Error> {
+    match motion_as_far(robot, parameters, voltage, options, additions)? {
+        (motion, None) => Ok(motion),
+        (_, Some(error)) => Err(error),
+    }
+}
+
+/// As [`motion`], but a motion that ends early is given as far as it goes (without its energy), with what ended it.
+///
+/// # Errors
+/// [`Error`] when it does not begin.
+pub fn motion_as_far(
+    robot: &Robot,
+    parameters: &Parameters,
+    voltage: &dyn Voltage,
+    options: &Options,
+    additions: &[&dyn Addition],
+) -> Result<(Motion, Option<Error>), Error> {
     let samples = check(parameters, options)?;
     let mut plant = Plant::new(robot, parameters, voltage, options, additions);
     let t0 = options.start_s;
@@ -1270,7 +1287,10 @@ pub fn motion(
     for i in 0..samples {
         let t = t0 + i as f64 * options.sample_step_s;
         while integrator.time_s() < t {
-            integrator.step(&mut plant, end)?;
+            if let Err(error) = integrator.step(&mut plant, end) {
+                out.effort = integrator.effort;
+                return Ok((out, Some(error)));
+            }
             let now = integrator.time_s();
             if now < end && plant.payload.next_break_s(integrator.last_start_s()) <= now {
                 let jump = plant.payload.mass_kg(now, Side::After)
@@ -1306,5 +1326,5 @@ pub fn motion(
     e.kinetic_j = rise[4];
     e.heat_j = heat;
     e.additions_j = added;
-    Ok(out)
+    Ok((out, None))
 }

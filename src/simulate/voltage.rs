@@ -39,6 +39,11 @@ pub enum Hold {
 /// from its neighbours' mean. Sampled smooth curves and 0.1 V of quantisation stay below.
 const KINK_V: f64 = 1.0;
 
+/// How far the times of an even log may differ, of a step: what rounding leaves.
+const EVEN: f64 = 1e-3;
+/// Step at which an uneven log is read, s.
+const UNEVEN_STEP_S: f64 = 1e-3;
+
 /// Sampled voltages; before the first and after the last sample their values are held.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sampled {
@@ -81,12 +86,7 @@ impl Sampled {
         let n = phi_v.len();
         let is_break = |i: usize| match hold {
             Hold::Previous => i > 0 && phi_v[i] != phi_v[i - 1],
-            Hold::Linear => (0..3).any(|k| {
-                let at = |j: isize| phi_v[j.clamp(0, n as isize - 1) as usize][k];
-                let bend = |j: isize| at(j + 1) - 2.0 * at(j) + at(j - 1);
-                let i = i as isize;
-                (bend(i) - 0.5 * (bend(i - 1) + bend(i + 1))).abs() > KINK_V
-            }),
+            Hold::Linear => Sampled::kinks(&phi_v, i),
         };
         let breaks_s = (0..n)
             .filter(|&i| is_break(i))
@@ -99,6 +99,50 @@ impl Sampled {
             hold,
             breaks_s,
         })
+    }
+
+    /// Samples at rising times, as a log has them. Times that are even but for their rounding are taken as even; an uneven log is
+    /// read every millisecond.
+    ///
+    /// # Errors
+    /// A sentence when times do not rise, beside those of [`Sampled::new`].
+    pub fn from_log(time_s: &[f64], phi_v: Vec<[f64; 3]>, hold: Hold) -> Result<Self, String> {
+        let n = time_s.len();
+        if n != phi_v.len() {
+            return Err(format!("{n} times for {} voltages", phi_v.len()));
+        }
+        if let Some(i) = (1..n).find(|&i| time_s[i].is_nan() || time_s[i] <= time_s[i - 1]) {
+            return Err(format!(
+                "sample {i} of the voltage is at {} s, after one at {} s: times must rise",
+                time_s[i],
+                time_s[i - 1]
+            ));
+        }
+        if n < 2 {
+            return Sampled::new(time_s.first().copied().unwrap_or(0.0), 1.0, phi_v, hold);
+        }
+        let (first, last) = (time_s[0], time_s[n - 1]);
+        let step = (last - first) / (n - 1) as f64;
+        if (0..n).all(|i| (time_s[i] - first - i as f64 * step).abs() < EVEN * step) {
+            return Sampled::new(first, step, phi_v, hold);
+        }
+        let count = ((last - first) / UNEVEN_STEP_S).ceil();
+        if count > 1e9 {
+            return Err(format!(
+                "an uneven voltage log of {} s is too long",
+                last - first
+            ));
+        }
+        let at = |t: f64| {
+            let i = time_s.partition_point(|&x| x <= t).clamp(1, n) - 1;
+            if hold == Hold::Previous || i + 1 == n {
+                return phi_v[i];
+            }
+            let f = (t - time_s[i]) / (time_s[i + 1] - time_s[i]);
+            [0, 1, 2].map(|k| phi_v[i][k] + f * (phi_v[i + 1][k] - phi_v[i][k]))
+        };
+        let samples = (0..=count as usize).map(|i| at(first + i as f64 * UNEVEN_STEP_S));
+        Sampled::new(first, UNEVEN_STEP_S, samples.collect(), hold)
     }
 
     /// The samples, V.
@@ -124,6 +168,19 @@ impl Sampled {
     /// What the amplifier does between samples.
     pub fn hold(&self) -> Hold {
         self.hold
+    }
+}
+
+impl Sampled {
+    /// Second difference of chain `k` at sample `i`, departing from the mean of its neighbours by more than a smooth curve's.
+    fn kinks(phi_v: &[[f64; 3]], i: usize) -> bool {
+        (0..3).any(|k| {
+            let last = phi_v.len() as isize - 1;
+            let at = |j: isize| phi_v[j.clamp(0, last) as usize][k];
+            let bend = |j: isize| at(j + 1) - 2.0 * at(j) + at(j - 1);
+            let i = i as isize;
+            (bend(i) - 0.5 * (bend(i - 1) + bend(i + 1))).abs() > KINK_V
+        })
     }
 }
 
@@ -244,6 +301,32 @@ mod tests {
         assert_eq!(held.phi_v(at, Side::Before)[0], 0.0);
         assert_eq!(held.phi_v(at, Side::After)[0], 800.0);
         assert_eq!(held.next_break_s(at), f64::INFINITY);
+    }
+
+    #[test]
+    fn logs_are_even_but_for_rounding_or_read_every_millisecond() {
+        let phi: Vec<[f64; 3]> = (0..7).map(|i| [100.0 * f64::from(i); 3]).collect();
+        let rounded: Vec<f64> = (0..7)
+            .map(|i| (1e6 * f64::from(i) / 300.0).round() / 1e6)
+            .collect();
+        let even = Sampled::from_log(&rounded, phi.clone(), Hold::Linear).unwrap();
+        assert_eq!(even.samples_v(), phi);
+        let mut jitter = rounded.clone();
+        jitter[3] += 1.5e-3;
+        let uneven = Sampled::from_log(&jitter, phi.clone(), Hold::Linear).unwrap();
+        assert_eq!(uneven.step_s(), 1e-3);
+        for t in [0.002, 0.0105, 0.0115, 0.0155] {
+            let i = jitter.partition_point(|&x| x <= t) - 1;
+            let want = 100.0 * (i as f64 + (t - jitter[i]) / (jitter[i + 1] - jitter[i]));
+            // Within a millisecond of a knot the straight lines are cut.
+            assert!(
+                (uneven.phi_v(t, Side::Before)[0] - want).abs() < 15.0,
+                "{t}"
+            );
+        }
+        jitter[3] = jitter[2];
+        let error = Sampled::from_log(&jitter, phi, Hold::Linear).unwrap_err();
+        assert!(error.contains("must rise"), "{error}");
     }
 
     #[test]

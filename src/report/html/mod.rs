@@ -19,12 +19,14 @@ pub mod reduce;
 mod starts;
 mod summary;
 mod torque;
+mod validation;
 
 use crate::calibration::Outcome;
 use crate::report::provenance::Provenance;
 use page::Section;
 
 pub use coupon::render_coupons;
+pub use validation::{render_validation, words as validation_words};
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 

@@ -31,7 +31,7 @@ pub use sample::{
     SampleMotion, SampleOptions, SampleRest, SampleTrack, Stretches, sample_motion,
     sample_phi_squared_v2, sample_rest,
 };
-pub use voltage::{Hold, Payload, Sampled, Side, Smooth, Voltage};
+pub use voltage::{Hold, Payload, Sampled, Side, Smooth, Softened, Voltage};
 
 use crate::film::Locked;
 use crate::kinematics::{OutOfReach, Vec3};

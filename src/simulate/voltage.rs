@@ -9,6 +9,11 @@ pub trait Voltage {
     fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3];
     /// The first break after `t_s` (infinity where there is none): a jump or a kink that no step may cross.
     fn next_break_s(&self, t_s: f64) -> f64;
+    /// The same voltages with their small regular jumps made smooth, where there are any: those of at most `jump_v2_s2` in phi^2 times
+    /// the square of the time between them. What is driven moves alike but for a ripple of that size.
+    fn softened(&self, _jump_v2_s2: f64) -> Option<Softened> {
+        None
+    }
 }
 
 /// Smooth voltages given by a function of time.
@@ -184,7 +189,117 @@ impl Sampled {
     }
 }
 
+/// A held voltage without its small jumps. Between two jumps phi^2 is the parabola with the mean of the held value there; at a
+/// jump that was made smooth, two parabolas meet at what a cubic through the integral of phi^2 has as its slope. So the impulse of
+/// every interval stays, the half sample by which a held voltage lags included.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Softened {
+    start_s: f64,
+    step_s: f64,
+    /// phi^2 of each held value, V^2.
+    mean: Vec<[f64; 3]>,
+    /// phi^2 at the beginning of each interval and at its end, V^2.
+    ends: Vec<[[f64; 3]; 2]>,
+    /// Largest phi^2 of each chain, which no parabola exceeds, V^2.
+    most: [f64; 3],
+    breaks_s: Vec<f64>,
+}
+
+impl Softened {
+    fn new(held: &Sampled, jump_v2_s2: f64) -> Option<Self> {
+        let phi = &held.phi_v;
+        let n = phi.len();
+        let mean: Vec<[f64; 3]> = phi.iter().map(|p| p.map(|p| p * p)).collect();
+        let most = jump_v2_s2 / held.step_s.powi(2);
+        let is_break = |i: usize| {
+            let large = |k: usize| (mean[i][k] - mean[i - 1][k]).abs() > most;
+            phi[i] != phi[i - 1] && ((0..3).any(large) || Sampled::kinks(phi, i))
+        };
+        // Runs of intervals between breaks; nothing is gained where every jump is one.
+        let mut first = vec![0];
+        first.extend((1..n).filter(|&i| is_break(i)));
+        if 2 * (first.len() - 1) > held.breaks_s.len() || held.breaks_s.is_empty() {
+            return None;
+        }
+        let mut ends: Vec<[[f64; 3]; 2]> = mean.iter().map(|m| [*m, *m]).collect();
+        for (r, &begin) in first.iter().enumerate() {
+            let end = first.get(r + 1).copied().unwrap_or(n);
+            let f = &mean[begin..end];
+            let m = f.len();
+            // Value at the knot before interval j of the run: exact for a parabola, for a cubic where both sides have two intervals.
+            let knot = |j: usize, k: usize| {
+                let g = |i: usize| f[i][k];
+                match (j, m - j) {
+                    (_, _) if m == 1 => g(0),
+                    (0, 2) => 1.5 * g(0) - 0.5 * g(1),
+                    (0, _) => (11.0 * g(0) - 7.0 * g(1) + 2.0 * g(2)) / 6.0,
+                    (2, 0) => 1.5 * g(1) - 0.5 * g(0),
+                    (_, 0) => (11.0 * g(m - 1) - 7.0 * g(m - 2) + 2.0 * g(m - 3)) / 6.0,
+                    (1, _) | (_, 1) => 0.5 * (g(j - 1) + g(j)),
+                    _ => (7.0 * (g(j - 1) + g(j)) - g(j - 2) - g(j + 1)) / 12.0,
+                }
+            };
+            for j in 0..m {
+                ends[begin + j] = [j, j + 1].map(|j| [0, 1, 2].map(|k| knot(j, k)));
+            }
+        }
+        let breaks_s = first[1..].iter();
+        let most = [0, 1, 2].map(|k| mean.iter().fold(0.0, |most: f64, m| most.max(m[k])));
+        Some(Softened {
+            most,
+            start_s: held.start_s,
+            step_s: held.step_s,
+            breaks_s: breaks_s
+                .map(|&i| held.start_s + i as f64 * held.step_s)
+                .collect(),
+            mean,
+            ends,
+        })
+    }
+}
+
+impl Voltage for Softened {
+    fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3] {
+        let last = self.mean.len() - 1;
+        let place = (t_s - self.start_s) / self.step_s;
+        if place < 0.0 || place.is_nan() {
+            return self.mean[0].map(f64::sqrt);
+        }
+        let near = place.round();
+        let at_knot = (place - near).abs() < 1e-6;
+        let (i, s) = match (at_knot, side) {
+            (true, Side::Before) if near >= 1.0 => (near as usize - 1, 1.0),
+            (true, _) => (near as usize, 0.0),
+            (false, _) => (place as usize, place.fract()),
+        };
+        if i >= last {
+            return self.mean[last].map(f64::sqrt);
+        }
+        let [a, b] = self.ends[i];
+        // a + c1 s + c2 s^2 with value b at 1 and the mean m
+        [0, 1, 2].map(|k| {
+            let m = self.mean[i][k];
+            let c1 = 6.0 * m - 4.0 * a[k] - 2.0 * b[k];
+            let c2 = 3.0 * (a[k] + b[k] - 2.0 * m);
+            (a[k] + s * (c1 + s * c2)).clamp(0.0, self.most[k]).sqrt()
+        })
+    }
+
+    fn next_break_s(&self, t_s: f64) -> f64 {
+        let passed = |&b: &f64| b <= t_s + 1e-6 * self.step_s;
+        let next = self.breaks_s.partition_point(passed);
+        self.breaks_s.get(next).copied().unwrap_or(f64::INFINITY)
+    }
+}
+
 impl Voltage for Sampled {
+    fn softened(&self, jump_v2_s2: f64) -> Option<Softened> {
+        match self.hold {
+            Hold::Linear => None,
+            Hold::Previous => Softened::new(self, jump_v2_s2),
+        }
+    }
+
     fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3] {
         let last = self.phi_v.len() - 1;
         let place = (t_s - self.start_s) / self.step_s;

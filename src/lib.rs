@@ -17,3 +17,4 @@ pub mod report;
 pub mod residual;
 pub mod simulate;
 pub mod units;
+pub mod validation;

@@ -18,6 +18,9 @@ use deacal::report::parameter_file::ParameterFile;
 use deacal::report::plan_file::{parse_plan, plan_to_toml};
 use deacal::report::provenance::{FileSum, Provenance};
 use deacal::report::{csv, mcap};
+use deacal::validation::{
+    ForceErrors as ForceFigures, PathErrors as PathFigures, Phase, RecordingCheck, Validation,
+};
 use serde_json::Value;
 
 /// A recording at 100 Hz with a short and a long gap, and voltages that end early.
@@ -418,12 +421,41 @@ fn validation_json_is_read_back() {
         file: "parameters.toml".into(),
         sha256: "ab".into(),
     };
-    let mut first = ModelValidation::new(&outcome(&d), params.clone());
-    first.recordings[0].stroke_mm = Some(Stroke {
-        recorded: Some(8.0),
-        predicted: Some(7.5),
-    });
-    let second = ModelValidation::new(&outcome(&d), params);
+    let check_of = |path, predicted_mm: f64| RecordingCheck {
+        id: "day/one".into(),
+        time_s: Vec::new(),
+        measured_mm: Vec::new(),
+        predicted_mm: Vec::new(),
+        path,
+        stroke_mm: [8.0, predicted_mm],
+        force_error_n: Vec::new(),
+        load_n: Vec::new(),
+        phase: Vec::new(),
+        force: vec![ForceFigures {
+            phase: Phase::Holding,
+            rmse_n: 0.005,
+            max_n: 0.02,
+            z_rmse_n: 0.003,
+            z_max_n: -0.02,
+            xy_rmse_n: 0.004,
+            frames: 70,
+        }],
+        largest_load_n: 0.05,
+        remarks: vec!["seen".into()],
+    };
+    let path = PathFigures {
+        planned: false,
+        rmse_mm: [0.1, 0.2, 0.3],
+        max_mm: [0.3, -0.4, 0.5],
+        relative_to_mm: [10.0, 10.0, f64::NAN],
+        frames: 90,
+    };
+    let validation = |path, predicted_mm| Validation {
+        outcome: outcome(&d),
+        checks: vec![check_of(path, predicted_mm)],
+    };
+    let first = ModelValidation::new(&validation(Some(path), 7.5), params.clone());
+    let second = ModelValidation::new(&validation(None, f64::NAN), params);
     let file = ValidationJson::new(first, vec![second], Provenance::new("c"));
     let text = to_text(&file);
     check("validation", &text);
@@ -432,7 +464,24 @@ fn validation_json_is_read_back() {
     assert_eq!(json["rmse_V"], 10.0);
     assert_eq!(json["recordings"][0]["rmse_V"], 10.0);
     assert_eq!(json["recordings"][0]["stroke_mm"]["predicted"], 7.5);
-    assert!(json["recordings"][0].get("path").is_none());
+    assert_eq!(json["recordings"][0]["path"]["max_mm"][1], 0.4);
+    assert_eq!(json["recordings"][0]["path"]["max_relative"][1], 0.04);
+    assert!(json["recordings"][0]["path"]["max_relative"][2].is_null());
+    let force = &json["recordings"][0]["force"][0];
+    assert_eq!(
+        (force["phase"].as_str(), force["z_max_mN"].as_f64()),
+        (Some("hold"), Some(-20.0))
+    );
+    assert_eq!(
+        (
+            force["z_rmse_relative"].as_f64(),
+            force["rmse_relative"].as_f64()
+        ),
+        (Some(0.06), Some(0.1))
+    );
+    assert!(json["remarks"].to_string().contains("seen"));
+    let second = &json["compared"][0]["recordings"][0];
+    assert!(second.get("path").is_none() && second["stroke_mm"]["predicted"].is_null());
     assert_eq!(
         json["compared"][0]["recordings"][0]["chains"][2]["n_samples"],
         100

@@ -81,7 +81,12 @@ const ROOMS: &[Room] = &[
     ),
     (
         "residual",
-        May::Only(&[("dataset", ANY), ("model", ANY), ("effects", ANY), ("film", ANY)]),
+        May::Only(&[
+            ("dataset", ANY),
+            ("model", ANY),
+            ("effects", ANY),
+            ("film", ANY),
+        ]),
         NO_FILES,
         "the residual is predicted minus recorded and does not know who minimises it",
     ),
@@ -130,6 +135,20 @@ const ROOMS: &[Room] = &[
         ]),
         NO_FILES,
         "a simulation is the yardstick of the calibration and shares nothing with it but the model",
+    ),
+    (
+        "validation",
+        May::Only(&[
+            ("units", ANY),
+            ("film", &["InitialState"]),
+            ("effects", ANY),
+            ("dataset", ANY),
+            ("model", ANY),
+            ("calibration", ANY),
+            ("simulate", ANY),
+        ]),
+        NO_FILES,
+        "a validation holds finished parameters against recordings: it joins what the inverse and the forward model say, and fits nothing",
     ),
     (
         "cases",

@@ -5,9 +5,7 @@ use std::path::Path;
 use super::fit::{say_outcome, write_fit};
 use super::progress::Progress;
 use super::{Failure, Talk, diagnose, load, series};
-use crate::calibration::{
-    CouponRequest, Request, Stage, calibrate_coupons, calibrate_robot, validate_robot,
-};
+use crate::calibration::{CouponRequest, Request, Stage, calibrate_coupons, calibrate_robot};
 use crate::dataset::Coupon;
 use crate::recording::Kind;
 use crate::report::html;
@@ -15,6 +13,7 @@ use crate::report::json::{FitJson, ModelValidation, ValidationJson, to_text};
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
+use crate::validation::validate;
 
 pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let here = Path::new("datasets");
@@ -105,8 +104,11 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     talk.say("\nHeld against a circle that was not fitted");
     let held = load::recordings(&folders(&["circle-3s"]), None, Kind::Robot, &progress)?;
     let circle = load::datasets(&held, None, &progress)?;
-    let validation = validate_robot(&robot, &[&circle[0]], &joint.parameters)?;
-    talk.say(&format!("  {}", validation.verdict));
+    let validation = validate(&robot, &[&circle[0]], &joint.parameters, None, (&[], &[]))?;
+    talk.say(&format!("  {}", validation.outcome.verdict));
+    for line in html::validation_words(&validation) {
+        talk.say(&format!("  {line}"));
+    }
     let provenance = Provenance::of("deacal demo", &held);
     let parameters = output.join("parameters.toml");
     let sum = FileSum {
@@ -121,7 +123,8 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     );
     let mut set = OutputSet::new(output.join("validation"))?;
     set.write("validation.json", to_text(&json))?;
-    set.write("report.html", html::render(&validation, &provenance))?;
+    let models = [(parameters.display().to_string(), validation)];
+    set.write("report.html", html::render_validation(&models, &provenance))?;
     set.commit()?;
 
     talk.say("\nWas any physics left out? The circle is held out again");
@@ -131,8 +134,9 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let series = series::order(&recordings, &datasets)?;
     let request = crate::diagnosis::Request::default();
     let search = crate::diagnosis::diagnose;
-    let (diagnosis, series) =
-        diagnose::judge(&robot, &datasets, named, series, &request, &progress, search)?;
+    let (diagnosis, series) = diagnose::judge(
+        &robot, &datasets, named, series, &request, &progress, search,
+    )?;
     let provenance = Provenance::of("deacal demo", &recordings);
     let folder = output.join("diagnosis");
     diagnose::write(&folder, &diagnosis, series, provenance)?;

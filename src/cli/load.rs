@@ -8,9 +8,10 @@ use super::Failure;
 use super::progress::Progress;
 use crate::dataset::{Dataset, Plan};
 use crate::model::Robot;
-use crate::recording::{Kind, OpenOptions, Recording, Rig, RobotRig};
+use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::read_plan;
+use crate::simulate::{Hold, PlannedPath, Sampled};
 
 /// Opens recordings, all of one kind.
 pub(super) fn recordings(
@@ -106,4 +107,65 @@ pub(super) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Resul
 /// Reads a parameter file.
 pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     Ok(ParameterFile::read(path)?)
+}
+
+/// A table's rising time_s and three columns, each named by the first of its alternatives that is there, with the line of each
+/// row. An empty cell is an error.
+fn table(path: &Path, columns: [&[(&str, f64)]; 3]) -> Result<(Vec<f64>, Vec<[f64; 3]>), Failure> {
+    let capture = read_file(path)?;
+    let find = |names: &[(&str, f64)]| {
+        let mut first = None;
+        for (name, factor) in names {
+            match capture.find_column(path, &ColumnRef::Name((*name).into())) {
+                Ok(place) => return Ok((place, *factor)),
+                Err(error) => first = first.or(Some(error)),
+            }
+        }
+        Err(first.map_or_else(|| Failure::from("no column is asked for"), Failure::from))
+    };
+    let time = find(&[("time_s", 1.0)])?.0;
+    let places = [find(columns[0])?, find(columns[1])?, find(columns[2])?];
+    let section = &capture.sections[time.0];
+    let times = section.columns[time.1].values.clone();
+    let mut rows = Vec::with_capacity(times.len());
+    for (i, t) in times.iter().enumerate() {
+        let row = places.map(|((s, c), factor)| {
+            let values = &capture.sections[s].columns[c].values;
+            factor * values.get(i).copied().unwrap_or(f64::NAN)
+        });
+        if t.is_nan() || row.iter().any(|v| v.is_nan()) {
+            return Err(format!(
+                "{}:{}: the row has an empty cell: every row needs its time and three values",
+                path.display(),
+                section.lines.line(i)
+            )
+            .into());
+        }
+        rows.push(row);
+    }
+    Ok((times, rows))
+}
+
+/// A planned path: CSV with time_s and x_mm, y_mm, z_mm (or x_m, y_m, z_m).
+pub(super) fn path(file: &Path) -> Result<PlannedPath, Failure> {
+    let columns: [&[(&str, f64)]; 3] = [
+        &[("x_mm", 1e-3), ("x_m", 1.0)],
+        &[("y_mm", 1e-3), ("y_m", 1.0)],
+        &[("z_mm", 1e-3), ("z_m", 1.0)],
+    ];
+    let (time_s, position_m) = table(file, columns)?;
+    PlannedPath::new(time_s, position_m).map_err(|e| format!("{}: {e}", file.display()).into())
+}
+
+/// A voltage table: CSV with time_s and phi1_kV, phi2_kV, phi3_kV (or phi1_V, ...), its first row as time 0.
+pub(super) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
+    let columns: [&[(&str, f64)]; 3] = [
+        &[("phi1_kV", 1e3), ("phi1_V", 1.0)],
+        &[("phi2_kV", 1e3), ("phi2_V", 1.0)],
+        &[("phi3_kV", 1e3), ("phi3_V", 1.0)],
+    ];
+    let (time_s, phi_v) = table(file, columns)?;
+    let first = time_s.first().copied().unwrap_or(0.0);
+    let time_s: Vec<f64> = time_s.iter().map(|t| t - first).collect();
+    Sampled::from_log(&time_s, phi_v, hold).map_err(|e| format!("{}: {e}", file.display()).into())
 }

@@ -9,6 +9,7 @@ mod load;
 mod predict;
 mod progress;
 mod series;
+mod simulate;
 mod validate;
 
 use std::ffi::OsString;
@@ -78,7 +79,9 @@ enum Command {
     /// Predicts from recordings and a parameter file
     #[command(subcommand)]
     Predict(predict::Predict),
-    /// Holds parameter files against recordings: measured against predicted voltage and force
+    /// A recording as the instruments would have written it: known parameters, a drive, noise and a seed
+    Simulate(Box<simulate::Arguments>),
+    /// Holds parameter files against recordings: measured against predicted voltage, path, force and stroke
     Validate(validate::Arguments),
     /// Is the model adequate; if not, where, and which physics was left out
     Diagnose(diagnose::Arguments),
@@ -113,6 +116,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Import(arguments) => import::run(&arguments, &command, talk),
         Command::Fit(fit) => fit::run(&fit, &command, talk),
         Command::Predict(predict) => predict::run(&predict, talk),
+        Command::Simulate(arguments) => simulate::run(&arguments, talk),
         Command::Validate(arguments) => validate::run(&arguments, &command, talk),
         Command::Diagnose(arguments) => {
             diagnose::run(&arguments, &command, talk, crate::diagnosis::diagnose)

@@ -1,4 +1,4 @@
-//! `predict voltage|force`.
+//! `predict voltage|force|motion`.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -8,11 +8,14 @@ use clap::{Args, Subcommand};
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
 use crate::calibration::{predict_command, predict_force, validate_robot_with};
-use crate::effects::Site;
+use crate::dataset::{Dataset, OffsetSource};
+use crate::effects::{Acting, Site, When};
+use crate::model::{Parameters, Robot};
 use crate::recording::Kind;
 use crate::report::csv::{self, Missing};
 use crate::report::json::PredictionJson;
 use crate::report::output::write_atomic_with;
+use crate::validation::predict_motion;
 
 /// What to predict.
 #[derive(Subcommand)]
@@ -21,6 +24,8 @@ pub(super) enum Predict {
     Voltage(Arguments),
     /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag)
     Force(Arguments),
+    /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag)
+    Motion(Arguments),
 }
 
 /// From what, and where to.
@@ -44,7 +49,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
-    let (Predict::Voltage(a) | Predict::Force(a)) = predict;
+    let (Predict::Voltage(a) | Predict::Force(a) | Predict::Motion(a)) = predict;
     let progress = Progress::new(talk);
     let recordings = load::recordings(
         std::slice::from_ref(&a.recording),
@@ -59,6 +64,18 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     let parameters = file.parameters()?;
     let at_work = series::at_work(&file, &recordings, &datasets)?;
     let (effects, when) = (&at_work.effects, at_work.when[0]);
+    if matches!(predict, Predict::Motion(_)) {
+        let effects = (effects.as_slice(), when);
+        return motion(
+            a,
+            &robot,
+            &datasets[0],
+            &parameters,
+            effects,
+            progress,
+            talk,
+        );
+    }
     let outcome = validate_robot_with(&robot, &[&datasets[0]], &parameters, effects, &[when])?;
     let r = &outcome.recordings[0];
     let mut flags = csv::missing(r);
@@ -72,37 +89,75 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
         None
     };
     drop(progress);
-    match predict {
-        Predict::Voltage(_) => write(a.output.as_deref(), talk, |out| {
-            csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
-        })?,
-        Predict::Force(_) => {
-            let force = predict_force(
-                &robot,
-                &datasets[0],
-                &parameters,
-                r.offset_s,
-                effects,
-                when,
-            )?;
-            for (flag, f) in flags.iter_mut().zip(&force) {
-                // A pose that no voltage holds is a force like any other.
-                if matches!(flag, Some(Missing::Negative(_))) {
-                    *flag = None;
-                }
-                if flag.is_none() && f[0].is_nan() {
-                    *flag = Some(Missing::NoVoltage);
-                }
+    if matches!(predict, Predict::Force(_)) {
+        let force = predict_force(&robot, &datasets[0], &parameters, r.offset_s, effects, when)?;
+        for (flag, f) in flags.iter_mut().zip(&force) {
+            // A pose that no voltage holds is a force like any other.
+            if matches!(flag, Some(Missing::Negative(_))) {
+                *flag = None;
             }
-            write(a.output.as_deref(), talk, |out| {
-                csv::predicted_force(out, &r.time_s, &force, &flags)
-            })?;
+            if flag.is_none() && f[0].is_nan() {
+                *flag = Some(Missing::NoVoltage);
+            }
         }
+        write(a.output.as_deref(), talk, |out| {
+            csv::predicted_force(out, &r.time_s, &force, &flags)
+        })?;
+    } else {
+        write(a.output.as_deref(), talk, |out| {
+            csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
+        })?;
     }
     talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
     if a.output.is_some() {
         talk.say(&outcome.verdict);
         at_work.remarks.iter().for_each(|r| talk.say(r));
+    }
+    Ok(())
+}
+
+/// The motion that the recorded voltages make. What was captured is not looked at, but for a clock offset that is to be estimated.
+fn motion(
+    a: &Arguments,
+    robot: &Robot,
+    dataset: &Dataset,
+    parameters: &Parameters,
+    (effects, when): (&[Acting], When),
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let offset_s = match dataset.offset_source {
+        OffsetSource::Stated => dataset.offset_s,
+        OffsetSource::Free => {
+            validate_robot_with(robot, &[dataset], parameters, effects, &[when])?.recordings[0]
+                .offset_s
+        }
+    };
+    let forward = predict_motion(robot, dataset, parameters, offset_s, effects, when)?;
+    progress.stopped()?;
+    drop(progress);
+    let n = dataset.samples();
+    let time_s: Vec<f64> = (0..n).map(|i| dataset.time_s(i)).collect();
+    let flags: Vec<Option<Missing>> = (0..n)
+        .map(|i| match &forward.ended {
+            Some((end, why)) if i >= *end => Some(Missing::Other(why.clone())),
+            _ if forward.position_m[i][0].is_nan() => Some(Missing::NoVoltage),
+            _ => None,
+        })
+        .collect();
+    write(a.output.as_deref(), talk, |out| {
+        csv::predicted_motion(out, &time_s, &forward.position_m, &flags)
+    })?;
+    talk.result(&PredictionJson::new(
+        &dataset.id,
+        a.output.as_deref(),
+        &flags,
+    ));
+    if a.output.is_some() {
+        talk.say(&match &forward.ended {
+            None => format!("{n} frames predicted."),
+            Some((end, why)) => format!("{end} of {n} frames predicted: {why}."),
+        });
     }
     Ok(())
 }

@@ -4,15 +4,13 @@ use std::path::PathBuf;
 
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
-use crate::calibration::{Outcome, predict_force, validate_robot_with};
 use crate::dataset::Dataset;
-use crate::effects::{Acting, When};
-use crate::model::{Parameters, Robot};
 use crate::recording::Kind;
 use crate::report::html;
-use crate::report::json::{ForceErrors, ModelValidation, Stroke, ValidationJson, finite, to_text};
+use crate::report::json::{ModelValidation, ValidationJson, to_text};
 use crate::report::output::OutputSet;
 use crate::report::provenance::{FileSum, Provenance};
+use crate::validation::validate;
 
 /// What to hold against what.
 #[derive(clap::Args)]
@@ -29,6 +27,10 @@ pub(super) struct Arguments {
     /// plan.toml of an earlier run, to make the same choices again
     #[arg(long)]
     plan: Option<PathBuf>,
+    /// Planned path of the recording (CSV: time_s, x_mm, y_mm, z_mm on the motion clock): the measured path is held against it
+    /// instead of against the forward dynamics
+    #[arg(long, value_name = "FILE")]
+    path: Option<PathBuf>,
     /// Folder for the results
     #[arg(short, long, default_value = "out/validate")]
     output: PathBuf,
@@ -41,37 +43,30 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     let rig = load::rig(&recordings)?;
     let refs: Vec<&Dataset> = datasets.iter().collect();
-    let mut models = Vec::new();
-    let mut first: Option<Outcome> = None;
+    if a.path.is_some() && refs.len() != 1 {
+        let text = format!(
+            "--path is the plan of one recording, and {} were given",
+            refs.len()
+        );
+        return Err(text.into());
+    }
+    let plan = a.path.as_deref().map(load::path).transpose()?;
+    let (mut models, mut shown) = (Vec::new(), Vec::new());
     for path in &a.params {
         progress.step(format!("predicting with {}", path.display()));
         let file = load::parameters(path)?;
         let robot = load::robot(rig, Some(&file))?;
         let parameters = file.parameters()?;
         let at_work = series::at_work(&file, &recordings, &datasets)?;
-        let (effects, when) = (&at_work.effects, &at_work.when);
-        let mut outcome = validate_robot_with(&robot, &refs, &parameters, effects, when)?;
-        outcome.remarks.extend(at_work.remarks);
+        let effects = (at_work.effects.as_slice(), at_work.when.as_slice());
+        let mut validation = validate(&robot, &refs, &parameters, plan.as_ref(), effects)?;
+        validation.outcome.remarks.extend(at_work.remarks);
         let sum = FileSum {
             role: "parameters".into(),
             file: path.display().to_string(),
             sha256: crate::recording::sha256(path)?,
         };
-        let mut model = ModelValidation::new(&outcome, sum);
-        for (i, r) in model.recordings.iter_mut().enumerate() {
-            let offset_s = outcome.recordings[i].offset_s;
-            r.force = Some(force_errors(
-                &robot,
-                &datasets[i],
-                &parameters,
-                offset_s,
-                (effects, when[i]),
-            )?);
-            r.stroke_mm = Some(Stroke {
-                recorded: finite(stroke_mm(&datasets[i])),
-                predicted: None,
-            });
-        }
+        let outcome = &validation.outcome;
         talk.say(&format!("{}: {}", path.display(), outcome.verdict));
         for r in &outcome.recordings {
             talk.say(&format!(
@@ -79,16 +74,18 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 r.id, r.total.rmse_v, r.total.noise_floor_v, r.total.max_error_v, r.total.samples
             ));
         }
-        models.push(model);
-        first.get_or_insert(outcome);
+        for line in html::validation_words(&validation) {
+            talk.say(&format!("  {line}"));
+        }
+        models.push(ModelValidation::new(&validation, sum));
+        shown.push((path.display().to_string(), validation));
         progress.stopped()?;
     }
-    let shown = first.ok_or("no parameter file was given")?;
     let head = models.remove(0);
     let json = ValidationJson::new(head, models, provenance.clone());
     let mut set = OutputSet::new(&a.output)?;
     set.write("validation.json", to_text(&json))?;
-    set.write("report.html", html::render(&shown, &provenance))?;
+    set.write("report.html", html::render_validation(&shown, &provenance))?;
     set.commit()?;
     drop(progress);
     talk.result(&json);
@@ -97,51 +94,4 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         a.output.join("report.html").display()
     ));
     Ok(())
-}
-
-/// Speed below which the robot counts as holding, m/s.
-const HOLDING_M_S: f64 = 2e-3;
-
-/// Predicted output force where nothing touches the robot but what the recording declares: it should be zero. By phase.
-fn force_errors(
-    robot: &Robot,
-    dataset: &Dataset,
-    parameters: &Parameters,
-    offset_s: f64,
-    (effects, when): (&[Acting], When),
-) -> Result<Vec<ForceErrors>, Failure> {
-    let force = predict_force(robot, dataset, parameters, offset_s, effects, when)?;
-    let track = dataset.track();
-    let edge = (0.3 / dataset.step_s).round() as usize;
-    let n = dataset.samples();
-    let size = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let mut out = Vec::new();
-    for (phase, holding) in [("hold", true), ("move", false)] {
-        let chosen: Vec<f64> = (edge..n.saturating_sub(edge))
-            .filter(|&i| {
-                dataset.captured(i) && (size(track.velocity_m_s[i]) < HOLDING_M_S) == holding
-            })
-            .map(|i| size(force[i]))
-            .filter(|f| !f.is_nan())
-            .collect();
-        let count = chosen.len();
-        out.push(ForceErrors {
-            phase: phase.into(),
-            rmse_mn: finite(
-                1e3 * (chosen.iter().map(|f| f * f).sum::<f64>() / count as f64).sqrt(),
-            ),
-            max_mn: finite(1e3 * chosen.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
-            rmse_relative: None,
-            n_frames: count,
-        });
-    }
-    Ok(out)
-}
-
-/// Height between the lowest and the highest pose, mm.
-fn stroke_mm(dataset: &Dataset) -> f64 {
-    let z = &dataset.axes[2].position;
-    let high = z.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let low = z.iter().copied().fold(f64::INFINITY, f64::min);
-    1e3 * (high - low)
 }

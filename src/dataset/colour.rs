@@ -80,7 +80,9 @@ pub fn colour(left: &[Vec<f64>], lowest_hz: &[f64], step_s: f64) -> Option<Colou
             let weight: f64 = own().map(|b| b.3).sum();
             let level = own().map(|b| b.3 * b.2 / shape(b.1)).sum::<f64>() / weight;
             total -= own()
-                .map(|b| b.3 * independent * ((level * shape(b.1)).ln() + b.2 / (level * shape(b.1))))
+                .map(|b| {
+                    b.3 * independent * ((level * shape(b.1)).ln() + b.2 / (level * shape(b.1)))
+                })
                 .sum::<f64>();
         }
         total

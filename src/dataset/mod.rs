@@ -251,7 +251,9 @@ impl Dataset {
                 still.iter().map(|p| p[k] - mean).collect()
             })
             .collect();
-        let moves = axes.iter().any(|a| a.iter().all(|v| *v == 0.0 || v.is_nan()));
+        let moves = axes
+            .iter()
+            .any(|a| a.iter().all(|v| *v == 0.0 || v.is_nan()));
         if !moves {
             self.colour = colour::colour(&axes, &[0.4; 3], self.step_s);
         }
@@ -326,7 +328,11 @@ impl Dataset {
     }
 
     /// What the smoother makes of a draw of the noise's slow part.
-    fn slow_deviation(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Option<SmoothedAxis> {
+    fn slow_deviation(
+        &self,
+        axis: &SmoothedAxis,
+        generator: &mut impl Rng,
+    ) -> Option<SmoothedAxis> {
         let colour = self.colour?;
         let a = (-self.step_s / colour.correlation_s).exp();
         // The noise that the smoother found holds both parts.
@@ -336,11 +342,21 @@ impl Dataset {
             .map(|i| {
                 let fresh: f64 = StandardNormal.sample(generator);
                 state = a * state + (1.0 - a * a).sqrt() * fresh;
-                if self.captured(i) { size * state } else { f64::NAN }
+                if self.captured(i) {
+                    size * state
+                } else {
+                    f64::NAN
+                }
             })
             .collect();
         let choice = axis.choice;
-        smooth_axis(&values, self.step_s, Some(choice.order), Some(choice.cutoff_hz)).ok()
+        smooth_axis(
+            &values,
+            self.step_s,
+            Some(choice.order),
+            Some(choice.cutoff_hz),
+        )
+        .ok()
     }
 
     /// Runs of frames that were not captured: first frame and length.

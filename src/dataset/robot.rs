@@ -123,8 +123,8 @@ impl Dataset {
                 1e3 * c.correlation_s
             ));
         }
-        dataset.pivot_m =
-            [0, 1, 2].map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
+        dataset.pivot_m = [0, 1, 2]
+            .map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
         dataset.notes.splice(0..0, notes);
         Ok(dataset)
     }

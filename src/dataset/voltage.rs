@@ -51,6 +51,11 @@ impl Voltage {
         &self.channels_v
     }
 
+    /// Whether the last value holds until the next sample; otherwise the voltage is linear between samples.
+    pub fn holds_previous(&self) -> bool {
+        self.hold_previous
+    }
+
     /// Times between which the voltage is known, s.
     pub fn span_s(&self) -> (f64, f64) {
         (self.time_s[0], self.time_s[self.time_s.len() - 1])

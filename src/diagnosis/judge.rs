@@ -32,8 +32,8 @@ impl Judged {
         let n = fitted.state.rows as f64;
         let mean_square = fitted.cost() / n;
         let free = fitted.free.len() + steps(&fitted);
-        let mut score = INDEPENDENT * n * mean_square.max(NOISE).ln()
-            + free as f64 * (INDEPENDENT * n).ln();
+        let mut score =
+            INDEPENDENT * n * mean_square.max(NOISE).ln() + free as f64 * (INDEPENDENT * n).ln();
         let mut holdout = f64::NAN;
         if let Some((squares, rows)) = problem.held_out(&fitted) {
             holdout = squares / rows as f64;
@@ -55,9 +55,8 @@ impl Judged {
 
 /// Moments of change, which count as parameters though they are found by a search.
 fn steps(fitted: &Fitted) -> usize {
-    let is_step = |a: &&crate::effects::Acting| {
-        a.effect.parameters().iter().any(|q| q.name == "recording")
-    };
+    let is_step =
+        |a: &&crate::effects::Acting| a.effect.parameters().iter().any(|q| q.name == "recording");
     2 * fitted.effects.iter().filter(is_step).count()
 }
 
@@ -105,7 +104,11 @@ pub(super) fn alike(
         let theirs: Vec<DVector<f64>> = columns.iter().map(|c| film.columns.tr_mul(c)).collect();
         let gram = DMatrix::from_fn(n, n, |i, j| {
             film.projected(columns[i].dot(&columns[j]), &theirs[i], &theirs[j])
-                + if i == j { 1e-9 * columns[i].norm_squared() + 1e-300 } else { 0.0 }
+                + if i == j {
+                    1e-9 * columns[i].norm_squared() + 1e-300
+                } else {
+                    0.0
+                }
         });
         let b = DVector::from_fn(n, |i, _| {
             film.projected(columns[i].dot(&column), &theirs[i], &along)
@@ -120,7 +123,10 @@ pub(super) fn alike(
         }
     }
     out.sort_by(|a, b| b.1.total_cmp(&a.1));
-    out.into_iter().filter(|o| o.1 > ALIKE).map(|o| o.0).collect()
+    out.into_iter()
+        .filter(|o| o.1 > ALIKE)
+        .map(|o| o.0)
+        .collect()
 }
 
 /// The tangent space without an effect, and the derivative with respect to that effect's first size.
@@ -131,7 +137,9 @@ fn own_column(
 ) -> Result<(Tangent, DVector<f64>), crate::film::Locked> {
     let mut without = fitted.clone();
     without.free.retain(|f| f.0 != own);
-    let keep: Vec<usize> = (0..fitted.free.len()).filter(|&i| fitted.free[i].0 != own).collect();
+    let keep: Vec<usize> = (0..fitted.free.len())
+        .filter(|&i| fitted.free[i].0 != own)
+        .collect();
     let plain = problem.nonlinear.len();
     let mut eta = fitted.state.eta[..plain].to_vec();
     eta.extend(keep.iter().map(|&i| fitted.state.eta[plain + i]));

@@ -21,7 +21,12 @@ pub(super) fn law(problem: &Problem, train: &[Entry], fitted: &Fitted) -> Result
         let m = problem.train.mechanics(number);
         let mut largest = [0.0_f64; 3];
         let mut at = 0;
-        for (&c, w) in problem.train.kept(number).iter().zip(problem.train.whitening(number)) {
+        for (&c, w) in problem
+            .train
+            .kept(number)
+            .iter()
+            .zip(problem.train.whitening(number))
+        {
             let t = d.time_s(c);
             let features: [Vec<(&str, f64)>; 3] = [0, 1, 2].map(|k| {
                 let [angle, rate, _] = m.chains[k].theta_b[c];
@@ -65,7 +70,11 @@ pub(super) fn law(problem: &Problem, train: &[Entry], fitted: &Fitted) -> Result
             }
             for (f, column) in columns.iter_mut().enumerate() {
                 let x = [0, 1, 2].map(|k| features[k][f].1);
-                column.extend([w[0] * x[0], w[1] * x[0] + w[2] * x[1], w[3] * x[0] + w[4] * x[1] + w[5] * x[2]]);
+                column.extend([
+                    w[0] * x[0],
+                    w[1] * x[0] + w[2] * x[1],
+                    w[3] * x[0] + w[4] * x[1] + w[5] * x[2],
+                ]);
             }
         }
     }
@@ -80,7 +89,12 @@ pub(super) fn law(problem: &Problem, train: &[Entry], fitted: &Fitted) -> Result
     let slope = DVector::from_fn(columns.len(), |i, _| -columns[i].dot(r));
     let explains = |set: &[usize]| -> Option<(f64, DVector<f64>)> {
         let g = DMatrix::from_fn(set.len(), set.len(), |i, j| {
-            gram[(set[i], set[j])] + if i == j { 1e-6 * gram[(set[i], set[i])] + 1e-300 } else { 0.0 }
+            gram[(set[i], set[j])]
+                + if i == j {
+                    1e-6 * gram[(set[i], set[i])] + 1e-300
+                } else {
+                    0.0
+                }
         });
         let s = DVector::from_fn(set.len(), |i, _| slope[set[i]]);
         let c = g.cholesky()?.solve(&s);

@@ -33,13 +33,18 @@ const RANGES: [(&str, &str, usize, f64); 5] = [
 const BINS: usize = 16;
 
 /// Coordinates of the kept samples of a recording.
-pub(super) fn coordinates(entry: &Entry, mechanics: &Mechanics, kept: &[usize]) -> Vec<[[f64; 7]; 3]> {
+pub(super) fn coordinates(
+    entry: &Entry,
+    mechanics: &Mechanics,
+    kept: &[usize],
+) -> Vec<[[f64; 7]; 3]> {
     let d = entry.dataset;
     let mut largest = [[0.0_f64; 1]; 3];
     let mut so_far: Vec<[f64; 3]> = Vec::with_capacity(d.samples());
     for i in 0..d.samples() {
         so_far.push([0, 1, 2].map(|k| {
-            let [a, b] = mechanics.robot.lozenges[k].stretches(mechanics.chains[k].theta_dea_rad[i]);
+            let [a, b] =
+                mechanics.robot.lozenges[k].stretches(mechanics.chains[k].theta_dea_rad[i]);
             largest[k][0] = largest[k][0].max(a * b);
             largest[k][0]
         }));
@@ -189,7 +194,15 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
         push(
             &mut found,
             ratio,
-            word("actuator", (k + 1).to_string(), None, vec![k + 1], e, c, p_value(ratio)),
+            word(
+                "actuator",
+                (k + 1).to_string(),
+                None,
+                vec![k + 1],
+                e,
+                c,
+                p_value(ratio),
+            ),
         );
     }
     for (value, sign) in [("rising", 1.0), ("falling", -1.0)] {
@@ -199,7 +212,15 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
         push(
             &mut found,
             ratio,
-            word("direction", value.into(), None, Vec::new(), e, c, p_value(ratio)),
+            word(
+                "direction",
+                value.into(),
+                None,
+                Vec::new(),
+                e,
+                c,
+                p_value(ratio),
+            ),
         );
     }
     for (r, entry) in entries.iter().enumerate() {
@@ -211,7 +232,15 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
             push(
                 &mut found,
                 ratio,
-                word("recording", id.clone(), Some(id), Vec::new(), e, c, p_value(ratio)),
+                word(
+                    "recording",
+                    id.clone(),
+                    Some(id),
+                    Vec::new(),
+                    e,
+                    c,
+                    p_value(ratio),
+                ),
             );
         }
     }
@@ -289,18 +318,28 @@ fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place,
     };
     if on != [true; 3] {
         let list: Vec<usize> = (0..3).filter(|&k| on[k]).map(|k| k + 1).collect();
-        let mut p = blank("actuator", None, "", format!("{id} sits in actuator {}", list[0]));
+        let mut p = blank(
+            "actuator",
+            None,
+            "",
+            format!("{id} sits in actuator {}", list[0]),
+        );
         p.value = Some(list[0].to_string());
         out.push((p, Box::new(move |s| on[s.actuator])));
     }
     if let (Some(time), Some(number)) = (value("time"), value("recording")) {
-        let at = entries.iter().position(|e| e.when.recording as f64 == number);
+        let at = entries
+            .iter()
+            .position(|e| e.when.recording as f64 == number);
         let (name, from, to) = at.map_or((String::new(), time, time), |i| {
             let d = entries[i].dataset;
             let last = d.time_s(d.samples() - 1);
             (d.id.clone(), time.max(d.start_s), last)
         });
-        let later: Vec<bool> = entries.iter().map(|e| e.when.recording as f64 > number).collect();
+        let later: Vec<bool> = entries
+            .iter()
+            .map(|e| e.when.recording as f64 > number)
+            .collect();
         let mut p = blank(
             "time",
             Some([from, to]),
@@ -313,17 +352,32 @@ fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place,
             Box::new(move |s| later[s.recording] || (Some(s.recording) == at && s.at[2] >= time)),
         ));
     }
-    let highest = |at: usize| spots.iter().map(|s| s.at[at]).fold(f64::NEG_INFINITY, f64::max);
+    let highest = |at: usize| {
+        spots
+            .iter()
+            .map(|s| s.at[at])
+            .fold(f64::NEG_INFINITY, f64::max)
+    };
     if let Some(c) = value("ceiling") {
         let top = highest(0).max(c);
         out.push((
-            blank("voltage", Some([c, top]), "V", format!("above the ceiling of {c:.0} V")),
+            blank(
+                "voltage",
+                Some([c, top]),
+                "V",
+                format!("above the ceiling of {c:.0} V"),
+            ),
             Box::new(move |s| s.at[0] >= c),
         ));
     }
     if let (Some(t), "amplifier_deadband") = (value("threshold"), id) {
         out.push((
-            blank("voltage", Some([0.0, t]), "V", format!("below the threshold of {t:.0} V")),
+            blank(
+                "voltage",
+                Some([0.0, t]),
+                "V",
+                format!("below the threshold of {t:.0} V"),
+            ),
             Box::new(move |s| s.at[0] <= t),
         ));
     }
@@ -342,15 +396,22 @@ fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place,
     }
     if let Some(stop) = value("theta_stop") {
         let degrees = stop.to_degrees();
-        let heights = spots.iter().filter(|s| s.at[6] >= degrees - 0.3).map(|s| s.at[3]);
-        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |a, h| (a.0.min(h), a.1.max(h)));
+        let heights = spots
+            .iter()
+            .filter(|s| s.at[6] >= degrees - 0.3)
+            .map(|s| s.at[3]);
+        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |a, h| {
+            (a.0.min(h), a.1.max(h))
+        });
         if low.is_finite() {
             out.push((
                 blank(
                     "height",
                     Some([low, high]),
                     "mm",
-                    format!("at heights of {low:.1} to {high:.1} mm, where the bicep touches its stop"),
+                    format!(
+                        "at heights of {low:.1} to {high:.1} mm, where the bicep touches its stop"
+                    ),
                 ),
                 Box::new(move |s| s.at[6] >= degrees),
             ));

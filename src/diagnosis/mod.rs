@@ -76,7 +76,11 @@ pub fn diagnose(
         problem.weigh(leader)?;
         let again = problem.fit(&[], &plain.state.eta, &plain.state.beta, POLISH);
         let nominal = problem.nominal(&[], POLISH);
-        plain = if again.cost() < nominal.cost() { again } else { nominal };
+        plain = if again.cost() < nominal.cost() {
+            again
+        } else {
+            nominal
+        };
         let mut seen_ids: Vec<(&str, [bool; 3])> = Vec::new();
         let leading: Vec<&Fitted> = fits
             .iter()
@@ -142,7 +146,14 @@ pub fn diagnose(
     watch("judging");
     let in_model = verdict == Verdict::MissingPhysics;
     let augmented = if in_model { &best } else { &plain };
-    let candidates = candidates(&problem, &plain, &singles, pair.as_ref(), &partners, verdict);
+    let candidates = candidates(
+        &problem,
+        &plain,
+        &singles,
+        pair.as_ref(),
+        &partners,
+        verdict,
+    );
     let groups_alike = if in_model {
         (0..best.fitted.effects.len())
             .filter_map(|own| {
@@ -186,8 +197,18 @@ pub fn diagnose(
     }
     let confidence = confidence(verdict, largest_drop, allowed, &plain, &best, &candidates);
     let next_experiment = next_experiment(verdict, &groups_alike, &candidates);
-    let says = says(verdict, &candidates, &train_gain, holdout_gain.as_ref(), &places);
-    let model = |j: &Judged| problem.train.parameters(&j.fitted.state.eta, &j.fitted.state.beta);
+    let says = says(
+        verdict,
+        &candidates,
+        &train_gain,
+        holdout_gain.as_ref(),
+        &places,
+    );
+    let model = |j: &Judged| {
+        problem
+            .train
+            .parameters(&j.fitted.state.eta, &j.fitted.state.beta)
+    };
     Ok(Diagnosis {
         verdict,
         confidence,
@@ -309,7 +330,9 @@ fn open<'a>(
     let when = |entries: &[Entry]| entries.iter().map(|e| e.when).collect::<Vec<When>>();
     let problem = Problem {
         train: own,
-        holdout: (!holdout.is_empty()).then(|| residual(holdout)).transpose()?,
+        holdout: (!holdout.is_empty())
+            .then(|| residual(holdout))
+            .transpose()?,
         train_when: when(train),
         holdout_when: when(holdout),
         nonlinear,
@@ -341,7 +364,10 @@ fn choose(scanned: &[Scanned], count: usize) -> Vec<&Scanned> {
         let known = out
             .iter()
             .any(|c| c.acting.effect.id() == s.acting.effect.id() && c.acting.on == s.acting.on);
-        if out.len() < count && of < OF_ONE && !(known && of > 0 && s.promised < 0.5 * out[0].promised) {
+        if out.len() < count
+            && of < OF_ONE
+            && !(known && of > 0 && s.promised < 0.5 * out[0].promised)
+        {
             out.push(s);
         }
     }
@@ -349,12 +375,7 @@ fn choose(scanned: &[Scanned], count: usize) -> Vec<&Scanned> {
 }
 
 /// Fits the hypotheses, each beside the effects that are there already, best first.
-fn refit(
-    problem: &Problem,
-    base: &Fitted,
-    chosen: &[&Scanned],
-    beside: &[Acting],
-) -> Vec<Fitted> {
+fn refit(problem: &Problem, base: &Fitted, chosen: &[&Scanned], beside: &[Acting]) -> Vec<Fitted> {
     let plain = problem.nonlinear.len();
     let mut fits: Vec<Fitted> = chosen
         .par_iter()
@@ -441,7 +462,10 @@ fn candidates(
     let in_model = verdict == Verdict::MissingPhysics;
     let mut add = |judged: &Judged, own: usize, probability: f64, in_model: bool| {
         let acting = &judged.fitted.effects[own];
-        if out.iter().any(|c| c.acting.effect.id() == acting.effect.id()) {
+        if out
+            .iter()
+            .any(|c| c.acting.effect.id() == acting.effect.id())
+        {
             return;
         }
         let errors = value_errors(problem, &judged.fitted)
@@ -453,7 +477,10 @@ fn candidates(
             if acting.on == [true; 3] {
                 String::new()
             } else {
-                format!(" (actuator {})", 1 + acting.on.iter().position(|o| *o).unwrap_or(0))
+                format!(
+                    " (actuator {})",
+                    1 + acting.on.iter().position(|o| *o).unwrap_or(0)
+                )
             },
             plain.mean_square,
             judged.mean_square
@@ -489,7 +516,9 @@ fn candidates(
                 .filter(|j| j.fitted.effects.iter().all(|a| a.effect.id() != id))
                 .map(|j| j.score)
                 .fold(f64::INFINITY, f64::min);
-            let odds = ((without - pair.score) / (2.0 * TEMPERATURE)).clamp(-50.0, 50.0).exp();
+            let odds = ((without - pair.score) / (2.0 * TEMPERATURE))
+                .clamp(-50.0, 50.0)
+                .exp();
             add(pair, own, known * odds / (1.0 + odds), in_model);
         }
     }
@@ -505,8 +534,18 @@ fn candidates(
     }
     let sum: f64 = by_effect.iter().map(|b| b.1).sum();
     for (place, (i, weight)) in by_effect.iter().enumerate() {
-        let probability = known * weight / if pair.is_some() { sum.max(1.0) + 1.0 } else { sum };
-        add(&singles[*i], 0, probability, in_model && pair.is_none() && place == 0);
+        let probability = known * weight
+            / if pair.is_some() {
+                sum.max(1.0) + 1.0
+            } else {
+                sum
+            };
+        add(
+            &singles[*i],
+            0,
+            probability,
+            in_model && pair.is_none() && place == 0,
+        );
     }
     // What almost joined as a second one comes after the first.
     if let (None, Some(almost)) = (pair, partners.first())
@@ -631,8 +670,8 @@ fn gain(
     plain_eta: impl Fn(&Fitted) -> Option<Vec<f64>>,
 ) -> Result<(Gain, Vec<Traces>), Error> {
     let eta = [before, after].map(|f| plain_eta(f).unwrap_or_default());
-    let models = [before, after]
-        .map(|f| residual.with_effects(f.effects.clone(), Vec::new(), when));
+    let models =
+        [before, after].map(|f| residual.with_effects(f.effects.clone(), Vec::new(), when));
     let fits = [before, after];
     let mut sums = [[0.0; 2]; 3]; // before, after, floor: above 1 kV, all
     let mut counts = [0.0; 2];
@@ -714,9 +753,16 @@ fn hidden(scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
         let best = scanned
             .iter()
             .filter(|s| s.acting.effect.id() == effect.id() && s.strength.0 > 0.0)
-            .max_by(|a, b| (a.strength.0 / a.strength.1.powi(2)).total_cmp(&(b.strength.0 / b.strength.1.powi(2))));
+            .max_by(|a, b| {
+                (a.strength.0 / a.strength.1.powi(2))
+                    .total_cmp(&(b.strength.0 / b.strength.1.powi(2)))
+            });
         let Some(s) = best else { continue };
-        let Some(q) = effect.parameters().iter().find(|q| q.size && q.off.is_finite()) else {
+        let Some(q) = effect
+            .parameters()
+            .iter()
+            .find(|q| q.size && q.off.is_finite())
+        else {
             continue;
         };
         out.push(Hidden {
@@ -753,7 +799,11 @@ fn confidence(
     }
 }
 
-fn next_experiment(verdict: Verdict, groups: &[Vec<&'static str>], candidates: &[Candidate]) -> String {
+fn next_experiment(
+    verdict: Verdict,
+    groups: &[Vec<&'static str>],
+    candidates: &[Candidate],
+) -> String {
     let by = |id: &str| {
         crate::effects::by_id(id).map_or(String::new(), |e| e.brought_out_by().to_string())
     };

@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use nalgebra::{DMatrix, DVector};
 
 use crate::effects::{Acting, Site, When};
-use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
 use crate::film::Locked;
+use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
 use crate::residual::RobotResidual;
 
 /// Branches of the plain model.
@@ -62,7 +62,11 @@ impl Fitted {
 }
 
 /// Unknowns of the plain model on recordings with `offsets` free clock offsets that begin at these values, s.
-pub(super) fn unknowns(offsets: &[f64], nodes: usize, reach_s: f64) -> (Vec<Unknown>, Vec<Unknown>) {
+pub(super) fn unknowns(
+    offsets: &[f64],
+    nodes: usize,
+    reach_s: f64,
+) -> (Vec<Unknown>, Vec<Unknown>) {
     let mut nonlinear: Vec<Unknown> = TIMES_S
         .iter()
         .map(|t| Unknown {
@@ -207,7 +211,12 @@ impl Problem<'_> {
     /// Fits the plain model with `effects` from the nominal film.
     pub fn nominal(&self, effects: &[Acting], evaluations: usize) -> Fitted {
         let start = |list: &[Unknown]| list.iter().map(|u| u.start).collect::<Vec<f64>>();
-        self.fit(effects, &start(&self.nonlinear), &start(&self.linear), evaluations)
+        self.fit(
+            effects,
+            &start(&self.nonlinear),
+            &start(&self.linear),
+            evaluations,
+        )
     }
 
     /// The plain unknowns of the held-out recordings: the fitted film, clock offsets as far as they are known.
@@ -226,7 +235,8 @@ impl Problem<'_> {
         let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
         let eta = self.holdout_eta(fitted)?;
         let normal =
-            crate::residual::SeparableResidual::evaluate(&residual, &eta, &fitted.state.beta).ok()?;
+            crate::residual::SeparableResidual::evaluate(&residual, &eta, &fitted.state.beta)
+                .ok()?;
         let last = normal.gram.nrows() - 1;
         Some((normal.gram[(last, last)], normal.rows))
     }
@@ -256,8 +266,11 @@ impl Problem<'_> {
 
     /// The residual of the training recordings with the effects of a fitted model.
     pub fn residual(&self, fitted: &Fitted) -> RobotResidual<'_> {
-        self.train
-            .with_effects(fitted.effects.clone(), fitted.free.clone(), &self.train_when)
+        self.train.with_effects(
+            fitted.effects.clone(),
+            fitted.free.clone(),
+            &self.train_when,
+        )
     }
 }
 
@@ -371,9 +384,11 @@ pub(super) fn value_errors(problem: &Problem, fitted: &Fitted) -> Result<Vec<f64
         .map(|i| {
             let (e, v) = fitted.free[i];
             let spread = fitted.effects[e].effect.parameters()[v].spread;
-            free.iter().position(|&f| f == first + i).map_or(f64::NAN, |a| {
-                covariance[(a, a)].max(0.0).sqrt() * scale[a] * spread
-            })
+            free.iter()
+                .position(|&f| f == first + i)
+                .map_or(f64::NAN, |a| {
+                    covariance[(a, a)].max(0.0).sqrt() * scale[a] * spread
+                })
         })
         .collect())
 }

@@ -116,7 +116,11 @@ pub(super) fn scan(
         .par_iter()
         .flat_map_iter(|g| hypotheses(g, tangent))
         .collect();
-    out.extend(steps(problem, fitted, tangent)?.into_iter().filter(|s| wanted(s.acting.effect.id())));
+    out.extend(
+        steps(problem, fitted, tangent)?
+            .into_iter()
+            .filter(|s| wanted(s.acting.effect.id())),
+    );
     out.sort_by(|a, b| b.promised.total_cmp(&a.promised));
     Ok(out)
 }
@@ -134,7 +138,14 @@ fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
     sets.into_iter()
         .filter_map(|on| {
             let columns = group.columns_on(on);
-            solve(group.effect, &group.values, on, &columns, tangent, &tangent.residual)
+            solve(
+                group.effect,
+                &group.values,
+                on,
+                &columns,
+                tangent,
+                &tangent.residual,
+            )
         })
         .collect()
 }
@@ -149,14 +160,13 @@ fn solve(
     residual: &DVector<f64>,
 ) -> Option<Scanned> {
     let n = columns.len();
-    let along: Vec<DVector<f64>> = columns
-        .iter()
-        .map(|c| tangent.columns.tr_mul(c))
-        .collect();
+    let along: Vec<DVector<f64>> = columns.iter().map(|c| tangent.columns.tr_mul(c)).collect();
     let gram = DMatrix::from_fn(n, n, |i, j| {
         tangent.projected(columns[i].dot(&columns[j]), &along[i], &along[j])
     });
-    let slope = DVector::from_fn(n, |i, _| -columns[i].dot(residual) + tangent.hidden_product(&along[i], residual));
+    let slope = DVector::from_fn(n, |i, _| {
+        -columns[i].dot(residual) + tangent.hidden_product(&along[i], residual)
+    });
     let whole: Vec<f64> = columns.iter().map(|c| c.norm_squared()).collect();
     let q = effect.parameters();
     // A column is the effect at `values[i]`: which size it holds, and how far that may be scaled.
@@ -175,8 +185,8 @@ fn solve(
             })
             .unwrap_or(0)
     };
-    let threshold = q.iter().any(|q| q.size && q.off.is_infinite())
-        || (effect.id() == "amplifier_deadband");
+    let threshold =
+        q.iter().any(|q| q.size && q.off.is_infinite()) || (effect.id() == "amplifier_deadband");
     let range: Vec<[f64; 2]> = values
         .iter()
         .map(|v| {
@@ -194,7 +204,12 @@ fn solve(
     for set in 1..1_usize << n {
         let used: Vec<usize> = (0..n).filter(|i| set >> i & 1 == 1).collect();
         let g = DMatrix::from_fn(used.len(), used.len(), |i, j| {
-            gram[(used[i], used[j])] + if i == j { 1e-9 * whole[used[i]] + 1e-300 } else { 0.0 }
+            gram[(used[i], used[j])]
+                + if i == j {
+                    1e-9 * whole[used[i]] + 1e-300
+                } else {
+                    0.0
+                }
         });
         let s = DVector::from_fn(used.len(), |i, _| slope[used[i]]);
         let Some(c) = g.clone().cholesky().map(|f| f.solve(&s)) else {
@@ -275,12 +290,8 @@ fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Sc
     let always = [-1e6, -1.0];
     let on = |k: usize| [0, 1, 2].map(|j| j == k);
     let mut unit: Vec<(Acting, f64, Vec<f64>)> = Vec::new();
-    let whole = residual.fingerprint_by_actuator(
-        eta,
-        beta,
-        failure,
-        &[0.01, always[0], always[1]],
-    )?;
+    let whole =
+        residual.fingerprint_by_actuator(eta, beta, failure, &[0.01, always[0], always[1]])?;
     for (k, column) in whole.into_iter().enumerate() {
         let acting = Acting {
             effect: failure,
@@ -294,7 +305,11 @@ fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Sc
         values: vec![1e-4, always[0], always[1]],
         on: [true; 3],
     };
-    unit.push((acting.clone(), 1e-4, residual.fingerprint(eta, beta, &acting)?));
+    unit.push((
+        acting.clone(),
+        1e-4,
+        residual.fingerprint(eta, beta, &acting)?,
+    ));
     // Rows in the order of the series, latest first.
     let mut rows: Vec<(f64, f64, usize, usize)> = Vec::new(); // recording, time, first row, recording number
     let mut at = 0;
@@ -379,7 +394,9 @@ pub(super) fn rivals(
     let first = scanned
         .iter()
         .max_by(|a, b| (a.promised - 2.0 * free(a)).total_cmp(&(b.promised - 2.0 * free(b))));
-    let akaike = first.filter(|s| s.promised > 2.0 * free(s)).map(|s| s.acting.effect.id());
+    let akaike = first
+        .filter(|s| s.promised > 2.0 * free(s))
+        .map(|s| s.acting.effect.id());
     let mut columns: Vec<(&'static str, DVector<f64>)> = Vec::new();
     for g in groups {
         let mut sets = vec![[true; 3]];
@@ -395,14 +412,23 @@ pub(super) fn rivals(
     }
     let raw = columns
         .iter()
-        .map(|(id, c)| (*id, c.dot(r).abs() / (c.norm() * r.norm()).max(f64::MIN_POSITIVE)))
+        .map(|(id, c)| {
+            (
+                *id,
+                c.dot(r).abs() / (c.norm() * r.norm()).max(f64::MIN_POSITIVE),
+            )
+        })
         .max_by(|a, b| a.1.total_cmp(&b.1));
     let correlation = raw.filter(|c| c.1 > 3.0 / n.sqrt()).map(|c| c.0);
     let sparse = sparse(tangent, &columns);
     vec![
         white,
         ("forward selection (AIC)", akaike.is_some(), akaike),
-        ("largest raw correlation", correlation.is_some(), correlation),
+        (
+            "largest raw correlation",
+            correlation.is_some(),
+            correlation,
+        ),
         ("sparse regression (LASSO)", sparse.is_some(), sparse),
     ]
 }

@@ -55,12 +55,15 @@ impl Effect for DielectricRelaxation {
             for (p, t) in psi.iter_mut().zip(times) {
                 let h = along.step_s / t;
                 let decay = (-h).exp();
-                let mean = if h < 1e-6 { 1.0 - 0.5 * h } else { (1.0 - decay) / h };
+                let mean = if h < 1e-6 {
+                    1.0 - 0.5 * h
+                } else {
+                    (1.0 - decay) / h
+                };
                 *p = *p * decay + before * (mean - decay) + now * (1.0 - mean);
             }
             before = now;
-            let square =
-                (1.0 - x - y) * now * now + x * psi[0] * psi[0] + y * psi[1] * psi[1];
+            let square = (1.0 - x - y) * now * now + x * psi[0] * psi[0] + y * psi[1] * psi[1];
             *phi = square.max(0.0).sqrt();
         }
     }

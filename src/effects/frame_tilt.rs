@@ -53,7 +53,11 @@ impl Effect for FrameTilt {
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         let d = 1e-3;
-        vec![vec![vec![d, 0.0, 0.0], vec![0.0, d, 0.0], vec![0.0, 0.0, d]]]
+        vec![vec![
+            vec![d, 0.0, 0.0],
+            vec![0.0, d, 0.0],
+            vec![0.0, 0.0, d],
+        ]]
     }
     fn brought_out_by(&self) -> &'static str {
         "poses far off the axis in all directions, low and high"
@@ -66,7 +70,11 @@ impl Effect for FrameTilt {
             let arm = [u[0] - p[0], u[1] - p[1], u[2] - p[2]];
             add(u, turned(w, arm));
         }
-        for u in motion.velocity_m_s.iter_mut().chain(motion.acceleration_m_s2.iter_mut()) {
+        for u in motion
+            .velocity_m_s
+            .iter_mut()
+            .chain(motion.acceleration_m_s2.iter_mut())
+        {
             add(u, turned(w, *u));
         }
     }

@@ -30,7 +30,10 @@ impl Effect for HingeStiffness {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [2.05, 2.3, 2.55].iter().map(|&r| vec![vec![0.01, r, 3.0]]).collect()
+        [2.05, 2.3, 2.55]
+            .iter()
+            .map(|&r| vec![vec![0.01, r, 3.0]])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "one chain driven and the others passive, over the whole range of the lozenge"

@@ -35,7 +35,9 @@ impl Effect for LinkLengthError {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        (0..LINKS.len()).map(|l| vec![vec![l as f64, 1e-3]]).collect()
+        (0..LINKS.len())
+            .map(|l| vec![vec![l as f64, 1e-3]])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "poses far off the axis in all directions; or a calliper"

@@ -39,7 +39,10 @@ impl Effect for LossOfTension {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [-0.6, -0.2, 0.1, 0.35, 0.6].iter().map(|&t| vec![vec![t, 0.15]]).collect()
+        [-0.6, -0.2, 0.1, 0.35, 0.6]
+            .iter()
+            .map(|&t| vec![vec![t, 0.15]])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "the highest voltages in the upper poses, with and without payload"

@@ -31,7 +31,11 @@ impl Effect for MarkerOffset {
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         let d = 1e-4;
-        vec![vec![vec![d, 0.0, 0.0], vec![0.0, d, 0.0], vec![0.0, 0.0, d]]]
+        vec![vec![
+            vec![d, 0.0, 0.0],
+            vec![0.0, d, 0.0],
+            vec![0.0, 0.0, d],
+        ]]
     }
     fn brought_out_by(&self) -> &'static str {
         "poses far off the axis in all directions; or measuring the marker"

@@ -133,8 +133,22 @@ impl Quantity {
 }
 
 /// The quantity of a size that is zero when off.
-const fn size(name: &'static str, unit: &'static str, lower: f64, upper: f64, spread: f64) -> Quantity {
-    Quantity { name, unit, off: 0.0, lower, upper, spread, size: true }
+const fn size(
+    name: &'static str,
+    unit: &'static str,
+    lower: f64,
+    upper: f64,
+    spread: f64,
+) -> Quantity {
+    Quantity {
+        name,
+        unit,
+        off: 0.0,
+        lower,
+        upper,
+        spread,
+        size: true,
+    }
 }
 
 /// The quantity of a shaping parameter.
@@ -146,7 +160,15 @@ const fn shape(
     upper: f64,
     spread: f64,
 ) -> Quantity {
-    Quantity { name, unit, off: usual, lower, upper, spread, size: false }
+    Quantity {
+        name,
+        unit,
+        off: usual,
+        lower,
+        upper,
+        spread,
+        size: false,
+    }
 }
 
 /// When a recording was made.

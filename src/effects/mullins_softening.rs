@@ -32,7 +32,10 @@ impl Effect for MullinsSoftening {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [1e4, 4e4, 1.5e5].iter().map(|&m| vec![vec![0.02, m]]).collect()
+        [1e4, 4e4, 1.5e5]
+            .iter()
+            .map(|&m| vec![vec![0.02, m]])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "a staircase of amplitudes, each repeated"
@@ -43,7 +46,10 @@ impl Effect for MullinsSoftening {
         }
         let mut largest = f64::NEG_INFINITY;
         for (i, f) in factor.iter_mut().enumerate() {
-            let [a, b] = along.lozenge.stretches(along.theta_dea_rad[i]).map(|l| l * l);
+            let [a, b] = along
+                .lozenge
+                .stretches(along.theta_dea_rad[i])
+                .map(|l| l * l);
             let d = 1.0 - (a + b + 1.0 / (a * b) - 3.0) / film.locking;
             let w = -0.5 * film.mu_pa[0] * film.locking * d.max(1e-9).ln();
             largest = largest.max(w);
@@ -59,5 +65,9 @@ fn erf(x: f64) -> f64 {
         * (0.254_829_592
             + t * (-0.284_496_736
                 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
-    if x == 0.0 { 0.0 } else { 1.0 - p * (-x * x).exp() }
+    if x == 0.0 {
+        0.0
+    } else {
+        1.0 - p * (-x * x).exp()
+    }
 }

@@ -39,8 +39,11 @@ impl Effect for SeriesResistance {
         if r == 0.0 {
             return;
         }
-        let capacitance =
-            |i: usize| along.lozenge.capacitance_f(along.theta_dea_rad[i], along.eps_f_m);
+        let capacitance = |i: usize| {
+            along
+                .lozenge
+                .capacitance_f(along.theta_dea_rad[i], along.eps_f_m)
+        };
         let mut c0 = capacitance(0);
         let mut charge = c0 * phi_v[0];
         let mut before = phi_v[0];
@@ -50,10 +53,13 @@ impl Effect for SeriesResistance {
             let x = along.step_s / (r * c);
             let decay = (-x).exp();
             // phi_1(x) = (1 - e^-x)/x, share of the slope
-            let mean = if x < 1e-6 { 1.0 - 0.5 * x } else { (1.0 - decay) / x };
+            let mean = if x < 1e-6 {
+                1.0 - 0.5 * x
+            } else {
+                (1.0 - decay) / x
+            };
             let command = phi_v[i];
-            charge = charge * decay
-                + c * (before * (mean - decay) + command * (1.0 - mean));
+            charge = charge * decay + c * (before * (mean - decay) + command * (1.0 - mean));
             before = command;
             phi_v[i] = charge / c1;
             c0 = c1;

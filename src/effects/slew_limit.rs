@@ -56,7 +56,11 @@ impl Effect for SlewLimit {
         }
         let (up, down) = (v[0] * along.step_s, v[1] * along.step_s);
         for i in 1..phi_v.len() {
-            let sign = if phi_v[i] == 0.0 { phi_v[i - 1].signum() } else { phi_v[i].signum() };
+            let sign = if phi_v[i] == 0.0 {
+                phi_v[i - 1].signum()
+            } else {
+                phi_v[i].signum()
+            };
             let before = phi_v[i - 1] * sign;
             phi_v[i] = sign * (sign * phi_v[i]).clamp(before - down, before + up);
         }

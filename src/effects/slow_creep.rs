@@ -45,7 +45,12 @@ impl Effect for SlowCreep {
             return;
         }
         let volume = along.lozenge.volume_m3();
-        let squared = |i: usize| along.lozenge.stretches(along.theta_dea_rad[i]).map(|l| l * l);
+        let squared = |i: usize| {
+            along
+                .lozenge
+                .stretches(along.theta_dea_rad[i])
+                .map(|l| l * l)
+        };
         let stress = |l: [f64; 2], x: [f64; 2]| {
             let (a, b) = (l[0] * (-2.0 * x[0]).exp(), l[1] * (-2.0 * x[1]).exp());
             let c = 1.0 / (a * b);

@@ -24,7 +24,10 @@ impl Effect for TimeOffset {
         Reach::All
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [0.005, -0.03, 0.03, -0.1, 0.1].iter().map(|&d| vec![vec![d]]).collect()
+        [0.005, -0.03, 0.03, -0.1, 0.1]
+            .iter()
+            .map(|&d| vec![vec![d]])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "fast drives above 2 Hz: an offset is the same time at every rate"

@@ -30,12 +30,8 @@ impl Mechanics {
         }
         let (mut robot, mut track) = (robot.clone(), track.clone());
         for a in at(effects, Site::Motion) {
-            a.effect.geometry(
-                &a.values,
-                a.on,
-                &mut robot.mechanism,
-                &mut robot.lozenges,
-            );
+            a.effect
+                .geometry(&a.values, a.on, &mut robot.mechanism, &mut robot.lozenges);
             a.effect.reading(
                 &a.values,
                 &mut Reading {

@@ -218,7 +218,11 @@ fn located(truth: &Truth, d: &Diagnosis) -> Option<bool> {
     let mut found = false;
     if detail.actuators.len() < 3 && !detail.actuators.is_empty() {
         any = true;
-        found |= d.places.iter().take(3).any(|p| p.actuators == detail.actuators);
+        found |= d
+            .places
+            .iter()
+            .take(3)
+            .any(|p| p.actuators == detail.actuators);
     }
     for place in &detail.place {
         let from = place.get("from_s").and_then(serde_json::Value::as_f64);

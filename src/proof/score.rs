@@ -143,7 +143,11 @@ pub fn score(trials: &[Trial]) -> Proof {
     let select = |f: &dyn Fn(&Trial) -> bool| -> Vec<&Trial> {
         done.iter().copied().filter(|t| f(t)).collect()
     };
-    let is_unknown = |t: &Trial| t.truth.iter().any(|e| e == "unknown" || e.starts_with("x_"));
+    let is_unknown = |t: &Trial| {
+        t.truth
+            .iter()
+            .any(|e| e == "unknown" || e.starts_with("x_"))
+    };
     let single = |t: &Trial| t.truth.len() == 1 && !is_unknown(t);
     let clean = select(&|t| t.truth.is_empty());
     let visible = select(&|t| single(t) && t.detectability >= DETECTABLE);
@@ -151,9 +155,8 @@ pub fn score(trials: &[Trial]) -> Proof {
     let unknown = select(&is_unknown);
     let pairs = select(&|t| t.truth.len() == 2);
     let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
-    let grouped = |t: &Trial| {
-        first(t) || (!t.named.is_empty() && t.group.iter().any(|g| *g == t.truth[0]))
-    };
+    let grouped =
+        |t: &Trial| first(t) || (!t.named.is_empty() && t.group.iter().any(|g| *g == t.truth[0]));
     let placed = select(&|t| t.located.is_some() && t.verdict != "adequate");
     let right = select(&|t| single(t) && first(t));
     let (mut inside, mut measured) = (0, 0);
@@ -189,7 +192,11 @@ pub fn score(trials: &[Trial]) -> Proof {
     let brier = calls.iter().map(|c| (c.0 - c.1).powi(2)).sum::<f64>() / n;
     let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
     for t in &done {
-        let truth = if t.truth.is_empty() { "none".into() } else { t.truth.join(" + ") };
+        let truth = if t.truth.is_empty() {
+            "none".into()
+        } else {
+            t.truth.join(" + ")
+        };
         let said = match t.verdict.as_str() {
             "adequate" => "none".into(),
             "unexplained" => "unknown".into(),

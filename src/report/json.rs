@@ -15,6 +15,7 @@ use crate::calibration::{
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::film::InitialState;
 use crate::recording::{Capture, Level, Note, Payload, Recording, Section};
+use crate::validation::{self, Validation};
 
 /// A number, or null where there is none.
 pub type Number = Option<f64>;
@@ -633,34 +634,83 @@ impl FitJson {
     }
 }
 
-/// Predicted against recorded motion, per axis x, y, z.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// Measured against predicted motion, per axis x, y, z.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PathErrors {
+    /// `predicted` (forward dynamics of the recorded voltages) or `planned` (the path that they were made for).
+    pub basis: String,
     /// Root mean square, mm.
     pub rmse_mm: [Number; 3],
     /// Largest magnitude, mm.
     pub max_mm: [Number; 3],
-    /// Root mean square over the range of the recorded axis.
+    /// Root mean square over `relative_to_mm`.
     pub rmse_relative: [Number; 3],
-    /// Largest magnitude over the range of the recorded axis.
+    /// Largest magnitude over `relative_to_mm`.
     pub max_relative: [Number; 3],
-}
-
-/// Predicted against measured output force in one phase of a recording.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct ForceErrors {
-    /// Which phase: `hold`, `move`, ...
-    pub phase: String,
-    /// Root mean square, mN.
-    #[serde(rename = "rmse_mN")]
-    pub rmse_mn: Number,
-    /// Largest magnitude, mN.
-    #[serde(rename = "max_mN")]
-    pub max_mn: Number,
-    /// Root mean square over the largest measured force.
-    pub rmse_relative: Number,
+    /// Diameter of the measured path (its larger extent in x and y) for x and y, its stroke for z, mm; null below 1 mm.
+    pub relative_to_mm: [Number; 3],
     /// Frames.
     pub n_frames: usize,
+}
+
+impl From<&validation::PathErrors> for PathErrors {
+    fn from(p: &validation::PathErrors) -> Self {
+        let relative = |v: [f64; 3]| [0, 1, 2].map(|k| finite(v[k].abs() / p.relative_to_mm[k]));
+        PathErrors {
+            basis: if p.planned { "planned" } else { "predicted" }.to_owned(),
+            rmse_mm: p.rmse_mm.map(finite),
+            max_mm: p.max_mm.map(|v| finite(v.abs())),
+            rmse_relative: relative(p.rmse_mm),
+            max_relative: relative(p.max_mm),
+            relative_to_mm: p.relative_to_mm.map(finite),
+            n_frames: p.frames,
+        }
+    }
+}
+
+/// Predicted output force against the payload's weight in one phase of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ForceErrors {
+    /// `idle` (not driven yet), `hold` (driven, standing still), `move`, `released` (at 0 V again).
+    pub phase: String,
+    /// Root mean square of the vector, mN.
+    #[serde(rename = "rmse_mN")]
+    pub rmse_mn: Number,
+    /// Its largest magnitude, mN.
+    #[serde(rename = "max_mN")]
+    pub max_mn: Number,
+    /// `rmse_mN` over the largest weight of the payload; null without a payload.
+    pub rmse_relative: Number,
+    /// Root mean square along z, mN.
+    #[serde(rename = "z_rmse_mN")]
+    pub z_rmse_mn: Number,
+    /// Error of largest magnitude along z, mN, with its sign.
+    #[serde(rename = "z_max_mN")]
+    pub z_max_mn: Number,
+    /// `z_rmse_mN` over the largest weight of the payload.
+    pub z_rmse_relative: Number,
+    /// Root mean square of the resultant in the xy plane, mN.
+    #[serde(rename = "xy_rmse_mN")]
+    pub xy_rmse_mn: Number,
+    /// Frames.
+    pub n_frames: usize,
+}
+
+impl ForceErrors {
+    fn new(f: &validation::ForceErrors, largest_load_n: f64) -> Self {
+        let milli = |v: f64| finite(1e3 * v);
+        ForceErrors {
+            phase: f.phase.name().to_owned(),
+            rmse_mn: milli(f.rmse_n),
+            max_mn: milli(f.max_n),
+            rmse_relative: finite(f.rmse_n / largest_load_n),
+            z_rmse_mn: milli(f.z_rmse_n),
+            z_max_mn: milli(f.z_max_n),
+            z_rmse_relative: finite(f.z_rmse_n / largest_load_n),
+            xy_rmse_mn: milli(f.xy_rmse_n),
+            n_frames: f.frames,
+        }
+    }
 }
 
 /// Distance between lowest and highest position.
@@ -708,10 +758,12 @@ pub struct ModelValidation {
 }
 
 impl ModelValidation {
-    /// Of parameters held against recordings; `path`, `force` and `stroke_mm` are left for the caller to fill.
+    /// Of parameters held against recordings.
     #[must_use]
-    pub fn new(outcome: &Outcome, params: FileSum) -> Self {
-        let fit = FitJson::new(outcome, Provenance::default());
+    pub fn new(validation: &Validation, params: FileSum) -> Self {
+        let fit = FitJson::new(&validation.outcome, Provenance::default());
+        let checks = &validation.checks;
+        let remarks = checks.iter().flat_map(|c| c.remarks.iter().cloned());
         ModelValidation {
             params,
             verdict: fit.verdict,
@@ -719,15 +771,24 @@ impl ModelValidation {
             recordings: fit
                 .recordings
                 .into_iter()
-                .map(|fit| RecordingValidation {
+                .zip(checks)
+                .map(|(fit, c)| RecordingValidation {
                     fit,
-                    path: None,
-                    force: None,
-                    stroke_mm: None,
+                    path: c.path.as_ref().map(PathErrors::from),
+                    force: Some(
+                        c.force
+                            .iter()
+                            .map(|f| ForceErrors::new(f, c.largest_load_n))
+                            .collect(),
+                    ),
+                    stroke_mm: Some(Stroke {
+                        recorded: finite(c.stroke_mm[0]),
+                        predicted: finite(c.stroke_mm[1]),
+                    }),
                 })
                 .collect(),
             worst: fit.worst,
-            remarks: fit.remarks,
+            remarks: fit.remarks.into_iter().chain(remarks).collect(),
         }
     }
 }
@@ -1303,4 +1364,28 @@ impl PredictionJson {
             flagged,
         }
     }
+}
+
+/// What `simulate` wrote, for `--json`: the recording itself is in the folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SimulationJson {
+    /// Recording.
+    pub id: String,
+    /// Its folder.
+    pub folder: String,
+    /// Its files.
+    pub files: Vec<String>,
+    /// Frames of the capture.
+    pub n_frames: usize,
+    /// From the first frame to the last, s.
+    pub duration_s: f64,
+    /// Height between lowest and highest pose, mm.
+    pub stroke_mm: f64,
+    /// Largest magnitude of a voltage, V.
+    #[serde(rename = "largest_voltage_V")]
+    pub largest_voltage_v: f64,
+    /// Largest distance between planned and simulated pose, mm, where a path was planned.
+    pub off_plan_mm: Number,
+    /// Seed of the noise.
+    pub seed: u64,
 }

@@ -165,14 +165,7 @@ pub struct ParameterFile {
     pub notes: Vec<Note>,
 }
 
-const TOP: &[&str] = &[
-    "film",
-    "forearm",
-    "axis",
-    "effect",
-    "series",
-    "provenance",
-];
+const TOP: &[&str] = &["film", "forearm", "axis", "effect", "series", "provenance"];
 const FILM: &[&str] = &[
     "mu_Pa",
     "mu_Pa_std_error",

@@ -459,7 +459,11 @@ impl<'a> RobotResidual<'a> {
                         .zip(&factor[from..])
                     {
                         for (i, x) in row.iter_mut().enumerate() {
-                            *x *= if i % LANES == 0 && i < ROW { f[0] } else { f[1] };
+                            *x *= if i % LANES == 0 && i < ROW {
+                                f[0]
+                            } else {
+                                f[1]
+                            };
                         }
                     }
                 }
@@ -513,7 +517,8 @@ impl<'a> RobotResidual<'a> {
                             .copy_from_slice(&film[LANES + skip..LANES + here]);
                     }
                     let at = (3 * kept + k) * nodes;
-                    row[node_at..node_at + nodes].copy_from_slice(&condition.forearm[at..at + nodes]);
+                    row[node_at..node_at + nodes]
+                        .copy_from_slice(&condition.forearm[at..at + nodes]);
                     row[offset_at] = -maxwell_slope[kept][k];
                     for (place, column) in condition.values.iter().enumerate() {
                         row[value_at + place] = column[kept][k];
@@ -780,8 +785,7 @@ impl<'a> RobotResidual<'a> {
         let factor =
             [0, 1, 2].map(|k| mechanics.stress_factor(k, r.when, &effects, &parameters.film));
         let exact = |site: Site| linear.is_none() || site != Site::Motion;
-        let mut values =
-            self.value_columns(recording, eta, beta, &mechanics, &effects, exact)?;
+        let mut values = self.value_columns(recording, eta, beta, &mechanics, &effects, exact)?;
         for (place, _, column) in linear.iter().flat_map(|l| &l.values) {
             values[place - self.layout.first_value()].clone_from(column);
         }
@@ -809,8 +813,13 @@ impl<'a> RobotResidual<'a> {
             let mechanics = self.mechanics_with(number, &effects)?.into_owned();
             let r = &self.recordings[number];
             let load = filtered_load(&mechanics, &r.decimation, &r.centres);
-            let forearm =
-                forearm_columns(&mechanics, &self.forearm, &r.decimation, &r.centres, self.arch);
+            let forearm = forearm_columns(
+                &mechanics,
+                &self.forearm,
+                &r.decimation,
+                &r.centres,
+                self.arch,
+            );
             let motion = |site: Site| site == Site::Motion;
             let columns = self.value_columns(number, eta, beta, &mechanics, &effects, motion)?;
             let first = self.layout.first_value();
@@ -878,7 +887,11 @@ impl<'a> RobotResidual<'a> {
                 let mut other = effects.to_vec();
                 let here = other[effect].values[value];
                 let up = here + VALUE_STEP * q.spread;
-                let step = if up > q.upper { -VALUE_STEP } else { VALUE_STEP };
+                let step = if up > q.upper {
+                    -VALUE_STEP
+                } else {
+                    VALUE_STEP
+                };
                 other[effect].values[value] = here + step * q.spread;
                 let change = self.change(
                     recording,
@@ -1288,7 +1301,12 @@ impl<'a> RobotResidual<'a> {
     /// [`RobotResidual::weigh`].
     pub fn noise_mean_square(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
-        for e in self.recordings.iter().flat_map(|r| r.errors.iter()).flatten() {
+        for e in self
+            .recordings
+            .iter()
+            .flat_map(|r| r.errors.iter())
+            .flatten()
+        {
             sum += e * e;
             count += 1.0;
         }
@@ -1532,7 +1550,9 @@ fn prepare<'a>(
 fn filtered_load(mechanics: &Mechanics, decimation: &Decimation, centres: &[usize]) -> Triples {
     let load = [0, 1, 2].map(|k| {
         let chain = &mechanics.chains[k];
-        (0..mechanics.samples()).map(|i| chain.load(i)).collect::<Vec<f64>>()
+        (0..mechanics.samples())
+            .map(|i| chain.load(i))
+            .collect::<Vec<f64>>()
     });
     centres
         .iter()
@@ -1566,7 +1586,14 @@ fn forearm_columns(
     }
     let first: Vec<usize> = centres.iter().map(|c| c - decimation.half).collect();
     let mut filtered = vec![0.0; centres.len() * width];
-    filter_rows(arch, &decimation.weights, &rows, width, &first, &mut filtered);
+    filter_rows(
+        arch,
+        &decimation.weights,
+        &rows,
+        width,
+        &first,
+        &mut filtered,
+    );
     filtered
         .chunks_exact(width)
         .flat_map(|row| row[..3 * nodes].iter().copied())

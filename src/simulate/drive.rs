@@ -1,10 +1,11 @@
 //! Built-in drives: sampled voltages for the three chains.
 
+use super::path::{PlannedDrive, drive_along};
 use super::voltage::{Hold, Sampled};
 use super::{Addition, Error, rest};
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
-use crate::model::{Mechanics, Parameters, Robot, Track, Unreachable};
+use crate::model::{Parameters, Robot, Track};
 
 const TURN: f64 = 2.0 * std::f64::consts::PI;
 
@@ -271,15 +272,6 @@ pub struct Circle {
     pub move_s: f64,
 }
 
-/// A drive through the inverse model, and the path that it is made for.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlannedDrive {
-    /// Voltages.
-    pub voltage: Sampled,
-    /// The path, at the same times.
-    pub path: Track,
-}
-
 /// Position, velocity and acceleration of a quintic step from 0 to 1 within `time`.
 fn quintic(t: f64, time: f64) -> [f64; 3] {
     let s = (t / time).clamp(0.0, 1.0);
@@ -361,52 +353,6 @@ impl Circle {
         let none: [&dyn Addition; 0] = [];
         let start = rest(robot, parameters, [0.0; 3], payload_kg, &none)?;
         let path = self.path(start.position_m, payload_kg, rate_hz);
-        let at = |i: usize| i as f64 / rate_hz;
-        let refuse = |i: usize, why: Unreachable| match why {
-            Unreachable::Pose(place) => Error::OutOfReach { at_s: at(i), place },
-            Unreachable::Singular { condition, limit } => Error::Singular {
-                at_s: at(i),
-                position_m: path.position_m[i],
-                condition,
-                limit,
-            },
-        };
-        let mechanics = Mechanics::new(robot, &path).map_err(|(i, why)| refuse(i, why))?;
-        if let Some(&(i, why)) = mechanics.unreachable.first() {
-            return Err(refuse(i, why));
-        }
-        let squared = mechanics.phi_squared_v2(parameters).map_err(|place| {
-            let locks = |k: &usize| mechanics.film_torque_n_m(*k, parameters).is_err();
-            let chain = 1 + (0..3).find(locks).unwrap_or(0);
-            Error::Locked { chain, place }
-        })?;
-        let mut samples = Vec::with_capacity(squared.len());
-        for (i, squared) in squared.iter().enumerate() {
-            let mut phi = [0.0; 3];
-            for k in 0..3 {
-                // At rest rounding alone decides the sign; 10 V are nothing.
-                if squared[k] < -100.0 {
-                    return Err(Error::NoVoltage {
-                        at_s: at(i),
-                        position_m: path.position_m[i],
-                        chain: k + 1,
-                        phi_squared_v2: squared[k],
-                    });
-                }
-                phi[k] = squared[k].max(0.0).sqrt();
-                if phi[k] > limit_v {
-                    return Err(Error::VoltageLimit {
-                        at_s: at(i),
-                        chain: k + 1,
-                        phi_v: phi[k],
-                        limit_v,
-                    });
-                }
-            }
-            samples.push(phi);
-        }
-        let voltage =
-            Sampled::new(0.0, 1.0 / rate_hz, samples, Hold::Linear).map_err(Error::Refused)?;
-        Ok(PlannedDrive { voltage, path })
+        drive_along(robot, parameters, path, limit_v)
     }
 }

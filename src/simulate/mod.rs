@@ -3,11 +3,11 @@
 //!
 //! | what | where |
 //! |---|---|
-//! | forward dynamics of the robot, phi_k(t) to u(t) | [`motion`], [`rest`] |
+//! | forward dynamics of the robot, phi_k(t) to u(t) | [`motion`], [`motion_as_far`], [`rest`] |
 //! | hanging film sample, both ways | [`sample_motion`], [`sample_phi_squared_v2`], [`sample_rest`] |
 //! | what else acts on the robot | [`Addition`] |
 //! | causes of the catalogue | [`effect_addition`], [`effect_robot`], [`effect_reading`], [`EffectClock`] |
-//! | built-in drives, a circle through the inverse model | [`Drive`], [`Circle`], [`flip_polarity`] |
+//! | built-in drives, a path or a circle through the inverse model | [`Drive`], [`PlannedPath`], [`Circle`], [`flip_polarity`] |
 //! | the files of a recording, with noise and a seed | [`mod@write`] |
 //! | voltages and payload over time | [`Voltage`], [`Sampled`], [`Payload`] |
 
@@ -18,21 +18,23 @@ mod branches;
 mod drive;
 mod effects;
 mod integrator;
+mod path;
 mod robot;
 mod sample;
 mod voltage;
 pub mod write;
 
 pub use addition::{Action, Addition, Situation};
-pub use drive::{Circle, DEFAULT_RATE_HZ, Drive, PlannedDrive, flip_polarity};
+pub use drive::{Circle, DEFAULT_RATE_HZ, Drive, flip_polarity};
 pub use effects::{EffectClock, effect_addition, effect_reading, effect_robot};
 pub use integrator::Effort;
-pub use robot::{Energy, Motion, Options, Rest, Start, motion, rest};
+pub use path::{PlannedDrive, PlannedPath, drive_along};
+pub use robot::{Energy, Motion, Options, Rest, Start, motion, motion_as_far, rest};
 pub use sample::{
     SampleMotion, SampleOptions, SampleRest, SampleTrack, Stretches, sample_motion,
     sample_phi_squared_v2, sample_rest,
 };
-pub use voltage::{Hold, Payload, Sampled, Side, Smooth, Voltage};
+pub use voltage::{Hold, Payload, Sampled, Side, Smooth, Softened, Voltage};
 
 use crate::film::Locked;
 use crate::kinematics::{OutOfReach, Vec3};
@@ -47,6 +49,24 @@ pub enum Error {
         at_s: f64,
         /// Pose, chain, joint and both values.
         place: OutOfReach,
+    },
+    /// A planned path leaves the workspace.
+    #[error(
+        "from {at_s:.4} s on, at {}, the path is outside the workspace: {place}; it goes farthest out at {farthest_s:.4} s{}",
+        millimetres(position_m),
+        nearest.map_or(String::new(), |(d, way)| format!(", where the nearest pose within reach is {:.3} mm {way}", d * 1e3))
+    )]
+    PathOutside {
+        /// Time of its first point that cannot be taken, s.
+        at_s: f64,
+        /// That point, m.
+        position_m: Vec3,
+        /// The first point out of reach: chain, joint and both values.
+        place: Box<OutOfReach>,
+        /// Time of the point that is farthest from a pose within reach, s.
+        farthest_s: f64,
+        /// How far that one is, m, and which way; none beyond 50 mm.
+        nearest: Option<(f64, &'static str)>,
     },
     /// G loses rank: the actuators hold no force in one direction.
     #[error(
@@ -176,6 +196,39 @@ pub enum Error {
     /// The question makes no sense.
     #[error("{0}")]
     Refused(String),
+}
+
+impl Error {
+    /// What a user can do about it; empty where the message says it all.
+    pub fn advice(&self) -> &'static str {
+        match self {
+            Error::OutOfReach { .. }
+            | Error::PathOutside { .. }
+            | Error::Singular { .. }
+            | Error::Flipped { .. } => {
+                "keep the path and the voltages within the workspace of the rig, or check the rig's lengths and angles"
+            }
+            Error::SnapThrough { .. } => "lower the voltages or the payload",
+            Error::NoRest { share, .. } if *share > 0.0 => {
+                "lower the payload or the first voltages to that share"
+            }
+            Error::NoRest { .. } => {
+                "check the rig's film (L1, L2, L3, dea_offset) against the moduli of the parameter file"
+            }
+            Error::Locked { .. } | Error::LockedPart { .. } => {
+                "lower the voltages, or check J of the parameter file"
+            }
+            Error::SampleUnstable { .. } => "lower the voltage or the load",
+            Error::VoltageLimit { .. } => {
+                "shrink or slow the path, lower the drive, or raise the limit if the amplifier and the film bear it"
+            }
+            Error::NoVoltage { .. } => {
+                "films only push the end effector down: lower the payload, or keep the path below the rest pose and slow enough"
+            }
+            Error::Stuck { .. } => "lower the voltages, or make their steps smaller",
+            Error::Refused(_) => "",
+        }
+    }
 }
 
 fn millimetres(u: &Vec3) -> String {

@@ -23,6 +23,8 @@ use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
 /// Largest condition number of G at which the actuators still hold a force in every direction (as in the inverse dynamics).
 const CONDITION_LIMIT: f64 = 1e3;
+/// Ripple up to which the jumps of a held voltage are made smooth, of the tolerance.
+const RIPPLE: f64 = 0.25;
 /// Newton iterations of a stage.
 const ITERATIONS: usize = 12;
 
@@ -1226,6 +1228,23 @@ pub fn motion(
     options: &Options,
     additions: &[&dyn Addition],
 ) -> Result<Motion, Error> {
+    match motion_as_far(robot, parameters, voltage, options, additions)? {
+        (motion, None) => Ok(motion),
+        (_, Some(error)) => Err(error),
+    }
+}
+
+/// As [`motion`], but a motion that ends early is given as far as it goes (without its energy), with what ended it.
+///
+/// # Errors
+/// [`Error`] when it does not begin.
+pub fn motion_as_far(
+    robot: &Robot,
+    parameters: &Parameters,
+    voltage: &dyn Voltage,
+    options: &Options,
+    additions: &[&dyn Addition],
+) -> Result<(Motion, Option<Error>), Error> {
     let samples = check(parameters, options)?;
     let mut plant = Plant::new(robot, parameters, voltage, options, additions);
     let t0 = options.start_s;
@@ -1244,6 +1263,20 @@ pub fn motion(
     };
     let pose = plant.pose(t0, x)?;
     plant.orientation = rank(&pose.chains).0;
+    // A jump of phi^2 by d every h seconds lets the end effector ripple by d h^2 sqrt(3)/216 of its force a phi^2 over its mass.
+    let lever = (0..3).map(|k| {
+        let g = pose.chains[k].dtheta_dea_du;
+        0.5 * plant.actuators[k].capacitance * dot(g, g).sqrt()
+    });
+    let force_n_v2 = lever.fold(0.0, f64::max);
+    let ripple_m = RIPPLE * options.tolerance_m;
+    let limit = ripple_m * 216.0 / 3f64.sqrt() * robot.effector_kg / force_n_v2;
+    let softened = match additions.is_empty() && !options.energy {
+        true => voltage.softened(limit),
+        false => None,
+    };
+    let driving: &dyn Voltage = softened.as_ref().map_or(voltage, |s| s);
+    plant.voltage = driving;
     let n = plant.packs;
     let mut state = State {
         x,
@@ -1298,7 +1331,10 @@ pub fn motion(
     for i in 0..samples {
         let t = t0 + i as f64 * options.sample_step_s;
         while integrator.time_s() < t {
-            integrator.step(&mut plant, end)?;
+            if let Err(error) = integrator.step(&mut plant, end) {
+                out.effort = integrator.effort;
+                return Ok((out, Some(error)));
+            }
             let now = integrator.time_s();
             if now < end && plant.payload.next_break_s(integrator.last_start_s()) <= now {
                 let jump = plant.payload.mass_kg(now, Side::After)
@@ -1309,7 +1345,11 @@ pub fn motion(
         }
         let side = if i == 0 { Side::After } else { Side::Before };
         integrator.at(t, &mut here);
-        match plant.rates(t, side, &here, &mut rates) {
+        // The acceleration is that of the voltage as it is.
+        plant.voltage = voltage;
+        let found = plant.rates(t, side, &here, &mut rates);
+        plant.voltage = driving;
+        match found {
             Ok(_) => {}
             Err(Trouble::Blocked(e) | Trouble::Fatal(e)) => return Err(e),
             Err(Trouble::Diverged) => return Err(plant.stuck(t, &here)),
@@ -1334,5 +1374,5 @@ pub fn motion(
     e.kinetic_j = rise[4];
     e.heat_j = heat;
     e.additions_j = added;
-    Ok(out)
+    Ok((out, None))
 }

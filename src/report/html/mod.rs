@@ -20,6 +20,7 @@ pub mod reduce;
 mod starts;
 mod summary;
 mod torque;
+mod validation;
 
 use crate::calibration::Outcome;
 use crate::report::provenance::Provenance;
@@ -27,6 +28,7 @@ use page::Section;
 
 pub use coupon::render_coupons;
 pub use diagnosis::render_diagnosis;
+pub use validation::{render_validation, words as validation_words};
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 

@@ -1,0 +1,181 @@
+//! What a calibration is for: films that differ by a fifth are recorded, fitted, and driven along a circle with the voltages that the
+//! fitted parameters ask for. The true robot must follow.
+//!
+//! Two films by default; `DEACAL_TRIALS=20 cargo test --release --test identification -- --nocapture` is the long proof.
+
+mod common;
+
+use std::ops::ControlFlow;
+
+use common::{golden, parameters, robot};
+use deacal::calibration::{Request, Stage, calibrate_robot};
+use deacal::dataset::{Dataset, Parts, Voltage};
+use deacal::film::InitialState;
+use deacal::model::{Parameters, Robot};
+use deacal::simulate::{Circle, Drive, Options, Payload, motion, rest};
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+/// Diameter of the circle, m.
+const DIAMETER_M: f64 = 10e-3;
+/// White noise of the capture, m.
+const NOISE_M: f64 = 3e-5;
+
+/// Film and forearm, each number of the film about a fifth off.
+fn truth(nominal: &Parameters, generator: &mut ChaCha12Rng) -> Parameters {
+    let mut vary = |value: &mut f64| {
+        let z: f64 = StandardNormal.sample(generator);
+        *value *= (0.2 * z).exp();
+    };
+    let mut out = nominal.clone();
+    out.film.mu_pa.iter_mut().for_each(&mut vary);
+    out.film.relaxation_time_s.iter_mut().for_each(&mut vary);
+    vary(&mut out.film.locking);
+    out
+}
+
+/// The paper's calibration drive: `peak_v` at 1/3 Hz, captured at 100 Hz.
+fn recording(
+    robot: &Robot,
+    truth: &Parameters,
+    (id, peak_v, duration_s): (&str, [f64; 3], f64),
+    generator: &mut ChaCha12Rng,
+) -> Dataset {
+    let drive = Drive::Sine {
+        peak_v,
+        frequency_hz: 1.0 / 3.0,
+        phase_rad: [0.0; 3],
+    };
+    let voltage = drive.sampled(duration_s, 1000.0).unwrap();
+    let options = Options {
+        duration_s,
+        ..Options::default()
+    };
+    let m = motion(robot, truth, &voltage, &options, &[]).unwrap();
+    let mut noisy = |u: &[f64; 3]| {
+        u.map(|v| {
+            let z: f64 = StandardNormal.sample(generator);
+            v + NOISE_M * z
+        })
+    };
+    let measured_m: Vec<[f64; 3]> = m.position_m.iter().map(&mut noisy).collect();
+    let samples = voltage.samples_v();
+    let time_s = (0..samples.len()).map(|i| i as f64 * 1e-3).collect();
+    let channel = |k: usize| samples.iter().map(|p| p[k]).collect();
+    let parts = Parts {
+        id: id.into(),
+        step_s: 0.01,
+        start_s: 0.0,
+        payload_kg: vec![0.0; measured_m.len()],
+        measured_m,
+        voltage: Voltage::new(time_s, vec![channel(0), channel(1), channel(2)], false),
+        monitor: None,
+        offset_s: Some(0.0),
+        initial: InitialState::Relaxed,
+    };
+    Dataset::new(parts, None).unwrap()
+}
+
+/// Root mean square of x, y, z and of the distance from the plan while the true robot goes round, m.
+fn tracking(
+    robot: &Robot,
+    truth: &Parameters,
+    fitted: &Parameters,
+    period_s: f64,
+    payload_kg: f64,
+) -> [f64; 4] {
+    let turns = 3.0;
+    let move_s = 3.0;
+    let top = rest(robot, truth, [0.0; 3], payload_kg, &[]).unwrap();
+    let circle = Circle {
+        radius_m: 0.5 * DIAMETER_M,
+        height_m: top.position_m[2] - 18e-3,
+        period_s,
+        turns,
+        move_s,
+    };
+    let plan = circle
+        .drive(robot, fitted, payload_kg, 1000.0, 6500.0)
+        .unwrap();
+    let options = Options {
+        duration_s: plan.voltage.duration_s(),
+        payload: Payload::constant(payload_kg),
+        ..Options::default()
+    };
+    let m = motion(robot, truth, &plan.voltage, &options, &[]).unwrap();
+    let mut sum = [0.0; 4];
+    let mut count = 0.0;
+    for (i, u) in m.position_m.iter().enumerate() {
+        if i as f64 * 0.01 < 2.0 * move_s {
+            continue;
+        }
+        let planned = plan.path.position_m[10 * i];
+        for j in 0..3 {
+            let d = (u[j] - planned[j]).powi(2);
+            sum[j] += d;
+            sum[3] += d;
+        }
+        count += 1.0;
+    }
+    sum.map(|s| (s / count).sqrt())
+}
+
+#[test]
+fn voltages_from_a_fit_lead_the_true_film_along_a_circle() {
+    let trials: usize = std::env::var("DEACAL_TRIALS")
+        .ok()
+        .and_then(|t| t.parse().ok())
+        .unwrap_or(2);
+    let g = golden("forward_dynamics");
+    let (robot, nominal) = (robot(&g["rig"]), parameters(&g));
+    let results: Vec<Vec<[f64; 4]>> = (0..trials)
+        .into_par_iter()
+        .map(|trial| {
+            let mut generator = ChaCha12Rng::seed_from_u64(70_000 + trial as u64);
+            let truth = truth(&nominal, &mut generator);
+            let peak = 5000.0;
+            let datasets = [
+                ("symmetric", [peak; 3], 60.0),
+                ("single-1", [peak, 0.0, 0.0], 30.0),
+                ("single-2", [0.0, peak, 0.0], 30.0),
+                ("single-3", [0.0, 0.0, peak], 30.0),
+            ]
+            .map(|drive| recording(&robot, &truth, drive, &mut generator));
+            let refs: Vec<&Dataset> = datasets.iter().collect();
+            let request = Request {
+                starts: 3,
+                ..Request::new(Stage::Robot)
+            };
+            let watch = |_: &deacal::fit::separable::State| ControlFlow::Continue(());
+            let fitted = calibrate_robot(&robot, &refs, &request, &watch)
+                .unwrap()
+                .parameters;
+            let cases = [(3.0, 0.0), (3.0, 2e-3), (8.0, 0.0), (8.0, 2e-3)];
+            cases
+                .iter()
+                .map(|&(period, payload)| tracking(&robot, &truth, &fitted, period, payload))
+                .collect()
+        })
+        .collect();
+    let mut worst = [0.0_f64; 4];
+    for (trial, cases) in results.iter().enumerate() {
+        for (case, rms) in cases.iter().enumerate() {
+            let share = rms.map(|v| 100.0 * v / DIAMETER_M);
+            let name = ["3 s, 0 g", "3 s, 2 g", "8 s, 0 g", "8 s, 2 g"][case];
+            println!(
+                "film {trial:2}, {name}: x {:.3} %, y {:.3} %, z {:.3} %, distance {:.3} % of the diameter rms",
+                share[0], share[1], share[2], share[3]
+            );
+            for j in 0..4 {
+                worst[j] = worst[j].max(share[j]);
+            }
+        }
+    }
+    println!(
+        "worst of {trials} films: x {:.3} %, y {:.3} %, z {:.3} %, distance {:.3} %",
+        worst[0], worst[1], worst[2], worst[3]
+    );
+    assert!(worst[3] < 0.5, "{worst:?} % of the diameter");
+}

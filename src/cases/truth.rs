@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// What is true of a case.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Truth {
     /// Name of the case.
     pub case: String,
@@ -31,7 +32,8 @@ pub struct Truth {
 }
 
 /// One effect of a case.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Detail {
     /// Id, or for an effect in no catalogue a name that begins with `x_`.
     pub effect: String,
@@ -49,7 +51,8 @@ pub struct Detail {
 }
 
 /// Film and forearm.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 #[allow(non_snake_case)]
 pub struct FilmTruth {
     /// Moduli, Pa.
@@ -65,7 +68,8 @@ pub struct FilmTruth {
 }
 
 /// One recording of a case.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct RecordingTruth {
     /// "01-symmetric".
     pub name: String,

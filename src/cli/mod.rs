@@ -8,6 +8,7 @@ mod import;
 mod load;
 mod predict;
 mod progress;
+mod prove;
 mod series;
 mod simulate;
 mod validate;
@@ -85,6 +86,8 @@ enum Command {
     Validate(validate::Arguments),
     /// Is the model adequate; if not, where, and which physics was left out
     Diagnose(diagnose::Arguments),
+    /// Runs the diagnosis blind over cases with sealed answers, then opens them and scores
+    Prove(prove::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header
     Export(export::Arguments),
     /// Completions for a shell, on standard output
@@ -121,6 +124,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Diagnose(arguments) => {
             diagnose::run(&arguments, &command, talk, crate::diagnosis::diagnose)
         }
+        Command::Prove(arguments) => prove::run(&arguments, talk),
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {
             let mut out = Vec::new();

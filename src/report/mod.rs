@@ -10,5 +10,6 @@ pub mod mcap;
 pub mod output;
 pub mod parameter_file;
 pub mod plan_file;
+pub mod proof;
 pub mod provenance;
 pub mod schema;

@@ -1,0 +1,169 @@
+//! `prove`: the diagnosis blind over cases with sealed answers, then scored.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::progress::Progress;
+use super::series;
+use super::{Failure, Talk, diagnose, load};
+use crate::cases::{Truth, plan};
+use crate::diagnosis::{self, Diagnosis};
+use crate::proof::{Trial, compare, run as run_own, score};
+use crate::recording::Kind;
+use crate::report::json::to_text;
+use crate::report::output::OutputSet;
+use crate::report::proof::render_proof;
+
+/// What to prove on.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Folder of cases: <case>/rig.toml, <case>/train/<recording>, <case>/holdout/<recording> (default: own cases are made)
+    #[arg(long, value_name = "DIR")]
+    cases: Option<PathBuf>,
+    /// Folder of answers: <case>.json (default: <case>/truth.json)
+    #[arg(long, value_name = "DIR", requires = "cases")]
+    answers: Option<PathBuf>,
+    /// Number of own cases
+    #[arg(long, default_value_t = 60, conflicts_with = "cases")]
+    number: usize,
+    /// Seed of the own cases
+    #[arg(long, default_value_t = 1, conflicts_with = "cases")]
+    seed: u64,
+    /// Folder for the results
+    #[arg(short, long, default_value = "out/prove")]
+    output: PathBuf,
+}
+
+pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let trials = match &a.cases {
+        Some(cases) => of_folder(cases, a.answers.as_deref(), &progress)?,
+        None => {
+            let specs = plan(a.number, a.seed);
+            let done = AtomicUsize::new(0);
+            let total = specs.len();
+            run_own(&specs, &|_| {
+                let n = 1 + done.fetch_add(1, Ordering::Relaxed);
+                progress.step(format!("{n} of {total} cases"));
+                progress.leave_if_stopped();
+            })
+        }
+    };
+    let proof = score(&trials);
+    progress.step("writing");
+    let mut set = OutputSet::new(&a.output)?;
+    set.write("proof.json", to_text(&proof))?;
+    set.write("trials.json", to_text(&trials))?;
+    set.write("report.html", render_proof(&proof, &trials))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&proof);
+    let words = |c: &crate::proof::Count| format!("{} of {}", c.hits, c.of);
+    talk.say(&format!(
+        "{} cases: right effect first {} (visible), {} (below 1.5 times the floor); false alarms {}; unknown called unexplained {}; both of a pair {}",
+        proof.n_cases,
+        words(&proof.top1_detectable),
+        words(&proof.top1_hidden),
+        words(&proof.false_alarm_rate),
+        words(&proof.unknown_called_unexplained),
+        words(&proof.pairs_both_named),
+    ));
+    for f in &proof.failures {
+        talk.say(f);
+    }
+    talk.say(&format!(
+        "Report: {}",
+        a.output.join("report.html").display()
+    ));
+    Ok(())
+}
+
+/// Folders in a folder, by name.
+fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;
+    let mut out: Vec<PathBuf> = list
+        .filter_map(|e| e.ok().map(|e| e.path()))
+        .filter(|p| p.is_dir())
+        .collect();
+    out.sort();
+    Ok(out)
+}
+
+fn of_folder(
+    cases: &Path,
+    answers: Option<&Path>,
+    progress: &Progress,
+) -> Result<Vec<Trial>, Failure> {
+    let list: Vec<PathBuf> = folders(cases)?
+        .into_iter()
+        .filter(|c| c.join("train").is_dir())
+        .collect();
+    if list.is_empty() {
+        return Err(format!(
+            "{}: no case in it: a case is a folder with rig.toml and train/<recording>/recording.toml",
+            cases.display()
+        )
+        .into());
+    }
+    // All cases first, without a look at any answer.
+    let done = AtomicUsize::new(0);
+    let found: Vec<(Result<Diagnosis, String>, f64)> = list
+        .par_iter()
+        .map(|case| {
+            let begin = std::time::Instant::now();
+            let diagnosis = blind(case, progress).map_err(|e| e.to_string());
+            let n = 1 + done.fetch_add(1, Ordering::Relaxed);
+            progress.step(format!("{n} of {} cases", list.len()));
+            (diagnosis, begin.elapsed().as_secs_f64())
+        })
+        .collect();
+    list.iter()
+        .zip(found)
+        .map(|(case, (diagnosis, seconds))| {
+            let name = case
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let path = match answers {
+                Some(dir) => dir.join(format!("{name}.json")),
+                None => case.join("truth.json"),
+            };
+            let text = std::fs::read_to_string(&path).map_err(|e| {
+                format!(
+                    "{}: {e}: an answer is needed to score case {name}; give --answers",
+                    path.display()
+                )
+            })?;
+            let truth = Truth::from_json(&text).map_err(|e| format!("{}: {e}", path.display()))?;
+            Ok(compare(&truth, diagnosis, seconds))
+        })
+        .collect()
+}
+
+/// Diagnoses a case from its recordings alone.
+fn blind(case: &Path, progress: &Progress) -> Result<Diagnosis, Failure> {
+    let train = folders(&case.join("train"))?;
+    let mut paths = train.clone();
+    if case.join("holdout").is_dir() {
+        paths.extend(folders(&case.join("holdout"))?);
+    }
+    let recordings = load::recordings(&paths, None, Kind::Robot, progress)?;
+    let robot = load::robot(load::rig(&recordings)?, None)?;
+    let datasets = load::datasets(&recordings, None, progress)?;
+    let series = series::order(&recordings, &datasets)?;
+    drop(recordings);
+    let request = diagnosis::Request::default();
+    let found = diagnose::judge(
+        &robot,
+        &datasets,
+        train.len(),
+        series,
+        &request,
+        progress,
+        diagnosis::diagnose,
+    )?;
+    Ok(found.0)
+}

@@ -1,0 +1,212 @@
+//! `proof.json` and the report of a proof.
+
+use minijinja::context;
+
+use super::html::number;
+use super::html::page::{self, Cell, Section, Status, Summary, Table};
+use crate::proof::{Count, Proof, Trial};
+
+fn share(c: &Count) -> Cell {
+    Cell::number(match c.share {
+        None => "0 of 0".into(),
+        Some(p) => format!(
+            "{:.1} % ({} of {}; {:.1} to {:.1})",
+            100.0 * p,
+            c.hits,
+            c.of,
+            100.0 * c.ci95[0],
+            100.0 * c.ci95[1]
+        ),
+    })
+}
+
+/// The report of a proof.
+pub fn render_proof(proof: &Proof, trials: &[Trial]) -> String {
+    let sections = [
+        methods(proof),
+        scores(proof),
+        power(proof),
+        confusion(proof),
+        concealed(trials),
+    ];
+    let summary = Summary {
+        status: Status::Good,
+        word: format!("{} cases", proof.n_cases),
+        headline: number::words(&format!(
+            "Of {} cases with sealed answers, the effect that a plain refit leaves visible was named first in {}, false alarms were raised on {}, and what is in no catalogue was called unexplained in {}.",
+            proof.n_cases,
+            words(&proof.top1_detectable),
+            words(&proof.false_alarm_rate),
+            words(&proof.unknown_called_unexplained),
+        )),
+        tiles: Vec::new(),
+        notes: Vec::new(),
+    };
+    page::page("Proof of the diagnosis", &summary, &sections)
+}
+
+fn words(c: &Count) -> String {
+    format!("{} of {}", c.hits, c.of)
+}
+
+fn section(anchor: &'static str, title: &'static str, text: &str, table: Table) -> Section {
+    Section::new(
+        anchor,
+        title,
+        "<p>{{ text }}</p>{{ table }}",
+        context! { text => text, table => table.html() },
+    )
+}
+
+fn methods(proof: &Proof) -> Section {
+    let mut table = Table::new(
+        "The diagnosis and simpler methods on the same cases",
+        vec![
+            Cell::text("Method"),
+            Cell::number("False alarms on clean cases"),
+            Cell::number("Right effect first, visible"),
+            Cell::number("Right effect first, below 1.5 times the floor"),
+            Cell::number("No name claimed for what is in no catalogue"),
+        ],
+    );
+    for m in &proof.methods {
+        table.row(vec![
+            Cell::text(m.name.clone()),
+            share(&m.false_alarm_rate),
+            share(&m.top1_detectable),
+            share(&m.top1_hidden),
+            share(&m.unknown_not_named),
+        ]);
+    }
+    section(
+        "methods",
+        "Against simpler methods",
+        "Counts with 95 % intervals (Wilson). Visible: a plain refit with all parameters free leaves 1.5 times the noise or more.",
+        table,
+    )
+}
+
+fn scores(proof: &Proof) -> Section {
+    let mut table = Table::new("Scores", vec![Cell::text("What"), Cell::number("Measured")]);
+    let counts: [(&str, &Count); 10] = [
+        (
+            "Visible: right effect among the first three",
+            &proof.top3_detectable,
+        ),
+        (
+            "Visible: right effect or its stated group",
+            &proof.group_detectable,
+        ),
+        (
+            "Below 1.5 times the floor: right effect first",
+            &proof.top1_hidden,
+        ),
+        (
+            "Below: right effect or its stated group",
+            &proof.group_hidden,
+        ),
+        ("Below: another name outside the group", &proof.wrong_hidden),
+        (
+            "In no catalogue: called unexplained",
+            &proof.unknown_called_unexplained,
+        ),
+        ("Two effects: both named", &proof.pairs_both_named),
+        (
+            "Two effects: the first name is right",
+            &proof.pairs_first_right,
+        ),
+        ("Place among the first three", &proof.located),
+        (
+            "95 % intervals that hold the equivalent value",
+            &proof.coverage,
+        ),
+    ];
+    for (what, count) in counts {
+        table.row(vec![Cell::text(what), share(count)]);
+    }
+    let gap = &proof.gap_closed_median;
+    table.row(vec![
+        Cell::text("Share of the gap to the floor closed on held-out, median of visible cases"),
+        Cell::number(gap.value.map_or("-".into(), |v| {
+            format!("{:.1} % (of {})", 100.0 * v, gap.of)
+        })),
+    ]);
+    table.row(vec![
+        Cell::text("Expected calibration error of the first probability, ten bins"),
+        Cell::number(format!("{:.3}", proof.calibration_error)),
+    ]);
+    table.row(vec![
+        Cell::text("Brier score of it, and of the base rate"),
+        Cell::number(format!("{:.3}, {:.3}", proof.brier[0], proof.brier[1])),
+    ]);
+    table.row(vec![
+        Cell::text("Seconds a case, median"),
+        Cell::number(format!("{:.1}", proof.seconds_median)),
+    ]);
+    section("scores", "Scores", "", table)
+}
+
+fn power(proof: &Proof) -> Section {
+    let mut table = Table::new(
+        "Right effect first, by strength",
+        vec![
+            Cell::text("Strength (0 barely visible, 1 strong)"),
+            Cell::number("Right first"),
+        ],
+    );
+    for (low, high, count) in &proof.power {
+        table.row(vec![
+            Cell::text(format!("{low:.1} to {high:.1}")),
+            share(count),
+        ]);
+    }
+    section("power", "Power against size", "", table)
+}
+
+fn confusion(proof: &Proof) -> Section {
+    let mut table = Table::new(
+        "What was said of what was true",
+        vec![Cell::text("Truth"), Cell::text("Said, how often")],
+    );
+    for (truth, said) in &proof.confusion {
+        let mut list: Vec<(&String, &usize)> = said.iter().collect();
+        list.sort_by(|a, b| b.1.cmp(a.1));
+        let text: Vec<String> = list.iter().map(|(s, n)| format!("{s} {n}")).collect();
+        table.row(vec![Cell::text(truth.clone()), Cell::text(text.join(", "))]);
+    }
+    section("confusion", "Confusion", "", table)
+}
+
+fn concealed(trials: &[Trial]) -> Section {
+    let mut table = Table::new(
+        "Each case: what the plain refit makes of it",
+        vec![
+            Cell::text("Case"),
+            Cell::text("Truth"),
+            Cell::number("Plain refit over floor"),
+            Cell::number("Weighted mean square, plain"),
+            Cell::number("with the effect named"),
+            Cell::text("Said"),
+        ],
+    );
+    for t in trials.iter().filter(|t| t.failure.is_none()) {
+        let or = |list: &[String], none: &str| match list.is_empty() {
+            true => none.to_string(),
+            false => list.join(" + "),
+        };
+        table.row(vec![
+            Cell::of("file", t.case.clone()),
+            Cell::text(or(&t.truth, "none")),
+            Cell::number(format!("{:.2}", t.detectability)),
+            Cell::number(number::significant(t.mean_squares[0], 3)),
+            Cell::number(number::significant(t.mean_squares[1], 3)),
+            Cell::text(format!("{} {}", t.verdict, t.named.join(" + "))),
+        ]);
+    }
+    section(
+        "cases",
+        "The concealment, case by case",
+        "A ratio near 1 means that wrong moduli hide the effect in volts; the weighted torque residual still sees it.",
+        table,
+    )
+}

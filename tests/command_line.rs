@@ -387,7 +387,12 @@ fn parameter_file(bench: &Bench, more: &str) -> String {
 
 /// Column of a CSV; empty cells as NaN.
 fn column(text: &str, name: &str) -> Vec<f64> {
-    let at = text.lines().next().unwrap().split(',').position(|c| c == name);
+    let at = text
+        .lines()
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|c| c == name);
     let at = at.unwrap_or_else(|| panic!("no column {name}"));
     let cell = |l: &str| l.split(',').nth(at).unwrap().parse().unwrap_or(f64::NAN);
     text.lines().skip(1).map(cell).collect()
@@ -416,19 +421,41 @@ fn a_diagnosis_leaves_a_model_that_the_other_commands_apply() {
     let printed: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     let written = fs::read_to_string(bench.path("out/diagnosis.json")).unwrap();
     common::check("diagnosis", &written);
-    assert_eq!(printed, serde_json::from_str::<serde_json::Value>(&written).unwrap());
+    assert_eq!(
+        printed,
+        serde_json::from_str::<serde_json::Value>(&written).unwrap()
+    );
     assert_eq!(printed["verdict"], "adequate", "{}", printed["says"]);
-    assert_says(&printed["remarks"].to_string(), &["order of the command line"]);
+    assert_says(
+        &printed["remarks"].to_string(),
+        &["order of the command line"],
+    );
     assert_eq!(printed["series"].as_array().unwrap().len(), 5);
     let html = fs::read_to_string(bench.path("out/report.html")).unwrap();
     assert!(html.contains("Does the plain model fit, against the noise?"));
-    let done = bench.run(&["validate", &rec("circle-3s"), "--params", "out/parameters.toml", "-o", "v", "-q"]);
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let done = bench.run(&[
+        "validate",
+        &rec("circle-3s"),
+        "--params",
+        "out/parameters.toml",
+        "-o",
+        "v",
+        "-q",
+    ]);
+    assert!(
+        done.status.success(),
+        "{}",
+        String::from_utf8_lossy(&done.stderr)
+    );
     let validation: serde_json::Value =
-        serde_json::from_str(&fs::read_to_string(bench.path("v/validation.json")).unwrap()).unwrap();
+        serde_json::from_str(&fs::read_to_string(bench.path("v/validation.json")).unwrap())
+            .unwrap();
     let (a, b) = (&validation["rmse_V"], &printed["holdout_rmse_V"]["after"]);
     let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
-    assert!((a - b).abs() < 1e-6 * a, "validate says {a} V, the diagnosis {b} V");
+    assert!(
+        (a - b).abs() < 1e-6 * a,
+        "validate says {a} V, the diagnosis {b} V"
+    );
 }
 
 #[test]
@@ -436,19 +463,38 @@ fn causes_of_a_parameter_file_are_applied() {
     let bench = Bench::new("single-1");
     let predict = |more: &str| {
         let file = parameter_file(&bench, more);
-        let out = bench.run(&["predict", "voltage", "rec", "--params", &file, "-o", "phi.csv"]);
-        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let out = bench.run(&[
+            "predict", "voltage", "rec", "--params", &file, "-o", "phi.csv",
+        ]);
+        assert!(
+            out.status.success(),
+            "{}",
+            String::from_utf8_lossy(&out.stderr)
+        );
         let said = String::from_utf8_lossy(&out.stdout).into_owned();
         (fs::read_to_string(bench.path("phi.csv")).unwrap(), said)
     };
     let (plain, _) = predict("");
     assert!(!plain.contains("film1_V"));
-    let (gain, _) = predict("[[effect]]\nid = \"amplifier_gain\"\nactuators = [1]\ngain_error = 0.1\n");
-    let (needed, told, film) = (column(&plain, "phi1_V"), column(&gain, "phi1_V"), column(&gain, "film1_V"));
+    let (gain, _) =
+        predict("[[effect]]\nid = \"amplifier_gain\"\nactuators = [1]\ngain_error = 0.1\n");
+    let (needed, told, film) = (
+        column(&plain, "phi1_V"),
+        column(&gain, "phi1_V"),
+        column(&gain, "film1_V"),
+    );
     let mut counted = 0;
     for i in (0..needed.len()).filter(|&i| needed[i] > 500.0 && told[i].is_finite()) {
-        assert!((film[i] - needed[i]).abs() < 1e-3, "the film needs what it needs");
-        assert!((told[i] * 1.1 - needed[i]).abs() < 0.01, "{} {}", told[i], needed[i]);
+        assert!(
+            (film[i] - needed[i]).abs() < 1e-3,
+            "the film needs what it needs"
+        );
+        assert!(
+            (told[i] * 1.1 - needed[i]).abs() < 0.01,
+            "{} {}",
+            told[i],
+            needed[i]
+        );
         counted += 1;
     }
     assert!(counted > 500);
@@ -458,26 +504,45 @@ fn causes_of_a_parameter_file_are_applied() {
     let (mut rising, mut falling) = ((0, 0), (0, 0));
     for i in (50..film.len() - 50).filter(|&i| film[i] > 1500.0 && told[i].is_finite()) {
         let rate = film[i + 5] - film[i - 5];
-        let count = if rate > 100.0 { &mut rising } else if rate < -100.0 { &mut falling } else { continue };
+        let count = if rate > 100.0 {
+            &mut rising
+        } else if rate < -100.0 {
+            &mut falling
+        } else {
+            continue;
+        };
         count.0 += 1;
         count.1 += usize::from((told[i] > film[i]) == (rate > 0.0));
     }
     assert!(rising.0 > 50 && falling.0 > 50, "{rising:?} {falling:?}");
-    assert!(rising.1 * 10 > rising.0 * 9 && falling.1 * 10 > falling.0 * 9, "{rising:?} {falling:?}");
+    assert!(
+        rising.1 * 10 > rising.0 * 9 && falling.1 * 10 > falling.0 * 9,
+        "{rising:?} {falling:?}"
+    );
     // A ceiling below what the motion needs: no command.
     let (cut, _) = predict("[[effect]]\nid = \"amplifier_saturation\"\nceiling = 3000.0\n");
     assert!(cut.contains("no command: chain 1"));
     // What broke in another series is whole here, and that is said.
-    let (other, said) = predict("[[effect]]\nid = \"payload_change\"\nmass = 0.01\ntime = 0.0\nrecording = \"elsewhere/01-a\"\n");
+    let (other, said) = predict(
+        "[[effect]]\nid = \"payload_change\"\nmass = 0.01\ntime = 0.0\nrecording = \"elsewhere/01-a\"\n",
+    );
     assert_eq!(column(&other, "phi1_V")[500], column(&plain, "phi1_V")[500]);
     assert_says(&said, &["payload_change", "another series"]);
-    let (here, _) = predict("[[effect]]\nid = \"payload_change\"\nmass = 0.01\ntime = 0.0\nrecording = \"single-1\"\n");
+    let (here, _) = predict(
+        "[[effect]]\nid = \"payload_change\"\nmass = 0.01\ntime = 0.0\nrecording = \"single-1\"\n",
+    );
     assert_ne!(column(&here, "phi1_V")[500], column(&plain, "phi1_V")[500]);
     // validate takes the error at the film, force the causes as the robot's own
-    let file = parameter_file(&bench, "[[effect]]\nid = \"amplifier_gain\"\ngain_error = 0.1\n");
+    let file = parameter_file(
+        &bench,
+        "[[effect]]\nid = \"amplifier_gain\"\ngain_error = 0.1\n",
+    );
     let out = bench.run(&["validate", "rec", "--params", &file, "-o", "v", "--json"]);
     let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
-    assert!(json["rmse_V"].as_f64().unwrap() > 200.0, "the twin's amplifier is right: a gain makes it wrong");
+    assert!(
+        json["rmse_V"].as_f64().unwrap() > 200.0,
+        "the twin's amplifier is right: a gain makes it wrong"
+    );
     let out = bench.run(&["predict", "force", "rec", "--params", &file, "-o", "f.csv"]);
     assert!(out.status.success());
 }
@@ -486,11 +551,20 @@ fn causes_of_a_parameter_file_are_applied() {
 fn causes_that_do_not_exist_are_refused_with_those_that_do() {
     let bench = Bench::new("single-1");
     for (more, words) in [
-        ("[[effect]]\nid = \"series_resistence\"\n", ["series_resistence", "did you mean", "series_resistance"]),
-        ("[[effect]]\nid = \"leakage\"\nloss = 0.1\n", ["unknown name", "There are: ", "loss_fraction"]),
+        (
+            "[[effect]]\nid = \"series_resistence\"\n",
+            ["series_resistence", "did you mean", "series_resistance"],
+        ),
+        (
+            "[[effect]]\nid = \"leakage\"\nloss = 0.1\n",
+            ["unknown name", "There are: ", "loss_fraction"],
+        ),
     ] {
         let file = parameter_file(&bench, more);
-        for command in [&["predict", "voltage", "rec"][..], &["validate", "rec", "-o", "out"]] {
+        for command in [
+            &["predict", "voltage", "rec"][..],
+            &["validate", "rec", "-o", "out"],
+        ] {
             let text = bench.refused(&[command, &["--params", &file]].concat());
             assert_says(&text, &words);
         }
@@ -499,7 +573,11 @@ fn causes_that_do_not_exist_are_refused_with_those_that_do() {
     assert_eq!(out.status.code(), Some(2));
     assert_says(
         &String::from_utf8_lossy(&out.stderr),
-        &["series_resistence", "did you mean \"series_resistance\"?", "frame_tilt"],
+        &[
+            "series_resistence",
+            "did you mean \"series_resistance\"?",
+            "frame_tilt",
+        ],
     );
 }
 
@@ -512,14 +590,25 @@ fn recordings_that_cannot_be_diagnosed() {
     let other = Bench::new("single-2");
     other.edit("rig.toml", |t| t.replace("q_mm = 50.0", "q_mm = 50.5"));
     let path = other.path("rec");
-    let text = bench.refused(&["diagnose", "rec", "--holdout", path.to_str().unwrap(), "-o", "out"]);
+    let text = bench.refused(&[
+        "diagnose",
+        "rec",
+        "--holdout",
+        path.to_str().unwrap(),
+        "-o",
+        "out",
+    ]);
     assert_says(&text, &["different rigs", "--rig"]);
     bench.edit("rec/voltage.csv", |t| {
         let still = |(i, l): (usize, &str)| match (i, l.split(',').next()) {
             (1.., Some(time)) => format!("{time},1.5,1.5,1.5"),
             _ => l.to_string(),
         };
-        t.lines().enumerate().map(still).collect::<Vec<_>>().join("\n")
+        t.lines()
+            .enumerate()
+            .map(still)
+            .collect::<Vec<_>>()
+            .join("\n")
     });
     let text = bench.refused(&["diagnose", "rec", "-o", "out"]);
     assert_says(&text, &["voltage", "50 V", "sine"]);

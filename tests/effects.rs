@@ -11,27 +11,54 @@ use deacal::residual::{RobotResidual, SeparableResidual};
 /// Ids with parameter names and units as files promise them. More may follow, with usual values.
 const PROMISED: &[(&str, &[(&str, &str)])] = &[
     ("series_resistance", &[("resistance", "ohm")]),
-    ("leakage", &[("loss_fraction", "1"), ("field_exponent", "1")]),
+    (
+        "leakage",
+        &[("loss_fraction", "1"), ("field_exponent", "1")],
+    ),
     ("amplifier_gain", &[("gain_error", "1"), ("offset", "V")]),
     ("amplifier_deadband", &[("threshold", "V")]),
     ("amplifier_saturation", &[("ceiling", "V")]),
     ("slew_limit", &[("rate_up", "V/s"), ("rate_down", "V/s")]),
     ("permittivity_stretch", &[("slope", "1")]),
-    ("dielectric_relaxation", &[("fraction", "1"), ("time_constant", "s")]),
-    ("electrode_failure", &[("fraction", "1"), ("time", "s"), ("recording", "1")]),
+    (
+        "dielectric_relaxation",
+        &[("fraction", "1"), ("time_constant", "s")],
+    ),
+    (
+        "electrode_failure",
+        &[("fraction", "1"), ("time", "s"), ("recording", "1")],
+    ),
     ("electrode_stiffness", &[("modulus", "Pa")]),
-    ("hinge_stiffness", &[("stiffness", "N m/rad"), ("rest_angle", "rad")]),
-    ("mullins_softening", &[("softening", "1"), ("energy_scale", "J/m^3")]),
+    (
+        "hinge_stiffness",
+        &[("stiffness", "N m/rad"), ("rest_angle", "rad")],
+    ),
+    (
+        "mullins_softening",
+        &[("softening", "1"), ("energy_scale", "J/m^3")],
+    ),
     ("slow_creep", &[("modulus", "Pa"), ("time_constant", "s")]),
     ("loss_of_tension", &[("threshold", "1")]),
     ("actuator_asymmetry", &[("thickness_factor", "1")]),
-    ("temperature_drift", &[("relative_change", "1"), ("time_constant", "s")]),
+    (
+        "temperature_drift",
+        &[("relative_change", "1"), ("time_constant", "s")],
+    ),
     ("joint_friction", &[("torque", "N m")]),
     ("joint_damping", &[("coefficient", "N m s/rad")]),
-    ("end_stop", &[("theta_stop", "rad"), ("stiffness", "N m/rad")]),
+    (
+        "end_stop",
+        &[("theta_stop", "rad"), ("stiffness", "N m/rad")],
+    ),
     ("actuator_mass", &[("first_moment", "kg m")]),
-    ("link_length_error", &[("link", "1"), ("relative_error", "1")]),
-    ("payload_change", &[("mass", "kg"), ("time", "s"), ("recording", "1")]),
+    (
+        "link_length_error",
+        &[("link", "1"), ("relative_error", "1")],
+    ),
+    (
+        "payload_change",
+        &[("mass", "kg"), ("time", "s"), ("recording", "1")],
+    ),
     ("time_offset", &[("offset", "s")]),
     ("clock_skew", &[("skew", "1")]),
     ("frame_tilt", &[("rotation", "rad")]),
@@ -46,7 +73,11 @@ fn every_id_is_there_with_its_names_and_units() {
     assert_eq!(ids, promised);
     for (effect, (id, names)) in CATALOGUE.iter().zip(PROMISED) {
         for (name, unit) in *names {
-            let own: Vec<_> = effect.parameters().iter().filter(|q| q.part().0 == *name).collect();
+            let own: Vec<_> = effect
+                .parameters()
+                .iter()
+                .filter(|q| q.part().0 == *name)
+                .collect();
             assert!(!own.is_empty(), "{id} has no {name}");
             assert!(own.iter().all(|q| q.unit == *unit), "{id}: unit of {name}");
             assert!(own.len() == 1 || own.len() == 3, "{id}: {name}");
@@ -54,8 +85,15 @@ fn every_id_is_there_with_its_names_and_units() {
         for q in effect.parameters() {
             assert!(q.lower <= q.upper && q.spread > 0.0, "{id}: {}", q.name);
         }
-        assert!(!effect.says().is_empty() && !effect.source().is_empty() && !effect.brought_out_by().is_empty());
-        assert!(effect.says().starts_with(|c: char| c.is_lowercase()), "{id}: says");
+        assert!(
+            !effect.says().is_empty()
+                && !effect.source().is_empty()
+                && !effect.brought_out_by().is_empty()
+        );
+        assert!(
+            effect.says().starts_with(|c: char| c.is_lowercase()),
+            "{id}: says"
+        );
     }
 }
 
@@ -111,7 +149,11 @@ fn off_changes_nothing_to_the_bit() {
     for effect in CATALOGUE {
         let acting = Acting::off(*effect, on(*effect));
         let with = plain.with_effects(vec![acting], Vec::new(), &[when]);
-        let differ = bits(&with).iter().zip(&without).filter(|(a, b)| a != b).count();
+        let differ = bits(&with)
+            .iter()
+            .zip(&without)
+            .filter(|(a, b)| a != b)
+            .count();
         assert_eq!(differ, 0, "{} differs in {differ} numbers", effect.id());
     }
 }
@@ -132,7 +174,12 @@ fn two_small_sizes_agree_on_the_derivative() {
     let plain = RobotResidual::new(&robot, &[&dataset], 6, &ForearmTorque::zero()).unwrap();
     let norm = |f: &[f64]| f.iter().map(|x| x * x).sum::<f64>().sqrt();
     for effect in CATALOGUE.iter().filter(|e| !THRESHOLDS.contains(&e.id())) {
-        for (i, q) in effect.parameters().iter().enumerate().filter(|(_, q)| q.size) {
+        for (i, q) in effect
+            .parameters()
+            .iter()
+            .enumerate()
+            .filter(|(_, q)| q.size)
+        {
             let trace = |x: f64| -> Vec<f64> {
                 let mut acting = Acting::off(*effect, on(*effect));
                 acting.values[i] += x;
@@ -143,17 +190,30 @@ fn two_small_sizes_agree_on_the_derivative() {
             let forward = trace(h);
             let central: Vec<f64> = if q.lower < q.off {
                 let back = trace(-h);
-                forward.iter().zip(&back).map(|(a, b)| 0.5 * (a + b)).collect()
+                forward
+                    .iter()
+                    .zip(&back)
+                    .map(|(a, b)| 0.5 * (a + b))
+                    .collect()
             } else {
                 // One-sided, to second order.
                 let half = trace(0.5 * h);
-                forward.iter().zip(&half).map(|(a, b)| 2.0 * b - a).collect()
+                forward
+                    .iter()
+                    .zip(&half)
+                    .map(|(a, b)| 2.0 * b - a)
+                    .collect()
             };
             let small = trace(0.25 * h);
             let apart: Vec<f64> = small.iter().zip(&central).map(|(a, b)| a - b).collect();
             let ratio = norm(&apart) / norm(&central);
             println!("{:24} {:18} {ratio:.1e}", effect.id(), q.name);
-            assert!(norm(&central) > 0.0, "{} {} does nothing", effect.id(), q.name);
+            assert!(
+                norm(&central) > 0.0,
+                "{} {} does nothing",
+                effect.id(),
+                q.name
+            );
             assert!(ratio < 5e-3, "{} {}: {ratio}", effect.id(), q.name);
         }
     }

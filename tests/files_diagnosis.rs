@@ -2,9 +2,7 @@
 
 mod common;
 
-use deacal::diagnosis::{
-    Candidate, Diagnosis, Gain, Hidden, Law, Place, Traces, Value, Verdict,
-};
+use deacal::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place, Traces, Value, Verdict};
 use deacal::effects::{Acting, by_id};
 use deacal::film::Film;
 use deacal::model::{ForearmTorque, Parameters};
@@ -16,7 +14,13 @@ use deacal::report::provenance::Provenance;
 
 const HOSTILE: &str = "a/02-<b>sine</b>";
 
-fn candidate(id: &str, on: [bool; 3], values: &[f64], probability: f64, in_model: bool) -> Candidate {
+fn candidate(
+    id: &str,
+    on: [bool; 3],
+    values: &[f64],
+    probability: f64,
+    in_model: bool,
+) -> Candidate {
     let effect = by_id(id).unwrap();
     let acting = Acting {
         effect,
@@ -33,7 +37,11 @@ fn candidate(id: &str, on: [bool; 3], values: &[f64], probability: f64, in_model
                 "link" => Some(effect.variants()[value as usize].to_string()),
                 _ => None,
             };
-            let std_error = if word.is_some() { f64::NAN } else { 0.05 * value.abs() };
+            let std_error = if word.is_some() {
+                f64::NAN
+            } else {
+                0.05 * value.abs()
+            };
             Value {
                 name: q.name,
                 unit: q.unit,
@@ -96,12 +104,18 @@ fn trace(id: &str, held_out: bool) -> Traces {
     Traces {
         id: id.into(),
         held_out,
-        command_v: time_s.iter().map(|t| [0, 1, 2].map(|k| drive(*t, k))).collect(),
+        command_v: time_s
+            .iter()
+            .map(|t| [0, 1, 2].map(|k| drive(*t, k)))
+            .collect(),
         before_v: rows(250.0),
         after_v: rows(10.0),
         torque_before: torque(250.0),
         torque_after: torque(10.0),
-        height_mm: time_s.iter().map(|t| -50.0 - drive(*t, 0) / 200.0).collect(),
+        height_mm: time_s
+            .iter()
+            .map(|t| -50.0 - drive(*t, 0) / 200.0)
+            .collect(),
         time_s,
     }
 }
@@ -124,9 +138,27 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
     let candidates = match verdict {
         Verdict::Adequate => vec![],
         Verdict::MissingPhysics => vec![
-            candidate("series_resistance", [false, true, false], &[9.8e6], 0.93, true),
-            candidate("payload_change", [true; 3], &[2.1e-3, 12.5, 2.0], 0.81, true),
-            candidate("marker_offset", [true; 3], &[1e-4, -2e-4, 3e-4], 0.05, false),
+            candidate(
+                "series_resistance",
+                [false, true, false],
+                &[9.8e6],
+                0.93,
+                true,
+            ),
+            candidate(
+                "payload_change",
+                [true; 3],
+                &[2.1e-3, 12.5, 2.0],
+                0.81,
+                true,
+            ),
+            candidate(
+                "marker_offset",
+                [true; 3],
+                &[1e-4, -2e-4, 3e-4],
+                0.05,
+                false,
+            ),
             candidate("link_length_error", [true; 3], &[4.0, 1e-3], 0.03, false),
             candidate("slew_limit", [true; 3], &[5e3, f64::INFINITY], 0.001, false),
         ],
@@ -175,7 +207,11 @@ fn series() -> Vec<SeriesEntry> {
 
 #[test]
 fn the_numbers_have_the_promised_keys() {
-    for verdict in [Verdict::Adequate, Verdict::MissingPhysics, Verdict::Unexplained] {
+    for verdict in [
+        Verdict::Adequate,
+        Verdict::MissingPhysics,
+        Verdict::Unexplained,
+    ] {
         let d = diagnosis(verdict);
         let text = to_text(&DiagnosisJson::new(&d, series(), Provenance::new("t")));
         common::check("diagnosis", &text);
@@ -187,14 +223,20 @@ fn the_numbers_have_the_promised_keys() {
         assert_eq!(json["where"][0]["actuators"][0], 2);
         assert_eq!(json["hidden"][0]["smallest_detectable"]["unit"], "Pa");
         assert_eq!(json["indistinguishable"][0][1], "mocap_lag");
-        assert_eq!(json["holdout_rmse_V"].is_null(), verdict == Verdict::Unexplained);
+        assert_eq!(
+            json["holdout_rmse_V"].is_null(),
+            verdict == Verdict::Unexplained
+        );
         if verdict == Verdict::MissingPhysics {
             let c = &json["candidates"];
             assert_eq!(c[0]["parameters"]["resistance"]["value"], 9.8e6);
             assert_eq!(c[0]["parameters"]["resistance"]["unit"], "ohm");
             assert_eq!(c[0]["actuators"], serde_json::json!([2]));
             assert_eq!(c[1]["parameters"]["recording"]["value"], HOSTILE);
-            assert_eq!(c[2]["parameters"]["offset"]["value"], serde_json::json!([1e-4, -2e-4, 3e-4]));
+            assert_eq!(
+                c[2]["parameters"]["offset"]["value"],
+                serde_json::json!([1e-4, -2e-4, 3e-4])
+            );
             assert_eq!(c[3]["parameters"]["link"]["value"], "a");
             assert!(c[4]["parameters"]["rate_down"]["value"].is_null());
         }
@@ -210,7 +252,12 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
     let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
     let number = |id: &str| (id == HOSTILE).then_some(2);
     let acting = file.acting(&number).unwrap();
-    let held: Vec<Acting> = d.candidates.iter().filter(|c| c.in_model).map(|c| c.acting.clone()).collect();
+    let held: Vec<Acting> = d
+        .candidates
+        .iter()
+        .filter(|c| c.in_model)
+        .map(|c| c.acting.clone())
+        .collect();
     assert_eq!(acting, held);
     assert_eq!(file.parameters().unwrap().film, d.parameters.film);
     assert_eq!(file.series, series());
@@ -218,7 +265,10 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
     // every kind of value, in the model or not
     for c in &d.candidates {
         let mut one = d.clone();
-        one.candidates = vec![Candidate { in_model: true, ..c.clone() }];
+        one.candidates = vec![Candidate {
+            in_model: true,
+            ..c.clone()
+        }];
         let text = ParameterFile::of_diagnosis(&one, series(), Provenance::new("t")).to_toml();
         let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
         assert_eq!(file.acting(&number).unwrap(), [c.acting.clone()], "{text}");
@@ -227,7 +277,11 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
 
 #[test]
 fn the_report_answers_in_words_first() {
-    for verdict in [Verdict::Adequate, Verdict::MissingPhysics, Verdict::Unexplained] {
+    for verdict in [
+        Verdict::Adequate,
+        Verdict::MissingPhysics,
+        Verdict::Unexplained,
+    ] {
         let html = render_diagnosis(&diagnosis(verdict), &Provenance::new("deacal diagnose"));
         if let Some(dir) = std::env::var_os("DEACAL_WRITE_LOOK") {
             let path = std::path::Path::new(&dir).join(format!("{}.html", verdict.name()));
@@ -237,7 +291,13 @@ fn the_report_answers_in_words_first() {
             assert!(!html.contains(absent), "{absent} in {}", verdict.name());
         }
         let first = html.split("<nav").next().unwrap();
-        for question in ["Does the plain model fit", "Where does it not?", "What is missing?", "What to record next?", "What could not have been seen?"] {
+        for question in [
+            "Does the plain model fit",
+            "Where does it not?",
+            "What is missing?",
+            "What to record next?",
+            "What could not have been seen?",
+        ] {
             assert!(first.contains(question), "{question}");
         }
         let changed = first.contains("What changed when it was added?");
@@ -245,7 +305,12 @@ fn the_report_answers_in_words_first() {
         assert_eq!(html.contains("id=\"law\""), verdict == Verdict::Unexplained);
         assert!(html.contains("id=\"voltages\"") && html.contains("id=\"hidden\""));
         if changed {
-            for words in ["Series resistance, 93 %", "Could be mistaken for slew limit", "240 V", "not fitted"] {
+            for words in [
+                "Series resistance, 93 %",
+                "Could be mistaken for slew limit",
+                "240 V",
+                "not fitted",
+            ] {
                 assert!(first.contains(words), "{words} not in {first}");
             }
         }

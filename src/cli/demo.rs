@@ -131,8 +131,9 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let series = series::order(&recordings, &datasets)?;
     let request = crate::diagnosis::Request::default();
     let search = crate::diagnosis::diagnose;
-    let (diagnosis, series) =
-        diagnose::judge(&robot, &datasets, named, series, &request, &progress, search)?;
+    let (diagnosis, series) = diagnose::judge(
+        &robot, &datasets, named, series, &request, &progress, search,
+    )?;
     let provenance = Provenance::of("deacal demo", &recordings);
     let folder = output.join("diagnosis");
     diagnose::write(&folder, &diagnosis, series, provenance)?;

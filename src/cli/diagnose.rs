@@ -48,7 +48,10 @@ fn parse_id(text: &str) -> Result<String, String> {
     if ids.contains(&text) {
         return Ok(text.to_owned());
     }
-    Err(format!("no cause is called `{text}`; {}", suggestion(text, &ids)))
+    Err(format!(
+        "no cause is called `{text}`; {}",
+        suggestion(text, &ids)
+    ))
 }
 
 fn parse_rate(text: &str) -> Result<f64, String> {
@@ -60,13 +63,8 @@ fn parse_rate(text: &str) -> Result<f64, String> {
 const ENOUGH: usize = 4;
 
 /// The search for causes.
-pub(super) type Search = fn(
-    &Robot,
-    &[Entry],
-    &[Entry],
-    &Request,
-    &(dyn Fn(&str) + Sync),
-) -> Result<Diagnosis, Error>;
+pub(super) type Search =
+    fn(&Robot, &[Entry], &[Entry], &Request, &(dyn Fn(&str) + Sync)) -> Result<Diagnosis, Error>;
 
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> Result<(), Failure> {
     let progress = Progress::new(talk);
@@ -144,7 +142,10 @@ pub(super) fn judge(
     };
     let mut diagnosis = search(robot, &train, &holdout, request, &watch)?;
     diagnosis.remarks.extend(remarks);
-    Ok((diagnosis, order.iter().map(|&i| entries[i].clone()).collect()))
+    Ok((
+        diagnosis,
+        order.iter().map(|&i| entries[i].clone()).collect(),
+    ))
 }
 
 /// What is fitted and what is held out, of `order`, where the first `named` were not asked to be held out.
@@ -170,7 +171,10 @@ pub(super) fn write(
 ) -> Result<DiagnosisJson, Failure> {
     let json = DiagnosisJson::new(diagnosis, series.clone(), provenance.clone());
     let mut set = OutputSet::new(output)?;
-    set.write("report.html", html::render_diagnosis(diagnosis, &provenance))?;
+    set.write(
+        "report.html",
+        html::render_diagnosis(diagnosis, &provenance),
+    )?;
     set.write(
         "parameters.toml",
         ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml(),
@@ -223,6 +227,9 @@ mod tests {
     #[test]
     fn an_unknown_cause_is_answered_with_the_nearest() {
         let text = parse_id("series_resistence").unwrap_err();
-        assert!(text.contains("series_resistance") && text.contains("frame_tilt"), "{text}");
+        assert!(
+            text.contains("series_resistance") && text.contains("frame_tilt"),
+            "{text}"
+        );
     }
 }

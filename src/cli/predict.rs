@@ -77,14 +77,8 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
             csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
         })?,
         Predict::Force(_) => {
-            let force = predict_force(
-                &robot,
-                &datasets[0],
-                &parameters,
-                r.offset_s,
-                effects,
-                when,
-            )?;
+            let force =
+                predict_force(&robot, &datasets[0], &parameters, r.offset_s, effects, when)?;
             for (flag, f) in flags.iter_mut().zip(&force) {
                 // A pose that no voltage holds is a force like any other.
                 if matches!(flag, Some(Missing::Negative(_))) {

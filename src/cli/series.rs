@@ -16,7 +16,9 @@ const APART: usize = 50;
 /// Leading number of the last part of an id: 2 of `rig-a/02-single`.
 fn leading_number(id: &str) -> Option<usize> {
     let last = id.rsplit('/').next()?;
-    let digits = last.find(|c: char| !c.is_ascii_digit()).unwrap_or(last.len());
+    let digits = last
+        .find(|c: char| !c.is_ascii_digit())
+        .unwrap_or(last.len());
     last[..digits].parse().ok()
 }
 

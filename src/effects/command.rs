@@ -16,7 +16,10 @@ const LEFT: (f64, f64) = (2.0, 2e-3);
 pub fn command_for(effects: &[&Acting], along: &Along, film_v: &[f64]) -> Vec<f64> {
     let mut out = film_v.to_vec();
     for acting in effects.iter().rev() {
-        let wanted: Vec<f64> = out.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect();
+        let wanted: Vec<f64> = out
+            .iter()
+            .map(|v| if v.is_nan() { 0.0 } else { *v })
+            .collect();
         let apply = |told: &[f64]| {
             let mut made = told.to_vec();
             acting.effect.voltage(&acting.values, along, &mut made);
@@ -37,7 +40,11 @@ pub fn command_for(effects: &[&Acting], along: &Along, film_v: &[f64]) -> Vec<f6
             for _ in 0..HALVINGS {
                 let middle: Vec<f64> = low.iter().zip(&high).map(|(a, b)| 0.5 * (a + b)).collect();
                 for (i, made) in apply(&middle).into_iter().enumerate() {
-                    let side = if made < wanted[i] { &mut low } else { &mut high };
+                    let side = if made < wanted[i] {
+                        &mut low
+                    } else {
+                        &mut high
+                    };
                     side[i] = middle[i];
                 }
             }
@@ -46,7 +53,11 @@ pub fn command_for(effects: &[&Acting], along: &Along, film_v: &[f64]) -> Vec<f6
         let made = apply(&told);
         for (i, o) in out.iter_mut().enumerate() {
             let found = (made[i] - wanted[i]).abs() <= LEFT.0 + LEFT.1 * wanted[i];
-            *o = if o.is_nan() || !found { f64::NAN } else { told[i] };
+            *o = if o.is_nan() || !found {
+                f64::NAN
+            } else {
+                told[i]
+            };
         }
     }
     out

@@ -33,7 +33,8 @@ impl Effect for SeriesResistance {
     fn remembers(&self) -> bool {
         true
     }
-    /// With the charge q = C phi:  q' = (phi_c - q/C)/R, integrated exactly for a linear command and the mean 1/C of the step.
+    /// With the charge q = C phi:  q' = (C phi_c - q)/(R C), integrated exactly for a linear C phi_c and the mean 1/C of the step, so
+    /// that phi is phi_c in the limit of no resistance.
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         let r = v[0];
         if r == 0.0 {
@@ -53,7 +54,8 @@ impl Effect for SeriesResistance {
             let mean = if x < 1e-6 { 1.0 - 0.5 * x } else { (1.0 - decay) / x };
             let command = phi_v[i];
             charge = charge * decay
-                + c * (before * (mean - decay) + command * (1.0 - mean));
+                + c0 * before * (mean - decay)
+                + c1 * command * (1.0 - mean);
             before = command;
             phi_v[i] = charge / c1;
             c0 = c1;

@@ -150,7 +150,9 @@ impl ParameterFile {
         entry: &Effect,
         number_of: &dyn Fn(&str) -> Option<usize>,
     ) -> Result<Acting, Error> {
-        let bad = |key: String, what: String| Error::new(ErrorKind::BadValue, &self.path, what).at_key(key);
+        let bad = |key: String, what: String| {
+            Error::new(ErrorKind::BadValue, &self.path, what).at_key(key)
+        };
         let Some(effect) = by_id(&entry.id) else {
             let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
             return Err(bad(
@@ -181,17 +183,24 @@ impl ParameterFile {
                 .filter(|&i| quantities[i].part().0 == key || quantities[i].name == key)
                 .collect();
             if places.is_empty() {
-                return Err(Error::new(ErrorKind::UnknownKey, &self.path, "unknown name")
-                    .at_key(place)
-                    .action(suggestion(key, &names)));
+                return Err(
+                    Error::new(ErrorKind::UnknownKey, &self.path, "unknown name")
+                        .at_key(place)
+                        .action(suggestion(key, &names)),
+                );
             }
             let given: Vec<&toml::Value> = match value {
                 toml::Value::Array(list) => list.iter().collect(),
                 one => vec![one],
             };
             if given.len() != places.len() {
-                return Err(bad(place, format!("found {} value(s)", given.len()))
-                    .expected(format!("{} in {}", places.len(), quantities[places[0]].unit)));
+                return Err(
+                    bad(place, format!("found {} value(s)", given.len())).expected(format!(
+                        "{} in {}",
+                        places.len(),
+                        quantities[places[0]].unit
+                    )),
+                );
             }
             for (&at, value) in places.iter().zip(given) {
                 let q = &quantities[at];
@@ -252,7 +261,8 @@ mod tests {
         assert_eq!(a.values, [0.0, 0.01, -0.02]);
         let a = read("id = \"link_length_error\"\nlink = \"q\"\nrelative_error = 0.01").unwrap();
         assert_eq!(a.values, [2.0, 0.01]);
-        let a = read("id = \"payload_change\"\nmass = 0.002\ntime = 3.5\nrecording = \"s/03-sine\"");
+        let a =
+            read("id = \"payload_change\"\nmass = 0.002\ntime = 3.5\nrecording = \"s/03-sine\"");
         assert_eq!(a.unwrap().values, [0.002, 3.5, 3.0]);
         let a = read("id = \"payload_change\"\nmass = 0.002\ntime = 3.5\nrecording = \"other\"");
         assert_eq!(a.unwrap().values[2], NEVER);
@@ -280,11 +290,26 @@ mod tests {
     #[test]
     fn what_is_unknown_is_named_with_what_there_is() {
         for (entry, words) in [
-            ("id = \"series_resistence\"\nresistance = 1.0", vec!["series_resistence", "series_resistance"]),
-            ("id = \"series_resistance\"\nresistence = 1.0", vec!["resistence", "resistance", "p.toml"]),
-            ("id = \"series_resistance\"\nresistance = -1.0", vec!["-1", "ohm"]),
-            ("id = \"link_length_error\"\nlink = \"z\"", vec!["\"z\"", "l_ch"]),
-            ("id = \"marker_offset\"\noffset = 0.1", vec!["1 value", "3 in m"]),
+            (
+                "id = \"series_resistence\"\nresistance = 1.0",
+                vec!["series_resistence", "series_resistance"],
+            ),
+            (
+                "id = \"series_resistance\"\nresistence = 1.0",
+                vec!["resistence", "resistance", "p.toml"],
+            ),
+            (
+                "id = \"series_resistance\"\nresistance = -1.0",
+                vec!["-1", "ohm"],
+            ),
+            (
+                "id = \"link_length_error\"\nlink = \"z\"",
+                vec!["\"z\"", "l_ch"],
+            ),
+            (
+                "id = \"marker_offset\"\noffset = 0.1",
+                vec!["1 value", "3 in m"],
+            ),
         ] {
             let text = read(entry).unwrap_err();
             for word in words {

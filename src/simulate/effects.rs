@@ -112,13 +112,15 @@ pub fn effect_addition(
 ) -> Result<Box<dyn Addition>, String> {
     let id = acting.effect.id();
     match acting.effect.site() {
-        Site::Motion if id == "link_length_error" => {
-            Err(format!("{id} changes the robot, not what acts on it: see effect_robot"))
-        }
+        Site::Motion if id == "link_length_error" => Err(format!(
+            "{id} changes the robot, not what acts on it: see effect_robot"
+        )),
         Site::Motion => Err(format!(
             "{id} changes what is read of the motion, not the motion: see effect_reading"
         )),
-        Site::Clock => Err(format!("{id} changes the clock of the drive: see EffectClock")),
+        Site::Clock => Err(format!(
+            "{id} changes the clock of the drive: see EffectClock"
+        )),
         _ => Ok(Box::new(EffectAddition {
             off: is_off(acting),
             acting: acting.clone(),
@@ -243,7 +245,11 @@ impl Voltage for EffectClock<'_> {
         let next = self.logged.next_break_s(t);
         let back = self.start_s + (next - self.start_s - self.shift_s) / self.rate;
         // Rounding must not give the same break again.
-        if back > t_s { back } else { t_s + 1e-12 * t_s.abs().max(1.0) }
+        if back > t_s {
+            back
+        } else {
+            t_s + 1e-12 * t_s.abs().max(1.0)
+        }
     }
 }
 
@@ -367,13 +373,16 @@ impl Addition for EffectAddition {
                     for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
                         rate[j] = (told - z[j]) / time;
                     }
-                    let square = (1.0 - v[0] - v[2]) * told * told
-                        + v[0] * z[0] * z[0]
-                        + v[2] * z[1] * z[1];
+                    let square =
+                        (1.0 - v[0] - v[2]) * told * told + v[0] * z[0] * z[0] + v[2] * z[1] * z[1];
                     action.phi_v[k] = square.max(0.0).sqrt();
                 }
                 Memory::Output => {
-                    let sign = if told == 0.0 { z[0].signum() } else { told.signum() };
+                    let sign = if told == 0.0 {
+                        z[0].signum()
+                    } else {
+                        told.signum()
+                    };
                     let wanted = sign * (told - z[0]) / SLEW_S;
                     rate[0] = sign * wanted.clamp(-v[1], v[0]);
                     action.phi_v[k] = z[0];
@@ -393,7 +402,8 @@ impl Addition for EffectAddition {
             }
             // Film
             if effect.site() == Site::Film {
-                let torque = |stress: [f64; 2]| volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
+                let torque =
+                    |stress: [f64; 2]| volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
                 match self.memory {
                     Memory::LargestEnergy => {
                         let (stress, energy) = self.equilibrium(s.stretch[k]);
@@ -481,7 +491,9 @@ impl Addition for EffectAddition {
             Some(self.acting.values[place])
         };
         match (at("time"), at("recording")) {
-            (Some(time), Some(number)) if number == self.when.recording as f64 && time > t_s => time,
+            (Some(time), Some(number)) if number == self.when.recording as f64 && time > t_s => {
+                time
+            }
             _ => f64::INFINITY,
         }
     }

@@ -100,7 +100,11 @@ fn tiles(d: &Diagnosis) -> Vec<Tile> {
         let label = format!("Augmented model, {on}");
         out.push(tile(&label, volt(gain.after_v), "V"));
     }
-    out.push(tile("Noise of the capture alone", volt(gain.noise_floor_v), "V"));
+    out.push(tile(
+        "Noise of the capture alone",
+        volt(gain.noise_floor_v),
+        "V",
+    ));
     let count = |held: bool| number::count(d.traces.iter().filter(|t| t.held_out == held).count());
     out.push(tile("Recordings fitted", count(false), ""));
     out.push(tile("Recordings held out", count(true), ""));
@@ -168,7 +172,10 @@ fn places(d: &Diagnosis) -> Option<Note> {
             p if p.is_nan() => ".".to_string(),
             p if p < 1e-3 => "; chance would not do that.".into(),
             p if p > 0.9 => "; chance does as much.".into(),
-            p => format!("; by chance with probability {}.", number::significant(p, 1)),
+            p => format!(
+                "; by chance with probability {}.",
+                number::significant(p, 1)
+            ),
         };
         item(format!("{}:", super::summary::capital(&place(p))), text)
     };
@@ -176,7 +183,11 @@ fn places(d: &Diagnosis) -> Option<Note> {
         Verdict::Adequate => "Nothing stands out of the noise; the most conspicuous places are:",
         _ => "",
     };
-    Some(note(WHERE, lead, d.places.iter().take(NAMED).map(line).collect()))
+    Some(note(
+        WHERE,
+        lead,
+        d.places.iter().take(NAMED).map(line).collect(),
+    ))
 }
 
 /// A place in few words: `voltage 0 to 1.5 kV, actuator 2`.
@@ -263,16 +274,16 @@ fn mistaken_for(d: &Diagnosis, id: &str) -> Vec<String> {
 fn missing(d: &Diagnosis) -> Option<Note> {
     let line = |c: &Candidate| -> Item {
         let id = c.acting.effect.id();
-        let role = if c.in_model { "" } else { " (not in the model)" };
+        let role = if c.in_model {
+            ""
+        } else {
+            " (not in the model)"
+        };
         let mut text = super::summary::capital(&number::words(&c.says));
         if !text.is_empty() && !text.ends_with('.') {
             text.push('.');
         }
-        text += &format!(
-            " In {}; {}.",
-            sits_in(&actuators(c.acting.on)),
-            values(c)
-        );
+        text += &format!(" In {}; {}.", sits_in(&actuators(c.acting.on)), values(c));
         let others = mistaken_for(d, id);
         if !others.is_empty() {
             text += &format!(" Could be mistaken for {}.", others.join(", "));
@@ -329,7 +340,10 @@ fn changed(d: &Diagnosis) -> Option<Note> {
             Some(share) if share > 0.0 => {
                 text += &format!(
                     " {} of the squares beyond noise are gone.",
-                    number::per_cent(share)
+                    match share {
+                        s if s > 0.99 => "Above 99 %".to_string(),
+                        s => number::per_cent(s),
+                    }
                 );
             }
             Some(_) => text += " That is no gain.",
@@ -344,7 +358,9 @@ fn changed(d: &Diagnosis) -> Option<Note> {
     items.push(line("On the fitted recordings", &d.train));
     let lead = match d.holdout {
         Some(_) => "",
-        None => "No recording was held out, so this is no proof: any further parameter lowers the error where it is fitted.",
+        None => {
+            "No recording was held out, so this is no proof: any further parameter lowers the error where it is fitted."
+        }
     };
     Some(note(CHANGED, lead, items))
 }
@@ -355,7 +371,11 @@ fn next(d: &Diagnosis) -> Option<Note> {
 }
 
 fn unseen(d: &Diagnosis) -> Option<Note> {
-    let names: Vec<String> = d.hidden.iter().map(|h| h.effect.replace('_', " ")).collect();
+    let names: Vec<String> = d
+        .hidden
+        .iter()
+        .map(|h| h.effect.replace('_', " "))
+        .collect();
     let lead = match names.len() {
         0 => return None,
         1 => "One cause would have stayed hidden in these recordings, because a refit of the plain model absorbs it. Its smallest visible size is in the table below.".to_string(),
@@ -407,7 +427,12 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
             let above = c[k].abs() > ABOVE_V;
             [*t, if above { v[k] } else { f64::NAN }]
         };
-        t.time_s.iter().zip(&t.command_v).zip(rows).map(row).collect()
+        t.time_s
+            .iter()
+            .zip(&t.command_v)
+            .zip(rows)
+            .map(row)
+            .collect()
     };
     let all = (0..3).flat_map(|k| [shown(&t.before_v, k), shown(&t.after_v, k)]);
     let most = all
@@ -445,7 +470,7 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
         )];
         if after {
             let points = shown(&t.after_v, k);
-            series.push(curve("augmented model", Role::One, Mark::Line, points));
+            series.push(curve("augmented model", Role::Five, Mark::Line, points));
         }
         panels.push(Panel {
             y: Axis::over(
@@ -494,7 +519,11 @@ fn scatter(d: &Diagnosis, p: &Place, held_out: bool, after: bool) -> Vec<[f64; 2
         if !held_out && p.recording.as_ref().is_some_and(|r| *r != t.id) {
             continue;
         }
-        let rows = if after { &t.torque_after } else { &t.torque_before };
+        let rows = if after {
+            &t.torque_after
+        } else {
+            &t.torque_before
+        };
         let frames = t.time_s.len();
         for row in rows {
             let i = t.time_s.partition_point(|x| *x < row[0] - 1e-9);
@@ -514,8 +543,9 @@ fn scatter(d: &Diagnosis, p: &Place, held_out: bool, after: bool) -> Vec<[f64; 2
 
 fn located(d: &Diagnosis) -> Option<Section> {
     let p = d.places.first()?;
-    let mut drawings = Vec::new();
+    let mut figures = Vec::new();
     for held_out in [false, true] {
+        let mut drawings = Vec::new();
         let before = scatter(d, p, held_out, false);
         if before.is_empty() {
             continue;
@@ -527,7 +557,7 @@ fn located(d: &Diagnosis) -> Option<Section> {
         let what = if held_out { "held out" } else { "fitted" };
         let mut both: Vec<(&str, Role, Vec<[f64; 2]>)> = vec![("plain model", Role::Two, before)];
         if d.verdict == Verdict::MissingPhysics && !after.is_empty() {
-            both.push(("augmented model", Role::One, after));
+            both.push(("augmented model", Role::Five, after));
         }
         for (name, role, points) in both {
             let series = Series {
@@ -543,8 +573,9 @@ fn located(d: &Diagnosis) -> Option<Section> {
                 vec![series],
             ));
         }
+        figures.push(drawings);
     }
-    if drawings.is_empty() {
+    if figures.is_empty() {
         return None;
     }
     let of = match p.actuators.len() {
@@ -555,7 +586,12 @@ fn located(d: &Diagnosis) -> Option<Section> {
         "Torque that the motion needs minus torque that the command makes, in the coordinate in which the plain model fails most ({}).{of} A model that suffices leaves a level cloud around zero.",
         place(p)
     );
-    let figure = plot::figure(&drawings, "", &caption);
+    let last = figures.len() - 1;
+    let drawn: String = figures
+        .iter()
+        .enumerate()
+        .map(|(i, drawings)| plot::figure(drawings, "", if i == last { &caption } else { "" }))
+        .collect();
     let mut table = Table::new(
         "Places in which the plain model differs from the recordings, most telling first.",
         [
@@ -576,7 +612,7 @@ fn located(d: &Diagnosis) -> Option<Section> {
             Cell::text(number::words(&p.says)),
         ]);
     }
-    let context = context! { figure => safe(figure), table => table.html() };
+    let context = context! { figure => safe(drawn), table => table.html() };
     let template = "{{ figure }}\n{{ table }}\n";
     Some(Section::new(
         "where",
@@ -600,7 +636,10 @@ fn candidates(d: &Diagnosis) -> Option<Section> {
         ]
         .map(Cell::number)
         .to_vec(),
-        vec![Cell::text("in the model"), Cell::text("values, and how it did")],
+        vec![
+            Cell::text("in the model"),
+            Cell::text("values, and how it did"),
+        ],
     ]
     .concat();
     let mut table = Table::new(
@@ -641,7 +680,12 @@ fn candidates(d: &Diagnosis) -> Option<Section> {
     let groups: Vec<String> = d
         .groups
         .iter()
-        .map(|g| g.iter().map(|id| id.replace('_', " ")).collect::<Vec<_>>().join(", "))
+        .map(|g| {
+            g.iter()
+                .map(|id| id.replace('_', " "))
+                .collect::<Vec<_>>()
+                .join(", ")
+        })
         .collect();
     let context = context! { table => table.html(), groups => groups };
     let template = include_str!("diagnosis_candidates.html");
@@ -655,10 +699,13 @@ fn law(d: &Diagnosis) -> Option<Section> {
         ["share of excess alone", "mN m per standard deviation"]
             .map(Cell::number)
             .into_iter()
-            .fold(vec![Cell::text("what the torque error depends on")], |mut v, c| {
-                v.push(c);
-                v
-            }),
+            .fold(
+                vec![Cell::text("what the torque error depends on")],
+                |mut v, c| {
+                    v.push(c);
+                    v
+                },
+            ),
     );
     for (variable, coefficient, share) in &law.terms {
         table.row(vec![

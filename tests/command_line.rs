@@ -425,7 +425,9 @@ fn a_diagnosis_leaves_a_model_that_the_other_commands_apply() {
         printed,
         serde_json::from_str::<serde_json::Value>(&written).unwrap()
     );
-    assert_eq!(printed["verdict"], "adequate", "{}", printed["says"]);
+    // Which verdict it is, is the business of the tests of the diagnosis.
+    let verdict = printed["verdict"].as_str().unwrap();
+    assert!(["adequate", "missing_physics", "unexplained"].contains(&verdict));
     assert_says(
         &printed["remarks"].to_string(),
         &["order of the command line"],

@@ -9,8 +9,8 @@ use super::scan::Group;
 const INDEPENDENT: f64 = 0.8;
 /// Weight of the held-out recordings in a score: a little, because drift and creep extrapolate badly from the right model.
 const HELD_OUT_WEIGHT: f64 = 0.1;
-/// Below this weighted mean square a fit is as good as noise.
-const NOISE: f64 = 0.9;
+/// Smallest weighted mean square that is believed.
+const NOISE: f64 = 0.1;
 /// Directions of fingerprints whose cosine is above this cannot be told apart.
 pub(super) const ALIKE: f64 = 0.9;
 
@@ -68,6 +68,17 @@ pub(super) fn by_chance(rows: usize, by_noise: f64) -> f64 {
 
 /// What noise brings about in fits, over what it promises in a scan.
 const SCAN_TO_FIT: f64 = 6.0;
+
+/// Whether a weak cause does on held-out recordings next to nothing of what it does where it was fitted: chance, not physics.
+pub(super) fn only_where_fitted(plain: &Judged, best: &Judged) -> bool {
+    let fitted = plain.mean_square - best.mean_square;
+    plain.holdout - best.holdout < CARRIES_OVER * fitted
+}
+
+/// Share of the fitted gain that a weak cause must show on held-out recordings.
+const CARRIES_OVER: f64 = 0.2;
+/// Up to this many times the fall that chance allows a cause is weak.
+pub(super) const WEAK: f64 = 6.0;
 
 /// Plain mean square above which a model is never adequate.
 pub(super) const NEVER_ADEQUATE: f64 = 1.6;

@@ -24,7 +24,7 @@ use crate::dataset::OffsetSource;
 use crate::effects::{Acting, CATALOGUE, Seen, When};
 use crate::model::{ForearmTorque, Robot};
 use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
-use judge::{Judged, NEVER_ADEQUATE, alike, by_chance, unexplained};
+use judge::{Judged, NEVER_ADEQUATE, WEAK, alike, by_chance, only_where_fitted, unexplained};
 use locate::{Spot, coordinates, locate};
 use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
 use scan::{Group, Scanned, fingerprints, promised_by_noise, rivals, scan};
@@ -108,7 +108,12 @@ pub fn diagnose(
     let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
     let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
     let allowed = by_chance(rows, by_noise) * allowance(request.false_alarm_rate);
-    let adequate = largest_drop < allowed && plain.mean_square < NEVER_ADEQUATE;
+    let by_chance_only = largest_drop < allowed
+        || (largest_drop < WEAK * allowed
+            && singles
+                .first()
+                .is_some_and(|best| only_where_fitted(&plain, best)));
+    let adequate = by_chance_only && plain.mean_square < NEVER_ADEQUATE;
     // Pairs
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();

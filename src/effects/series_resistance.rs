@@ -33,7 +33,8 @@ impl Effect for SeriesResistance {
     fn remembers(&self) -> bool {
         true
     }
-    /// With the charge q = C phi:  q' = (phi_c - q/C)/R, integrated exactly for a linear command and the mean 1/C of the step.
+    /// With the charge q = C phi:  q' = (C phi_c - q)/(R C), integrated exactly for a linear C phi_c and the mean 1/C of the step, so
+    /// that phi is phi_c in the limit of no resistance.
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         let r = v[0];
         if r == 0.0 {
@@ -59,7 +60,7 @@ impl Effect for SeriesResistance {
                 (1.0 - decay) / x
             };
             let command = phi_v[i];
-            charge = charge * decay + c * (before * (mean - decay) + command * (1.0 - mean));
+            charge = charge * decay + c0 * before * (mean - decay) + c1 * command * (1.0 - mean);
             before = command;
             phi_v[i] = charge / c1;
             c0 = c1;

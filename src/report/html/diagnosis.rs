@@ -340,7 +340,10 @@ fn changed(d: &Diagnosis) -> Option<Note> {
             Some(share) if share > 0.0 => {
                 text += &format!(
                     " {} of the squares beyond noise are gone.",
-                    number::per_cent(share)
+                    match share {
+                        s if s > 0.99 => "Above 99 %".to_string(),
+                        s => number::per_cent(s),
+                    }
                 );
             }
             Some(_) => text += " That is no gain.",
@@ -467,7 +470,7 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
         )];
         if after {
             let points = shown(&t.after_v, k);
-            series.push(curve("augmented model", Role::One, Mark::Line, points));
+            series.push(curve("augmented model", Role::Five, Mark::Line, points));
         }
         panels.push(Panel {
             y: Axis::over(
@@ -540,8 +543,9 @@ fn scatter(d: &Diagnosis, p: &Place, held_out: bool, after: bool) -> Vec<[f64; 2
 
 fn located(d: &Diagnosis) -> Option<Section> {
     let p = d.places.first()?;
-    let mut drawings = Vec::new();
+    let mut figures = Vec::new();
     for held_out in [false, true] {
+        let mut drawings = Vec::new();
         let before = scatter(d, p, held_out, false);
         if before.is_empty() {
             continue;
@@ -553,7 +557,7 @@ fn located(d: &Diagnosis) -> Option<Section> {
         let what = if held_out { "held out" } else { "fitted" };
         let mut both: Vec<(&str, Role, Vec<[f64; 2]>)> = vec![("plain model", Role::Two, before)];
         if d.verdict == Verdict::MissingPhysics && !after.is_empty() {
-            both.push(("augmented model", Role::One, after));
+            both.push(("augmented model", Role::Five, after));
         }
         for (name, role, points) in both {
             let series = Series {
@@ -569,8 +573,9 @@ fn located(d: &Diagnosis) -> Option<Section> {
                 vec![series],
             ));
         }
+        figures.push(drawings);
     }
-    if drawings.is_empty() {
+    if figures.is_empty() {
         return None;
     }
     let of = match p.actuators.len() {
@@ -581,7 +586,12 @@ fn located(d: &Diagnosis) -> Option<Section> {
         "Torque that the motion needs minus torque that the command makes, in the coordinate in which the plain model fails most ({}).{of} A model that suffices leaves a level cloud around zero.",
         place(p)
     );
-    let figure = plot::figure(&drawings, "", &caption);
+    let last = figures.len() - 1;
+    let drawn: String = figures
+        .iter()
+        .enumerate()
+        .map(|(i, drawings)| plot::figure(drawings, "", if i == last { &caption } else { "" }))
+        .collect();
     let mut table = Table::new(
         "Places in which the plain model differs from the recordings, most telling first.",
         [
@@ -602,7 +612,7 @@ fn located(d: &Diagnosis) -> Option<Section> {
             Cell::text(number::words(&p.says)),
         ]);
     }
-    let context = context! { figure => safe(figure), table => table.html() };
+    let context = context! { figure => safe(drawn), table => table.html() };
     let template = "{{ figure }}\n{{ table }}\n";
     Some(Section::new(
         "where",

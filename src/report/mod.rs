@@ -10,3 +10,4 @@ pub mod parameter_file;
 pub mod plan_file;
 pub mod provenance;
 pub mod schema;
+pub mod survey;

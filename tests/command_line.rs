@@ -360,6 +360,68 @@ fn a_failed_run_does_not_touch_earlier_results() {
 }
 
 #[test]
+fn import_writes_a_manifest_to_start_from() {
+    let bench = Bench::new("symmetric");
+    fs::create_dir(bench.path("new")).unwrap();
+    for file in ["motion.csv", "voltage.csv"] {
+        fs::copy(
+            bench.path(&format!("rec/{file}")),
+            bench.path(&format!("new/{file}")),
+        )
+        .unwrap();
+    }
+    let out = bench.run(&[
+        "import",
+        "new/motion.csv",
+        "new/voltage.csv",
+        "--init",
+        "-o",
+        "out",
+    ]);
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    let said = String::from_utf8_lossy(&out.stdout);
+    assert!(
+        said.contains("nexus-csv") && said.contains("A start is written"),
+        "{said}"
+    );
+    // what moves and what rests is told from the motion; with a rig it is a recording
+    fs::copy(bench.path("rig.toml"), bench.path("new/rig.toml")).unwrap();
+    let recording = deacal::recording::Recording::open(&bench.path("new")).unwrap();
+    let original = deacal::recording::Recording::open(&bench.path("rec")).unwrap();
+    let labels = |r: &deacal::recording::Recording| {
+        let m = r.motion.as_ref().unwrap();
+        (
+            m.end_effector.label.clone(),
+            m.base.as_ref().unwrap().label.clone(),
+        )
+    };
+    assert_eq!(labels(&recording), labels(&original));
+    assert_eq!(
+        recording.voltage.unwrap().channels,
+        original.voltage.unwrap().channels
+    );
+    // nothing is overwritten, and a recording needs no start
+    let text = fs::read_to_string(bench.path("new/recording.toml")).unwrap();
+    for path in ["new/motion.csv", "new"] {
+        let out = bench.run(&["import", path, "--init", "-o", "out2"]);
+        assert_eq!(out.status.code(), Some(1));
+        assert_eq!(
+            String::from_utf8_lossy(&out.stderr).trim().lines().count(),
+            1
+        );
+    }
+    assert_eq!(
+        fs::read_to_string(bench.path("new/recording.toml")).unwrap(),
+        text
+    );
+    assert!(!bench.path("out2").exists());
+}
+
+#[test]
 fn import_describes_a_recording_and_a_bare_file() {
     let bench = Bench::new("symmetric");
     let out = bench.run(&["import", "rec", "rec/voltage.csv", "-o", "out", "--json"]);

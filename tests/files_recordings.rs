@@ -12,7 +12,7 @@ use deacal::calibration::*;
 use deacal::dataset::{Dataset, Parts, Plan, SmoothingPlan, Voltage};
 use deacal::film::{Film, InitialState};
 use deacal::model::{ForearmTorque, Parameters};
-use deacal::recording::{Recording, read_file, sha256};
+use deacal::recording::{ReadOptions, Recording, sha256, survey_file};
 use deacal::report::json::*;
 use deacal::report::parameter_file::ParameterFile;
 use deacal::report::plan_file::{parse_plan, plan_to_toml};
@@ -495,10 +495,10 @@ fn import_json_says_what_is_there() {
     let mut import = ImportRecording::new(&recording, None);
     import.aligned = Some(AlignedJson::new(&dataset(1000), None));
     let motion = dir.join("motion.csv");
-    let capture = read_file(&motion).unwrap();
+    let survey = survey_file(&motion, None, &ReadOptions::default()).unwrap();
     let file = ImportJson {
         recordings: vec![import],
-        files: vec![ImportFile::new(&motion, sha256(&motion).unwrap(), &capture)],
+        files: vec![ImportFile::new(&motion, sha256(&motion).unwrap(), &survey)],
         provenance: Provenance::of("deacal import robot", [&recording]),
     };
     let text = to_text(&file);

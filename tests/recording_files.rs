@@ -449,11 +449,12 @@ fn a_file_of_one_endless_line_is_refused_by_every_importer() {
         let error = importer
             .read(file.path(), &ReadOptions::default())
             .unwrap_err();
-        assert_eq!(
-            (error.kind(), error.line()),
-            (ErrorKind::LineTooLong, Some(1)),
-            "{error}"
-        );
+        // a binary file has no lines
+        let expected = match importer.name() {
+            "c3d" => (ErrorKind::Grammar, None),
+            _ => (ErrorKind::LineTooLong, Some(1)),
+        };
+        assert_eq!((error.kind(), error.line()), expected, "{error}");
     }
     assert!(start.elapsed().as_secs_f64() < 2.0);
 }

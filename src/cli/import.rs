@@ -7,11 +7,11 @@ use super::{Failure, Talk};
 use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
-use crate::recording::{Kind, Level, Recording, Rig, read_file, sha256};
+use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, sha256, survey_file};
 use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
-use crate::report::output::OutputSet;
+use crate::report::output::{OutputSet, write_atomic};
 use crate::report::provenance::Provenance;
-use crate::report::{csv, mcap};
+use crate::report::{csv, mcap, survey};
 
 /// What to import.
 #[derive(clap::Args)]
@@ -22,14 +22,20 @@ pub(super) struct Arguments {
     /// Folder for the results
     #[arg(short, long, default_value = "out/import")]
     output: PathBuf,
+    /// Of bare files, write a recording.toml to start from, beside the first of them; none that is there is overwritten
+    #[arg(long)]
+    init: bool,
 }
 
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
+    if a.init {
+        init_target(&a.paths)?;
+    }
     let progress = Progress::new(talk);
     let mut set = OutputSet::new(&a.output)?;
     let mut provenance = Provenance::new(command);
     let (mut recordings, mut files) = (Vec::new(), Vec::new());
-    let mut lines = Vec::new();
+    let (mut lines, mut surveys) = (Vec::new(), Vec::new());
     for path in &a.paths {
         progress.step(format!("reading {}", path.display()));
         if is_recording(path) {
@@ -43,20 +49,14 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 &mut lines,
             )?);
         } else {
-            let capture = read_file(path)?;
-            lines.push(format!("{}: {}", path.display(), capture.format));
-            for s in &capture.sections {
-                let rate = s.rate_hz.map_or(String::new(), |r| format!(", {r} Hz"));
-                lines.push(format!("  {}: {} columns{rate}", s.name, s.columns.len()));
-            }
-            lines.extend(
-                capture
-                    .notes
-                    .iter()
-                    .filter(|n| n.level == Level::Warning)
-                    .map(|n| format!("  ! {}", n.text)),
-            );
-            files.push(ImportFile::new(path, sha256(path)?, &capture));
+            // the sum goes over the file beside the reading
+            let again = path.clone();
+            let sum = std::thread::spawn(move || sha256(&again));
+            let survey = survey_file(path, None, &ReadOptions::default())?;
+            let sum = sum.join().map_err(|_| "the sum could not be made")??;
+            lines.extend(survey::lines(path, &survey));
+            files.push(ImportFile::new(path, sum, &survey));
+            surveys.push((path, survey));
         }
         progress.stopped()?;
     }
@@ -67,6 +67,14 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     };
     set.write("import.json", to_text(&json))?;
     set.commit()?;
+    if a.init {
+        let target = init_target(&a.paths)?;
+        init(&target, &surveys)?;
+        lines.push(format!(
+            "A start is written: {}; check its lines with a question mark",
+            target.display()
+        ));
+    }
     drop(progress);
     talk.result(&json);
     for line in lines {
@@ -74,6 +82,40 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     }
     talk.say(&format!("Written to {}", a.output.display()));
     Ok(())
+}
+
+/// Where a `recording.toml` to start from goes: beside the first bare file.
+fn init_target(paths: &[PathBuf]) -> Result<PathBuf, Failure> {
+    let Some(first) = paths.iter().find(|p| !is_recording(p)) else {
+        return Err(
+            "--init needs a bare file, not a recording: name the files that the instruments wrote"
+                .into(),
+        );
+    };
+    let target = first.with_file_name("recording.toml");
+    if target.exists() {
+        let path = target.display();
+        return Err(format!(
+            "{path}: is there already, and --init overwrites nothing; move it away first"
+        )
+        .into());
+    }
+    Ok(target)
+}
+
+/// Writes a `recording.toml` to start from.
+fn init(target: &Path, surveys: &[(&PathBuf, Survey)]) -> Result<(), Failure> {
+    let dir = target.parent().unwrap_or(Path::new(""));
+    let files: Vec<(String, &Survey)> = surveys
+        .iter()
+        .map(|(path, survey)| {
+            let inside = path.strip_prefix(dir).ok().map(Path::to_owned);
+            let name =
+                inside.unwrap_or_else(|| std::path::absolute(path).unwrap_or((*path).clone()));
+            (name.display().to_string(), survey)
+        })
+        .collect();
+    Ok(write_atomic(target, survey::manifest(&files))?)
 }
 
 fn is_recording(path: &Path) -> bool {

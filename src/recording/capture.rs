@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::error::{Error, ErrorKind, quote, suggestion};
-use super::{delimited, nexus_csv, text};
+use super::{c3d, delimited, nexus_csv, optitrack_csv, qualisys_tsv, text, trc};
 
 /// How weighty a [`Note`] is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -85,6 +85,8 @@ pub struct Section {
     pub subframes_per_frame: Option<u32>,
     /// Time stamp of each row, s, for formats that stamp rows instead of counting frames.
     pub stamps_s: Option<Vec<f64>>,
+    /// Number of the frame at time 0; `None`: 1, as Vicon counts. Formats that print times say another.
+    pub zero_frame: Option<i64>,
     /// The columns that belong together under one name (a marker, a device), in the order of the file.
     pub groups: Vec<Group>,
     /// The columns, in the order of the file.
@@ -187,8 +189,8 @@ impl Section {
             .map_or(self.frames.len(), |c| c.values.len())
     }
 
-    /// Time of every row on the file's own clock, s: stamps, or (frame - 1 + sub/n) / frame rate, where frame rate is
-    /// the declared rate / n. `None` if the file has neither.
+    /// Time of every row on the file's own clock, s: stamps, or (frame - zero + sub/n) / frame rate, where frame rate is
+    /// the declared rate / n and zero is [`Section::zero_frame`]. `None` if the file has neither.
     #[must_use]
     pub fn times_s(&self) -> Option<Vec<f64>> {
         if let Some(stamps) = &self.stamps_s {
@@ -198,7 +200,7 @@ impl Section {
         if self.frames.is_empty() {
             return None;
         }
-        // (f - 1 + sub/n) / (rate/n) = ((f - 1) n + sub) / rate
+        // (f - zero + sub/n) / (rate/n) = ((f - zero) n + sub) / rate
         Some(
             (0..self.frames.len())
                 .map(|i| self.sample_index(i) as f64 / rate_hz)
@@ -206,14 +208,28 @@ impl Section {
         )
     }
 
-    /// Samples since frame 1 of a row, counting sub-frames: (frame - 1) n + sub.
+    /// Samples since time 0 of a row, counting sub-frames: (frame - zero) n + sub.
     #[must_use]
     pub fn sample_index(&self, row: usize) -> i64 {
         let n = i64::from(self.subframes_per_frame.unwrap_or(1));
         let sub = i64::from(self.sub_frames.get(row).copied().unwrap_or(0));
+        let zero = self.zero_frame.unwrap_or(1);
         self.frames.get(row).map_or(0, |f| {
-            f.saturating_sub(1).saturating_mul(n).saturating_add(sub)
+            f.saturating_sub(zero).saturating_mul(n).saturating_add(sub)
         })
+    }
+
+    /// Takes out all rows and leaves the columns.
+    pub fn clear_rows(&mut self) {
+        self.frames.clear();
+        self.sub_frames.clear();
+        self.lines = RowLines::default();
+        if let Some(stamps) = &mut self.stamps_s {
+            stamps.clear();
+        }
+        for column in &mut self.columns {
+            column.values.clear();
+        }
     }
 
     /// The column with this group and axis.
@@ -356,12 +372,184 @@ pub trait Importer: Sync {
     /// # Errors
     /// The file does not follow the format, with line and column.
     fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error>;
+
+    /// Reads the file and shows its rows to `sink` as they come; what the sink takes out is not in the answer. An importer
+    /// that can, hands over a few rows at a time, so that a file of any size is gone through in constant memory; it says
+    /// nothing of gaps, because it has not seen them all.
+    ///
+    /// # Errors
+    /// As [`Importer::read`].
+    fn stream(
+        &self,
+        path: &Path,
+        options: &ReadOptions,
+        sink: &mut dyn Sink,
+    ) -> Result<Capture, Error> {
+        let mut capture = self.read(path, options)?;
+        for (index, section) in capture.sections.iter_mut().enumerate() {
+            sink.rows(index, section);
+        }
+        Ok(capture)
+    }
+}
+
+/// Sees rows while a file is read.
+pub trait Sink {
+    /// The file is read again from its beginning: nothing that came before counts.
+    fn restart(&mut self) {}
+
+    /// Section `index` has more rows. Those that the sink leaves in it stay; [`Section::clear_rows`] takes all out. A
+    /// format without fixed columns may have added some at the end.
+    fn rows(&mut self, index: usize, section: &mut Section);
+}
+
+/// Leaves every row where it is.
+pub struct Keep;
+
+impl Sink for Keep {
+    fn rows(&mut self, _index: usize, _section: &mut Section) {}
+}
+
+/// How many numbers an importer gathers before it shows them to a [`Sink`].
+pub(super) const BATCH: usize = 64 * 1024;
+
+/// Rows that wait to be put into their columns, many at a time: a table may have thousands of columns, and a number in each
+/// is a walk through memory.
+pub(super) struct Block {
+    width: usize,
+    rows: usize,
+    values: Vec<f64>,
+}
+
+impl Block {
+    const NUMBERS: usize = 8 * 1024;
+
+    /// For so many columns.
+    pub(super) fn new(width: usize) -> Self {
+        Block {
+            width,
+            rows: 0,
+            values: Vec::new(),
+        }
+    }
+
+    /// A new row, NaN in every column. It does not count before [`Block::keep`].
+    #[inline]
+    pub(super) fn row(&mut self) -> &mut [f64] {
+        let from = self.rows * self.width;
+        self.values.truncate(from);
+        self.values.resize(from + self.width, f64::NAN);
+        &mut self.values[from..]
+    }
+
+    /// Keeps the row; a block that is full goes into the columns.
+    #[inline]
+    pub(super) fn keep(&mut self, columns: &mut [Column]) {
+        self.rows += 1;
+        if self.rows >= 16 && self.rows * self.width >= Self::NUMBERS {
+            self.pour(columns);
+        }
+    }
+
+    /// Puts the rows into their columns.
+    pub(super) fn pour(&mut self, columns: &mut [Column]) {
+        if self.rows == 0 {
+            return;
+        }
+        let kept = &self.values[..self.rows * self.width];
+        for (c, column) in columns.iter_mut().enumerate().take(self.width) {
+            column.values.extend(kept[c..].iter().step_by(self.width));
+        }
+        self.rows = 0;
+        self.values.clear();
+    }
+}
+
+/// [`Importer::read`] of an importer that streams.
+pub(super) fn read_whole(
+    importer: &dyn Importer,
+    path: &Path,
+    options: &ReadOptions,
+) -> Result<Capture, Error> {
+    let mut capture = importer.stream(path, options, &mut Keep)?;
+    for section in &capture.sections {
+        let rows = section.rows();
+        if section.groups.is_empty() {
+            for column in &section.columns {
+                let missing = column.values.iter().filter(|v| v.is_nan()).count();
+                column_gap_note(path, &column.title(), missing, rows, &mut capture.notes);
+            }
+            continue;
+        }
+        let groups: Vec<(&str, Gaps)> = section
+            .groups
+            .iter()
+            .map(|g| (g.name.as_str(), section.gaps(g.columns.clone())))
+            .collect();
+        gap_notes(path, &section.name, rows, &groups, &mut capture.notes);
+    }
+    Ok(capture)
+}
+
+/// Says how many values of a column are missing.
+pub(super) fn column_gap_note(
+    path: &Path,
+    title: &str,
+    missing: usize,
+    rows: usize,
+    notes: &mut Vec<Note>,
+) {
+    if missing > 0 {
+        notes.push(Note::warning(
+            path,
+            format!("column {title}: {missing} of {rows} values missing"),
+        ));
+    }
+}
+
+/// Says how many values are missing.
+pub(super) fn gap_notes(
+    path: &Path,
+    name: &str,
+    rows: usize,
+    groups: &[(&str, Gaps)],
+    notes: &mut Vec<Note>,
+) {
+    let with_gaps = groups.iter().filter(|g| g.1.missing > 0).count();
+    let missing: usize = groups.iter().map(|g| g.1.missing).sum();
+    if missing > 0 {
+        notes.push(Note::info(
+            path,
+            format!("section {name}: {with_gaps} groups have gaps, {missing} samples missing"),
+        ));
+    }
+    let mut never: Vec<&str> = groups
+        .iter()
+        .filter(|g| rows > 0 && g.1.missing == rows)
+        .map(|g| g.0)
+        .collect();
+    if !never.is_empty() {
+        let more = never.len().saturating_sub(8);
+        never.truncate(8);
+        let mut text = format!(
+            "section {name}: without a value in some column throughout: {}",
+            never.join(", ")
+        );
+        if more > 0 {
+            text += &format!(" and {more} more");
+        }
+        notes.push(Note::warning(path, text));
+    }
 }
 
 /// All importers; the first that recognises a file reads it.
 #[must_use]
 pub fn importers() -> &'static [&'static dyn Importer] {
     &[
+        &c3d::C3d,
+        &optitrack_csv::OptitrackCsv,
+        &qualisys_tsv::QualisysTsv,
+        &trc::Trc,
         &nexus_csv::NexusCsv,
         &nexus_csv::TrackerCsv,
         &delimited::Delimited,
@@ -391,18 +579,6 @@ const HINTS: &[(&[u8], &str)] = &[
         "this is a MATLAB file; write its variables to CSV",
     ),
     (b"\x89MCAP0", "this is an MCAP file, which is not read here"),
-    (
-        b"Format Version",
-        "this is an OptiTrack Motive export, which is not read here",
-    ),
-    (
-        b"PathFileType",
-        "this is a TRC file, which is not read here",
-    ),
-    (
-        b"NO_OF_FRAMES",
-        "this is a Qualisys TSV file, which is not read here",
-    ),
 ];
 
 /// Whether a file is known to be of a kind that no importer reads.

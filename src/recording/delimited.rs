@@ -9,7 +9,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::capture::{
-    Capture, Column, ColumnRef, Importer, Note, ReadOptions, Section, is_foreign, unknown_column,
+    BATCH, Block, Capture, Column, ColumnRef, Importer, Note, ReadOptions, Section, Sink,
+    is_foreign, read_whole, unknown_column,
 };
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
@@ -32,11 +33,21 @@ impl Importer for Delimited {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
+        read_whole(self, path, options)
+    }
+
+    fn stream(
+        &self,
+        path: &Path,
+        options: &ReadOptions,
+        sink: &mut dyn Sink,
+    ) -> Result<Capture, Error> {
         let mut comma_columns = BTreeSet::new();
         loop {
-            if let Some(capture) = read_once(path, options, &mut comma_columns)? {
+            if let Some(capture) = read_once(path, options, &mut comma_columns, sink)? {
                 return Ok(capture);
             }
+            sink.restart();
         }
     }
 }
@@ -74,6 +85,7 @@ fn read_once(
     path: &Path,
     options: &ReadOptions,
     comma_columns: &mut BTreeSet<usize>,
+    sink: &mut dyn Sink,
 ) -> Result<Option<Capture>, Error> {
     let mut lines = LineReader::open(path, options.encoding.as_deref())?;
     let mut sample: Vec<Line> = Vec::new();
@@ -102,6 +114,7 @@ fn read_once(
             Row::Reread => return Ok(None),
             Row::Cut => cut = true,
         }
+        table.show(sink, false);
     }
     while lines.advance()? {
         match table.row(
@@ -114,7 +127,9 @@ fn read_once(
             Row::Reread => return Ok(None),
             Row::Cut => cut = true,
         }
+        table.show(sink, false);
     }
+    table.show(sink, true);
     table.describe(path, &layout, &sample, cut, &mut notes);
     Ok(Some(Capture {
         format: "csv",
@@ -364,6 +379,8 @@ struct Table<'a> {
     numbers: Vec<NumberColumn>,
     comma_columns: &'a mut BTreeSet<usize>,
     blank_rows: usize,
+    rows: usize,
+    block: Block,
 }
 
 impl<'a> Table<'a> {
@@ -437,6 +454,7 @@ impl<'a> Table<'a> {
             })
             .collect();
         Ok(Table {
+            block: Block::new(columns.len()),
             section: Section {
                 name: "table".to_owned(),
                 line: layout.header.as_ref().map_or(1, |h| h.line),
@@ -450,6 +468,7 @@ impl<'a> Table<'a> {
             numbers,
             comma_columns,
             blank_rows: 0,
+            rows: 0,
         })
     }
 
@@ -458,53 +477,58 @@ impl<'a> Table<'a> {
             self.blank_rows += 1;
             return Ok(Row::Read);
         }
-        let rows = self.section.lines.len();
         let mut count = 0;
         let mut failed = None;
-        for (i, cell) in Cells::new(line, self.delimiter).enumerate() {
-            count += 1;
-            match self.slots.get(i) {
-                Some(None) => {}
-                Some(Some(column)) => match self.numbers[*column].parse(cell.bytes) {
-                    Ok(value) => self.section.columns[*column].values.push(value),
-                    Err(Trouble::Reread) => {
+        let values = self.block.row();
+        let mut cells = Cells::new(line, self.delimiter);
+        loop {
+            let i = count;
+            if let Some(Some(column)) = self.slots.get(i) {
+                let Some(next) = self.numbers[*column].next(&mut cells) else {
+                    break;
+                };
+                count += 1;
+                match next {
+                    Ok(value) => values[*column] = value,
+                    Err((Trouble::Reread, _)) => {
                         self.comma_columns.insert(i + 1);
                         return Ok(Row::Reread);
                     }
-                    Err(trouble) => {
+                    Err((trouble, cell)) => {
                         failed = Some(bad_cell(path, number, i + 1, cell.bytes, trouble));
                         break;
                     }
-                },
-                None if cell.bytes.is_empty() => {}
-                None => {
-                    failed = Some(
-                        Error::new(
-                            ErrorKind::CellCount,
-                            path,
-                            format!(
-                                "found {} beyond the table's columns",
-                                quote(&decode(cell.bytes))
-                            ),
-                        )
-                        .at_line(number)
-                        .at_column(i + 1)
-                        .expected(format!("{} cells", self.named))
-                        .action("look for a stray delimiter in the row"),
-                    );
-                    break;
                 }
+                continue;
+            }
+            let Some(cell) = cells.next() else { break };
+            count += 1;
+            if i >= self.slots.len() && !cell.bytes.is_empty() {
+                failed = Some(
+                    Error::new(
+                        ErrorKind::CellCount,
+                        path,
+                        format!(
+                            "found {} beyond the table's columns",
+                            quote(&decode(cell.bytes))
+                        ),
+                    )
+                    .at_line(number)
+                    .at_column(i + 1)
+                    .expected(format!("{} cells", self.named))
+                    .action("look for a stray delimiter in the row"),
+                );
+                break;
             }
         }
         let short = count < self.width;
         if failed.is_none() && !short {
+            self.block.keep(&mut self.section.columns);
             self.section.lines.push(number);
+            self.rows += 1;
             return Ok(Row::Read);
         }
         if !ended {
-            for column in &mut self.section.columns {
-                column.values.truncate(rows);
-            }
             return Ok(Row::Cut);
         }
         Err(failed.unwrap_or_else(|| {
@@ -515,6 +539,14 @@ impl<'a> Table<'a> {
         }))
     }
 
+    /// Shows the rows so far, where they are many or the last.
+    fn show(&mut self, sink: &mut dyn Sink, last: bool) {
+        if last || self.section.lines.len() * self.section.columns.len() >= BATCH {
+            self.block.pour(&mut self.section.columns);
+            sink.rows(0, &mut self.section);
+        }
+    }
+
     fn describe(
         &self,
         path: &Path,
@@ -523,7 +555,7 @@ impl<'a> Table<'a> {
         cut: bool,
         notes: &mut Vec<Note>,
     ) {
-        let rows = self.section.lines.len();
+        let rows = self.rows;
         notes.push(Note::info(
             path,
             format!(
@@ -578,18 +610,6 @@ impl<'a> Table<'a> {
                 path,
                 "the file ends in the middle of a row, which is dropped",
             ));
-        }
-        for column in &self.section.columns {
-            let missing = column.values.iter().filter(|v| v.is_nan()).count();
-            if missing > 0 {
-                notes.push(Note::warning(
-                    path,
-                    format!(
-                        "column {}: {missing} of {rows} values missing",
-                        column.title()
-                    ),
-                ));
-            }
         }
     }
 }

@@ -218,10 +218,14 @@ pub struct MotionManifest {
     pub clock: Clock,
     /// Unit of the positions; `None`: from the file.
     pub unit: Option<&'static Unit>,
-    /// Marker that moves.
+    /// Marker that moves; `*` and `?` stand for any text and any letter.
     pub end_effector: String,
-    /// Marker fixed to the frame.
+    /// Of the markers called so, the one nearest to this place in capture axes, mm.
+    pub end_effector_near_mm: Option<[f64; 3]>,
+    /// Marker fixed to the frame, as `end_effector`.
     pub base: Option<String>,
+    /// As `end_effector_near_mm`.
+    pub base_near_mm: Option<[f64; 3]>,
     /// Of the base marker in the rig's world W, mm.
     pub base_position_mm: [f64; 3],
     /// From the end effector's centre to its marker, in W, mm.
@@ -464,6 +468,8 @@ const MOTION: &[&str] = &[
     "unit",
     "end_effector",
     "base",
+    "end_effector_near_mm",
+    "base_near_mm",
     "base_position_mm",
     "end_effector_offset_mm",
     "rotation_deg",
@@ -787,12 +793,22 @@ fn channels(
 
 fn motion(t: &Keys<'_>) -> Result<MotionManifest, Error> {
     let time_unit = unit_of(t, "time_unit", &[Dimension::Time])?;
+    let end_effector_near_mm = t.get::<[f64; 3]>("end_effector_near_mm")?;
+    let base_near_mm = t.get::<[f64; 3]>("base_near_mm")?;
     Ok(MotionManifest {
         source: file_ref(t)?,
         clock: clock(t, time_unit)?,
         unit: unit_of(t, "unit", &[Dimension::Length])?,
-        end_effector: t.need("end_effector")?,
-        base: t.get("base")?,
+        end_effector: match (t.get("end_effector")?, end_effector_near_mm) {
+            (Some(label), _) => label,
+            (None, Some(_)) => "*".to_owned(),
+            (None, None) => t.need("end_effector")?,
+        },
+        end_effector_near_mm,
+        base: t
+            .get("base")?
+            .or_else(|| base_near_mm.map(|_| "*".to_owned())),
+        base_near_mm,
         base_position_mm: t.get("base_position_mm")?.unwrap_or_default(),
         end_effector_offset_mm: t.get("end_effector_offset_mm")?.unwrap_or_default(),
         rotation_deg: t.get("rotation_deg")?.unwrap_or_default(),

@@ -17,6 +17,7 @@
 //! # Ok::<(), deacal::recording::Error>(())
 //! ```
 
+mod c3d;
 mod capture;
 mod delimited;
 pub(crate) mod error;
@@ -24,14 +25,21 @@ pub(crate) mod keys;
 mod manifest;
 mod nexus_csv;
 mod open;
+mod optitrack_csv;
+mod pose;
+mod qualisys_tsv;
 mod rig;
+mod rows;
+mod survey;
 pub mod text;
+mod trc;
 
 use std::path::PathBuf;
 
+pub use c3d::C3d;
 pub use capture::{
-    Capture, Column, ColumnRef, Gaps, Group, Importer, Level, Note, ReadOptions, RowLines, Section,
-    importer_for, importers, read_file, read_file_as,
+    Capture, Column, ColumnRef, Gaps, Group, Importer, Keep, Level, Note, ReadOptions, RowLines,
+    Section, Sink, importer_for, importers, read_file, read_file_as,
 };
 pub use delimited::Delimited;
 pub use error::{Error, ErrorKind, nearest, suggestion};
@@ -42,7 +50,13 @@ pub use manifest::{
 };
 pub use nexus_csv::{NexusCsv, TrackerCsv};
 pub use open::sha256;
+pub use optitrack_csv::OptitrackCsv;
+pub use qualisys_tsv::QualisysTsv;
 pub use rig::{Actuator, Delta, FilmSampleRig, Rig, RobotFilm, RobotMass, RobotRig, Sam};
+pub use survey::{
+    ColumnSurvey, Doubt, DoubtKind, GroupSurvey, MarkerSurvey, SectionSurvey, Survey, survey_file,
+};
+pub use trc::Trc;
 
 use crate::units::Unit;
 
@@ -104,6 +118,9 @@ pub struct Marker {
     pub label: String,
     /// Position in capture axes, in [`RawMotion::unit`]; NaN where it was not seen.
     pub xyz: Vec<[f64; 3]>,
+    /// Of a rigid body, its rotation as a quaternion x, y, z, w whose sign does not jump; NaN where it was not seen.
+    /// `None` for a marker, and where the file has angles whose order it does not state.
+    pub rotation: Option<Vec<[f64; 4]>>,
 }
 
 /// `[motion]` as recorded.

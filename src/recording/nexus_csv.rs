@@ -15,7 +15,10 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::capture::{Capture, Column, Group, Importer, Note, ReadOptions, Section, first_cell};
+use super::capture::{
+    BATCH, Block, Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
+    read_whole,
+};
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
@@ -45,7 +48,16 @@ impl Importer for NexusCsv {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_sections(self.name(), path, options)
+        read_whole(self, path, options)
+    }
+
+    fn stream(
+        &self,
+        path: &Path,
+        options: &ReadOptions,
+        sink: &mut dyn Sink,
+    ) -> Result<Capture, Error> {
+        read_sections(self.name(), path, options, sink)
     }
 }
 
@@ -62,7 +74,16 @@ impl Importer for TrackerCsv {
     }
 
     fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_sections(self.name(), path, options)
+        read_whole(self, path, options)
+    }
+
+    fn stream(
+        &self,
+        path: &Path,
+        options: &ReadOptions,
+        sink: &mut dyn Sink,
+    ) -> Result<Capture, Error> {
+        read_sections(self.name(), path, options, sink)
     }
 }
 
@@ -90,6 +111,7 @@ fn read_sections(
     format: &'static str,
     path: &Path,
     options: &ReadOptions,
+    sink: &mut dyn Sink,
 ) -> Result<Capture, Error> {
     let mut comma_columns = BTreeSet::new();
     loop {
@@ -98,8 +120,10 @@ fn read_sections(
             comma_columns: &mut comma_columns,
             sections: Vec::new(),
             notes: Vec::new(),
+            sink,
         };
         if pass.read(&mut lines)? == Outcome::Reread {
+            sink.restart();
             continue;
         }
         let Pass {
@@ -141,6 +165,7 @@ struct Pass<'a> {
     comma_columns: &'a mut BTreeSet<(usize, usize)>,
     sections: Vec<Section>,
     notes: Vec<Note>,
+    sink: &'a mut dyn Sink,
 }
 
 impl Pass<'_> {
@@ -253,6 +278,7 @@ impl Pass<'_> {
                 NumberColumn::new(header.delimiter, notation)
             })
             .collect();
+        let mut block = Block::new(section.columns.len());
         let mut rows = Rows::default();
         let end = loop {
             if !lines.advance()? {
@@ -272,34 +298,44 @@ impl Pass<'_> {
             let mut sub_frame = f64::NAN;
             let mut trouble = None;
             let mut frame_only = true;
-            for (i, cell) in Cells::new(lines.line(), header.delimiter).enumerate() {
-                width_found += 1;
-                frame_only &= i < 2 || cell.bytes.is_empty();
-                if i >= width {
+            let row = block.row();
+            let mut cells = Cells::new(lines.line(), header.delimiter);
+            loop {
+                let i = width_found;
+                let Some(number) = numbers.get_mut(i) else {
+                    let Some(cell) = cells.next() else { break };
+                    width_found += 1;
+                    frame_only &= cell.bytes.is_empty();
                     if !cell.bytes.is_empty() {
                         trouble = Some((i, None));
                         break;
                     }
                     continue;
-                }
-                match numbers[i].parse(cell.bytes) {
+                };
+                let Some(next) = number.next(&mut cells) else {
+                    break;
+                };
+                width_found += 1;
+                match next {
                     Ok(value) => match i {
                         0 => frame = value,
                         1 => sub_frame = value,
                         _ => {
+                            frame_only &= value.is_nan();
                             if let Some(column) = header.cells[i] {
-                                section.columns[column].values.push(value);
+                                row[column] = value;
                             } else if !value.is_nan() {
                                 trouble = Some((i, None));
                                 break;
                             }
                         }
                     },
-                    Err(Trouble::Reread) => {
+                    Err((Trouble::Reread, _)) => {
                         self.comma_columns.insert((index, i));
                         return Ok(End::Reread);
                     }
-                    Err(t) => {
+                    Err((t, _)) => {
+                        frame_only &= i < 2;
                         trouble = Some((i, Some(t)));
                         break;
                     }
@@ -309,9 +345,6 @@ impl Pass<'_> {
             // a row of the frame number alone is whole, unless it is where the file was cut
             let short = width_found < width && !(frame_only && lines.ended_with_newline());
             if (short || trouble.is_some()) && !lines.ended_with_newline() {
-                for column in &mut section.columns {
-                    column.values.truncate(section.frames.len());
-                }
                 self.notes.push(
                     Note::warning(
                         lines.path(),
@@ -354,12 +387,15 @@ impl Pass<'_> {
                 .action("a row was cut; delete it or export the trial again"));
             }
             rows.push(lines, &mut section, frame, sub_frame)?;
-            for column in &mut section.columns {
-                // a row may hold the frame number alone
-                column.values.resize(section.frames.len(), f64::NAN);
+            block.keep(&mut section.columns);
+            lines.spend(section.columns.len())?;
+            if section.frames.len() * section.columns.len() >= BATCH {
+                block.pour(&mut section.columns);
+                self.sink.rows(index, &mut section);
             }
         };
-        if section.frames.is_empty() {
+        block.pour(&mut section.columns);
+        if rows.count == 0 {
             return Err(Error::new(
                 ErrorKind::NoData,
                 lines.path(),
@@ -369,6 +405,7 @@ impl Pass<'_> {
             .action("export the trial again with its data"));
         }
         rows.finish(lines.path(), &mut section, &mut self.notes);
+        self.sink.rows(index, &mut section);
         if header.delimiter != Delimiter::Comma {
             self.notes.push(Note::info(
                 lines.path(),
@@ -540,6 +577,8 @@ impl Header {
 /// Frame numbers of the rows so far: they rise, sub-frames within them.
 #[derive(Default)]
 struct Rows {
+    count: usize,
+    first: i64,
     last: Option<(i64, i64)>,
     missing_frames: i64,
     largest_sub: Option<u32>,
@@ -594,7 +633,10 @@ impl Rows {
                 .action("delete the repeated rows, or export the trial again"));
             }
             self.missing_frames += (frame - last_frame - 1).max(0);
+        } else {
+            self.first = frame;
         }
+        self.count += 1;
         self.last = Some((frame, i64::from(sub)));
         section.frames.push(frame);
         section.sub_frames.push(sub);
@@ -609,9 +651,9 @@ impl Rows {
             section.sub_frames.clear();
         }
         let name = &section.name;
-        let rows = section.frames.len();
-        let first = section.frames.first().copied().unwrap_or(0);
-        let last = section.frames.last().copied().unwrap_or(0);
+        let rows = self.count;
+        let first = self.first;
+        let last = self.last.map_or(0, |l| l.0);
         let per_frame = section.subframes_per_frame.unwrap_or(1);
         let mut text = format!(
             "section {name}: {rows} rows at {} Hz, frames {first} to {last}",
@@ -645,33 +687,6 @@ impl Rows {
                 format!(
                     "section {name}: {} rows have no sub-frame, taken as 0",
                     self.rows_without_sub
-                ),
-            ));
-        }
-        let mut with_gaps = 0;
-        let mut missing = 0;
-        let mut never: Vec<&str> = Vec::new();
-        for group in &section.groups {
-            let gaps = section.gaps(group.columns.clone());
-            with_gaps += usize::from(gaps.missing > 0);
-            missing += gaps.missing;
-            if gaps.missing == rows {
-                never.push(&group.name);
-            }
-        }
-        if missing > 0 {
-            notes.push(Note::info(
-                path,
-                format!("section {name}: {with_gaps} groups have gaps, {missing} samples missing"),
-            ));
-        }
-        if !never.is_empty() {
-            never.truncate(8);
-            notes.push(Note::warning(
-                path,
-                format!(
-                    "section {name}: without a value in some column throughout: {}",
-                    never.join(", ")
                 ),
             ));
         }

@@ -1,5 +1,6 @@
 //! Reads the files that a manifest names, and puts what is asked for together.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -15,6 +16,7 @@ use super::manifest::{
     CouponManifest, FileRef, Kind, Manifest, MonitorManifest, MotionManifest, VoltageManifest,
     missing_rig,
 };
+use super::pose::{largest_turn_deg, rotations};
 use super::rig::Rig;
 use super::{
     Marker, OpenOptions, RawAxis, RawBench, RawColumn, RawCoordinate, RawCoupon, RawElongation,
@@ -596,9 +598,24 @@ impl Reader<'_> {
     fn motion(&mut self, m: &MotionManifest) -> Result<RawMotion, Error> {
         let (path, capture) = self.capture(&m.source, Role::Motion, None)?;
         let all = markers(&capture);
-        let end = pick(&path, &all, &m.end_effector, None)?;
+        let mut choose = |label: &str, near: Option<[f64; 3]>, section: Option<usize>| {
+            let inside: Vec<&MarkerColumns> = all
+                .iter()
+                .filter(|a| section.is_none_or(|s| a.section == s))
+                .collect();
+            let hits = called(&inside, label);
+            match near {
+                Some(near_mm) if !hits.is_empty() => {
+                    let (marker, note) = nearest_marker(&path, &capture, &hits, near_mm, m.unit)?;
+                    self.notes.push(note);
+                    Ok(marker)
+                }
+                _ => pick(&path, &inside, &hits, label),
+            }
+        };
+        let end = choose(&m.end_effector, m.end_effector_near_mm, None)?;
         let base = match &m.base {
-            Some(label) => Some(pick(&path, &all, label, Some(end.section))?),
+            Some(label) => Some(choose(label, m.base_near_mm, Some(end.section))?),
             None => None,
         };
         let section = &capture.sections[end.section];
@@ -622,9 +639,24 @@ impl Reader<'_> {
                     *value = section.columns[column].values[row];
                 }
             }
+            let turns = marker
+                .group
+                .and_then(|g| rotations(section, section.groups.get(g)?.columns.clone()));
+            let rotation = turns.map(|turns| {
+                let mut rotation = vec![[f64::NAN; 4]; clock.time_s.len()];
+                for (turn, at) in turns.iter().zip(&clock.places) {
+                    rotation[*at] = *turn;
+                    // a body at 0, 0, 0 without a rotation was not seen
+                    if turn[0].is_nan() && xyz[*at] == [0.0; 3] {
+                        xyz[*at] = [f64::NAN; 3];
+                    }
+                }
+                rotation
+            });
             Marker {
                 label: marker.label.clone(),
                 xyz,
+                rotation,
             }
         };
         let end_effector = gather(end);
@@ -684,6 +716,17 @@ impl Reader<'_> {
                 quote(&marker.label)
             ),
         ));
+        if let Some(turn) = marker.rotation.as_deref().and_then(largest_turn_deg) {
+            let text = format!("body {} turns by up to {turn:.2} deg", quote(&marker.label));
+            self.notes.push(if turn > 5.0 {
+                Note::warning(
+                    path,
+                    text + "; base and end effector of a Delta keep their direction: is the body loose?",
+                )
+            } else {
+                Note::info(path, text)
+            });
+        }
         if part > 0 {
             self.notes.push(Note::warning(
                 path,
@@ -821,59 +864,73 @@ fn frame_clock(path: &Path, section: &Section, rate_hz: f64) -> Result<MotionClo
 }
 
 /// A marker in a file: its columns X, Y, Z.
-struct MarkerColumns {
-    label: String,
-    section: usize,
-    columns: [usize; 3],
+pub(super) struct MarkerColumns {
+    pub(super) label: String,
+    pub(super) section: usize,
+    /// Which of [`Section::groups`].
+    pub(super) group: Option<usize>,
+    pub(super) columns: [usize; 3],
+}
+
+/// Every marker of every section.
+fn markers(capture: &Capture) -> Vec<MarkerColumns> {
+    let sections = capture.sections.iter().enumerate();
+    sections.flat_map(|(i, s)| section_markers(i, s)).collect()
 }
 
 /// Every group with X, Y, Z (or TX, TY, TZ) in a length, and in a plain table every trio `EE_x, EE_y, EE_z`.
-fn markers(capture: &Capture) -> Vec<MarkerColumns> {
+pub(super) fn section_markers(s: usize, section: &Section) -> Vec<MarkerColumns> {
     let mut found = Vec::new();
-    for (s, section) in capture.sections.iter().enumerate() {
-        for group in &section.groups {
-            let at = |axis: &str| {
-                group
-                    .columns
-                    .clone()
-                    .find(|c| section.columns[*c].axis.eq_ignore_ascii_case(axis))
-            };
-            let trio = |x, y, z| Some([at(x)?, at(y)?, at(z)?]);
-            let Some(columns) = trio("X", "Y", "Z").or_else(|| trio("TX", "TY", "TZ")) else {
+    for (g, group) in section.groups.iter().enumerate() {
+        let at = |axis: &str| {
+            group
+                .columns
+                .clone()
+                .find(|c| section.columns[*c].axis.eq_ignore_ascii_case(axis))
+        };
+        let trio = |x, y, z| Some([at(x)?, at(y)?, at(z)?]);
+        let Some(columns) = trio("X", "Y", "Z").or_else(|| trio("TX", "TY", "TZ")) else {
+            continue;
+        };
+        let unit = &section.columns[columns[0]].unit;
+        // angles and forces of a C3D file may have no unit
+        let unit_left_out = unit.is_empty() && section.name != "Model Outputs";
+        if unit_left_out || Unit::parse(unit).is_some_and(|u| u.dimension == Dimension::Length) {
+            let label = group
+                .name
+                .strip_prefix("Global Angle (Quaternion) ")
+                .or_else(|| group.name.strip_prefix("Global Angle "))
+                .unwrap_or(&group.name);
+            found.push(MarkerColumns {
+                label: label.to_owned(),
+                section: s,
+                group: Some(g),
+                columns,
+            });
+        }
+    }
+    if section.groups.is_empty() {
+        let mut trios: HashMap<&str, [Option<usize>; 3]> = HashMap::new();
+        let mut order = Vec::new();
+        for (c, column) in section.columns.iter().enumerate() {
+            let Some((label, axis)) = coordinate(&column.axis) else {
                 continue;
             };
-            let unit = &section.columns[columns[0]].unit;
-            if unit.is_empty()
-                || Unit::parse(unit).is_some_and(|u| u.dimension == Dimension::Length)
-            {
-                let label = group
-                    .name
-                    .strip_prefix("Global Angle (Quaternion) ")
-                    .or_else(|| group.name.strip_prefix("Global Angle "))
-                    .unwrap_or(&group.name);
+            let trio = trios.entry(label).or_insert_with(|| {
+                order.push(label);
+                [None; 3]
+            });
+            let k = usize::from(axis as u8 - b'x');
+            trio[k] = trio[k].or(Some(c));
+        }
+        for label in order {
+            if let Some([Some(x), Some(y), Some(z)]) = trios.get(label) {
                 found.push(MarkerColumns {
                     label: label.to_owned(),
                     section: s,
-                    columns,
+                    group: None,
+                    columns: [*x, *y, *z],
                 });
-            }
-        }
-        if section.groups.is_empty() {
-            let parts: Vec<Option<(&str, char)>> = section
-                .columns
-                .iter()
-                .map(|c| coordinate(&c.axis))
-                .collect();
-            for (x, part) in parts.iter().enumerate() {
-                let Some((label, 'x')) = part else { continue };
-                let other = |axis| parts.iter().position(|p| *p == Some((*label, axis)));
-                if let (Some(y), Some(z)) = (other('y'), other('z')) {
-                    found.push(MarkerColumns {
-                        label: (*label).to_owned(),
-                        section: s,
-                        columns: [x, y, z],
-                    });
-                }
             }
         }
     }
@@ -900,35 +957,62 @@ fn coordinate(header: &str) -> Option<(&str, char)> {
     (matches!(axis, 'x' | 'y' | 'z') && (separated || label.is_empty())).then_some((label, axis))
 }
 
-/// The marker with a label: exactly, or the only one called so under any subject.
+/// The markers with a label: exactly, or under any subject, or as `*` and `?` allow.
+fn called<'a>(all: &[&'a MarkerColumns], label: &str) -> Vec<&'a MarkerColumns> {
+    let tests: [&dyn Fn(&str) -> bool; 3] =
+        [&|l| l == label, &|l| without_subject(l) == label, &|l| {
+            label.contains(['*', '?']) && matches(label, l)
+        }];
+    for test in tests {
+        let hits: Vec<_> = all.iter().copied().filter(|m| test(&m.label)).collect();
+        if !hits.is_empty() {
+            return hits;
+        }
+    }
+    Vec::new()
+}
+
+/// Whether a text is as a pattern says, in which `*` is any text and `?` any letter.
+fn matches(pattern: &str, text: &str) -> bool {
+    let (pattern, text): (Vec<char>, Vec<char>) =
+        (pattern.chars().collect(), text.chars().collect());
+    let (mut p, mut t) = (0, 0);
+    // after the last star, and what it has swallowed so far
+    let mut star: Option<(usize, usize)> = None;
+    while t < text.len() {
+        match pattern.get(p) {
+            Some('*') => {
+                star = Some((p + 1, t));
+                p += 1;
+            }
+            Some(c) if *c == '?' || *c == text[t] => {
+                p += 1;
+                t += 1;
+            }
+            _ => match star {
+                Some((after, from)) => {
+                    star = Some((after, from + 1));
+                    p = after;
+                    t = from + 1;
+                }
+                None => return false,
+            },
+        }
+    }
+    pattern[p..].iter().all(|c| *c == '*')
+}
+
+/// The one marker among those that have a label.
 fn pick<'a>(
     path: &Path,
-    all: &'a [MarkerColumns],
+    all: &[&MarkerColumns],
+    hits: &[&'a MarkerColumns],
     label: &str,
-    section: Option<usize>,
 ) -> Result<&'a MarkerColumns, Error> {
-    let inside = |m: &&MarkerColumns| section.is_none_or(|s| m.section == s);
-    let exact: Vec<_> = all
-        .iter()
-        .filter(inside)
-        .filter(|m| m.label == label)
-        .collect();
-    let hits = if exact.is_empty() {
-        all.iter()
-            .filter(inside)
-            .filter(|m| without_subject(&m.label) == label)
-            .collect()
-    } else {
-        exact
-    };
-    match hits.as_slice() {
+    match hits {
         [marker] => Ok(marker),
         [] => {
-            let mut labels: Vec<&str> = all
-                .iter()
-                .filter(inside)
-                .map(|m| m.label.as_str())
-                .collect();
+            let mut labels: Vec<&str> = all.iter().map(|m| m.label.as_str()).collect();
             labels.dedup();
             Err(Error::new(
                 ErrorKind::UnknownMarker,
@@ -937,20 +1021,68 @@ fn pick<'a>(
             )
             .action(suggestion(label, &labels)))
         }
-        several => Err(Error::new(
-            ErrorKind::Ambiguous,
-            path,
-            format!("{} markers are called {}", several.len(), quote(label)),
-        )
-        .action(format!(
-            "write the subject too: {}",
-            several
-                .iter()
-                .map(|m| m.label.as_str())
-                .collect::<Vec<_>>()
-                .join(", ")
-        ))),
+        several => {
+            let mut labels: Vec<&str> = several.iter().map(|m| m.label.as_str()).take(40).collect();
+            if several.len() > labels.len() {
+                labels.push("...");
+            }
+            Err(Error::new(
+                ErrorKind::Ambiguous,
+                path,
+                format!("{} markers are called {}", several.len(), quote(label)),
+            )
+            .action(format!(
+                "write the subject too, or say which with end_effector_near_mm (base_near_mm): {}",
+                labels.join(", ")
+            )))
+        }
     }
+}
+
+/// The marker that was first seen nearest to a place, and how near.
+fn nearest_marker<'a>(
+    path: &Path,
+    capture: &Capture,
+    hits: &[&'a MarkerColumns],
+    near_mm: [f64; 3],
+    declared: Option<&'static Unit>,
+) -> Result<(&'a MarkerColumns, Note), Error> {
+    let mut best: Option<(f64, &MarkerColumns)> = None;
+    for marker in hits {
+        let section = &capture.sections[marker.section];
+        let to_mm = positions_unit(path, section, marker, declared)?.to_si * 1e3;
+        let values = marker.columns.map(|c| &section.columns[c].values);
+        let seen = (0..section.rows()).find(|i| values.iter().all(|v| !v[*i].is_nan()));
+        let Some(row) = seen else { continue };
+        let away = values
+            .iter()
+            .zip(near_mm)
+            .map(|(v, near)| (v[row] * to_mm - near).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        if best.is_none_or(|b| away < b.0) {
+            best = Some((away, marker));
+        }
+    }
+    let Some((away, marker)) = best else {
+        return Err(Error::new(
+            ErrorKind::MissingThroughout,
+            path,
+            "none of the markers was ever seen",
+        )
+        .action("name a marker that was seen, or label it in the capture software"));
+    };
+    let text = format!(
+        "of {} markers, {} is nearest to {near_mm:?} mm: {away:.1} mm away where it is first seen",
+        hits.len(),
+        quote(&marker.label)
+    );
+    let note = if away > 100.0 {
+        Note::warning(path, text)
+    } else {
+        Note::info(path, text)
+    };
+    Ok((marker, note))
 }
 
 fn positions_unit(

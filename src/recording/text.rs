@@ -117,7 +117,13 @@ pub struct LineReader {
     number: u64,
     ended_with_newline: bool,
     not_utf8: bool,
+    cells_left: u64,
 }
+
+/// Numbers that a table may hold whatever its length, and how many more for each byte of the file: rows that are almost
+/// empty below a wide header would ask for any amount of memory.
+const CELLS: u64 = 1 << 23;
+const CELLS_PER_BYTE: u64 = 16;
 
 impl LineReader {
     /// Opens a file. Without a declared encoding it is UTF-8, or UTF-16 if a byte-order mark says so; a cell that is not
@@ -141,11 +147,14 @@ impl LineReader {
             [0xfe, 0xff] => Some(encoding_rs::UTF_16BE),
             _ => None,
         };
+        let length = file.metadata().map_or(0, |m| m.len());
         let bytes = io::Cursor::new(mark).chain(file);
-        Ok(match found.or(declared) {
+        let mut reader = match found.or(declared) {
             Some(e) if e != encoding_rs::UTF_8 => Self::new(path, Decoding::new(bytes, e)),
             _ => Self::new(path, bytes),
-        })
+        };
+        reader.cells_left = length.saturating_mul(CELLS_PER_BYTE).saturating_add(CELLS);
+        Ok(reader)
     }
 
     /// Reads lines of UTF-8 (or Latin-1) from anything; `path` is for messages.
@@ -157,6 +166,27 @@ impl LineReader {
             number: 0,
             ended_with_newline: true,
             not_utf8: false,
+            cells_left: CELLS,
+        }
+    }
+
+    /// Counts a row of so many numbers, written or left out.
+    ///
+    /// # Errors
+    /// The table is far larger than the file: almost all of it is empty.
+    pub fn spend(&mut self, cells: usize) -> Result<(), Error> {
+        match self.cells_left.checked_sub(cells as u64) {
+            Some(left) => {
+                self.cells_left = left;
+                Ok(())
+            }
+            None => Err(Error::new(
+                ErrorKind::CellCount,
+                &self.path,
+                format!("the table has {cells} columns and almost all of its cells are empty"),
+            )
+            .at_line(self.number)
+            .action("export fewer columns, or label the markers so that they do not come and go")),
         }
     }
 
@@ -350,6 +380,55 @@ impl<'a> Cells<'a> {
     }
 }
 
+impl Cells<'_> {
+    /// The next cell, if it is empty or nothing but a sign, digits and a dot, and whether it has a dot. The cells stay
+    /// where they are otherwise. Rounded as [`plain_number`] rounds.
+    #[inline]
+    fn plain(&mut self) -> Option<(f64, bool)> {
+        let rest = self.rest?;
+        let delimiter = match self.delimiter {
+            Delimiter::Spaces => return None,
+            other => other.byte(),
+        };
+        let negative = rest.first() == Some(&b'-');
+        let mut i = usize::from(negative);
+        let mut mantissa: u64 = 0;
+        let mut dot = usize::MAX;
+        let mut ended = false;
+        while let Some(&b) = rest.get(i) {
+            let digit = b.wrapping_sub(b'0');
+            if digit < 10 {
+                mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
+            } else if b == b'.' && dot == usize::MAX {
+                dot = i;
+            } else if b == delimiter {
+                ended = true;
+                break;
+            } else {
+                return None;
+            }
+            i += 1;
+        }
+        let has_dot = dot != usize::MAX;
+        let digits = i - usize::from(negative) - usize::from(has_dot);
+        if i > 0 && (digits == 0 || digits > 18) {
+            return None;
+        }
+        self.rest = ended.then(|| &rest[i + 1..]);
+        if i == 0 {
+            return Some((f64::NAN, false));
+        }
+        if mantissa > 1 << 53 {
+            self.rest = Some(rest);
+            return None;
+        }
+        let fraction = if has_dot { i - 1 - dot } else { 0 };
+        #[allow(clippy::cast_precision_loss)]
+        let value = mantissa as f64 / EXACT_POWERS[fraction];
+        Some((if negative { -value } else { value }, has_dot))
+    }
+}
+
 impl<'a> Iterator for Cells<'a> {
     type Item = Cell<'a>;
 
@@ -454,6 +533,19 @@ impl NumberColumn {
     #[must_use]
     pub fn notation(&self) -> Notation {
         self.notation
+    }
+
+    /// The number in the next cell of a row, NaN when it is empty; `None` after the last. With trouble comes the cell.
+    #[inline]
+    pub fn next<'a>(&mut self, cells: &mut Cells<'a>) -> Option<Result<f64, (Trouble, Cell<'a>)>> {
+        if self.notation == Notation::Dot
+            && let Some((value, dot)) = cells.plain()
+        {
+            self.saw_dot |= dot;
+            return Some(Ok(value));
+        }
+        let cell = cells.next()?;
+        Some(self.parse(cell.bytes).map_err(|trouble| (trouble, cell)))
     }
 
     /// The number in a cell; NaN when the cell is empty.
@@ -848,6 +940,25 @@ mod tests {
         fn any_double_survives(value in any::<f64>().prop_filter("finite", |v| v.is_finite())) {
             let (read, _) = plain_number(format!("{value:?}").as_bytes()).unwrap();
             prop_assert_eq!(read.to_bits(), value.to_bits());
+        }
+
+        #[test]
+        fn rows_are_read_as_their_cells_are(line in "([-+0-9.,;eEN \"]|[0-9]{3}|[0-9]{4}\\.[0-9]{2}[,;]){0,60}") {
+            for delimiter in [Delimiter::Comma, Delimiter::Semicolon, Delimiter::Tab, Delimiter::Spaces] {
+                let mut slow = NumberColumn::new(delimiter, Notation::Dot);
+                let mut fast = slow.clone();
+                let mut cells = Cells::new(line.as_bytes(), delimiter);
+                for cell in Cells::new(line.as_bytes(), delimiter) {
+                    let expected = slow.parse(cell.bytes);
+                    let found = fast.next(&mut cells).unwrap().map_err(|(trouble, at)| {
+                        assert_eq!(at, cell);
+                        trouble
+                    });
+                    prop_assert_eq!(found.map(f64::to_bits), expected.map(f64::to_bits));
+                    prop_assert_eq!((fast.notation, fast.saw_dot), (slow.notation, slow.saw_dot));
+                }
+                prop_assert!(fast.next(&mut cells).is_none());
+            }
         }
 
         #[test]

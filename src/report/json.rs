@@ -14,7 +14,7 @@ use crate::calibration::{
 };
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::film::InitialState;
-use crate::recording::{Capture, Level, Note, Payload, Recording, Section};
+use crate::recording::{Doubt, Level, Note, Payload, Recording, SectionSurvey, Survey};
 use crate::validation::{self, Validation};
 
 /// A number, or null where there is none.
@@ -899,6 +899,8 @@ pub struct GroupJson {
     pub missing: usize,
     /// Runs of such rows.
     pub gaps: usize,
+    /// Rows of the longest run.
+    pub longest_gap: usize,
 }
 
 /// One table of a bare file.
@@ -922,42 +924,63 @@ pub struct SectionJson {
     pub columns: Vec<ColumnJson>,
 }
 
-impl From<&Section> for SectionJson {
-    fn from(s: &Section) -> Self {
-        let times = s.times_s().unwrap_or_default();
+impl From<&SectionSurvey> for SectionJson {
+    fn from(s: &SectionSurvey) -> Self {
         SectionJson {
             name: s.name.clone(),
             line: s.line,
-            rows: s.rows(),
-            rate_hz: s.rate_hz.and_then(finite).or_else(|| rate_hz(&times)),
-            frames: match s.frames.as_slice() {
-                [] => None,
-                all => Some([all[0], all[all.len() - 1]]),
-            },
-            time_s: range(times),
+            rows: s.rows,
+            rate_hz: s.rate_hz.and_then(finite),
+            frames: s.frames,
+            time_s: s.time_s,
             groups: s
                 .groups
                 .iter()
-                .map(|g| {
-                    let gaps = s.gaps(g.columns.clone());
-                    GroupJson {
-                        name: g.name.clone(),
-                        missing: gaps.missing,
-                        gaps: gaps.runs,
-                    }
+                .map(|g| GroupJson {
+                    name: g.name.clone(),
+                    missing: g.gaps.missing,
+                    gaps: g.gaps.runs,
+                    longest_gap: g.longest_gap,
                 })
                 .collect(),
             columns: s
                 .columns
                 .iter()
                 .map(|c| ColumnJson {
-                    name: c.title(),
+                    name: c.title.clone(),
                     unit: c.unit.clone(),
                     number: c.number,
-                    missing: c.values.iter().filter(|v| v.is_nan()).count(),
-                    range: range(c.values.iter().copied()),
+                    missing: c.missing,
+                    range: c.range,
                 })
                 .collect(),
+        }
+    }
+}
+
+/// Something in a bare file that looks wrong.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DoubtJson {
+    /// `frozen`, `swap`, `spikes`, `clipped`, `unit` or `clock`.
+    pub kind: String,
+    /// The table.
+    pub section: String,
+    /// The markers or columns.
+    pub what: Vec<String>,
+    /// When it is first or worst, on the file's own clock, s.
+    pub time_s: Number,
+    /// One sentence.
+    pub says: String,
+}
+
+impl From<&Doubt> for DoubtJson {
+    fn from(d: &Doubt) -> Self {
+        DoubtJson {
+            kind: d.kind.name().to_owned(),
+            section: d.section.clone(),
+            what: d.what.clone(),
+            time_s: d.time_s.and_then(finite),
+            says: d.says.clone(),
         }
     }
 }
@@ -975,18 +998,21 @@ pub struct ImportFile {
     pub sections: Vec<SectionJson>,
     /// What was found and dropped.
     pub notes: Vec<NoteJson>,
+    /// What looks wrong.
+    pub doubts: Vec<DoubtJson>,
 }
 
 impl ImportFile {
-    /// Of a file that an importer read.
+    /// Of a file that was gone through.
     #[must_use]
-    pub fn new(path: &Path, sha256: impl Into<String>, capture: &Capture) -> Self {
+    pub fn new(path: &Path, sha256: impl Into<String>, survey: &Survey) -> Self {
         ImportFile {
             file: path.display().to_string(),
             sha256: sha256.into(),
-            format: capture.format.to_owned(),
-            sections: capture.sections.iter().map(SectionJson::from).collect(),
-            notes: capture.notes.iter().map(NoteJson::from).collect(),
+            format: survey.format.to_owned(),
+            sections: survey.sections.iter().map(SectionJson::from).collect(),
+            notes: survey.notes.iter().map(NoteJson::from).collect(),
+            doubts: survey.doubts.iter().map(DoubtJson::from).collect(),
         }
     }
 }

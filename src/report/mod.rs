@@ -13,3 +13,4 @@ pub mod plan_file;
 pub mod proof;
 pub mod provenance;
 pub mod schema;
+pub mod survey;

@@ -1,0 +1,213 @@
+//! TSV exports of Qualisys Track Manager.
+//!
+//! ```text
+//! file   := (KEY tab value (tab value)*)* [column row] row*
+//! column := Frame | Time | marker X | marker Y | marker Z     for 3D
+//!         | body X | Y | Z | Roll | Pitch | Yaw | Residual | Rot[0] .. Rot[8]     for 6D
+//! ```
+//!
+//! Every key is a word in capitals. Without a column row the names come from MARKER_NAMES. No unit is stated anywhere: the
+//! format is in mm and degrees. An empty cell, or 0, 0, 0, is a sample that was not seen.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::capture::{
+    Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell, read_whole,
+};
+use super::error::{Error, ErrorKind};
+use super::rows::{End, Table};
+use super::text::{Cells, Delimiter, LineReader, is_blank, plain_number};
+
+/// The importer of Qualisys exports.
+pub struct QualisysTsv;
+
+impl Importer for QualisysTsv {
+    fn name(&self) -> &'static str {
+        "qualisys-tsv"
+    }
+
+    fn recognises(&self, head: &[u8], _path: &Path) -> bool {
+        first_cell(head) == b"NO_OF_FRAMES"
+    }
+
+    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
+        read_whole(self, path, options)
+    }
+
+    fn stream(
+        &self,
+        path: &Path,
+        options: &ReadOptions,
+        sink: &mut dyn Sink,
+    ) -> Result<Capture, Error> {
+        let mut comma_cells = BTreeSet::new();
+        loop {
+            let mut lines = LineReader::open(path, options.encoding.as_deref())?;
+            let mut notes = Vec::new();
+            let (mut table, here) = header(&mut lines, &mut notes)?;
+            if table.read(&mut lines, here, &mut comma_cells, sink, &mut notes)? == End::Reread {
+                sink.restart();
+                continue;
+            }
+            return Ok(Capture {
+                format: self.name(),
+                sections: vec![table.section],
+                notes,
+            });
+        }
+    }
+}
+
+/// A word such as NO_OF_FRAMES.
+fn is_key(cell: &[u8]) -> bool {
+    cell.first().is_some_and(u8::is_ascii_uppercase)
+        && cell
+            .iter()
+            .all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || *b == b'_')
+}
+
+fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<(Table, bool), Error> {
+    let mut keys: Vec<(String, Vec<String>)> = Vec::new();
+    let mut here = false;
+    let mut columns = None;
+    let mut header_line = 1;
+    while lines.advance()? {
+        if is_blank(lines.line()) {
+            continue;
+        }
+        let cells: Vec<String> = Cells::new(lines.line(), Delimiter::Tab)
+            .map(|c| c.text())
+            .collect();
+        let first = cells.first().map_or("", String::as_str);
+        if is_key(first.as_bytes()) {
+            let mut values = cells[1..].to_vec();
+            while values.last().is_some_and(String::is_empty) {
+                values.pop();
+            }
+            keys.push((first.to_owned(), values));
+        } else if plain_number(first.as_bytes()).is_some() {
+            here = true;
+            break;
+        } else {
+            header_line = lines.number();
+            columns = Some(cells);
+            break;
+        }
+    }
+    if std::str::from_utf8(lines.line()).is_err() {
+        lines.note_not_utf8();
+    }
+    let path = lines.path();
+    let values = |key: &str| keys.iter().find(|k| k.0 == key).map_or(&[][..], |k| &k.1);
+    let number = |key: &str| {
+        let (value, _) = plain_number(values(key).first()?.as_bytes())?;
+        (value.is_finite() && value > 0.0).then_some(value)
+    };
+    let bodies = values("DATA_INCLUDED").first().is_some_and(|d| d == "6D");
+    let names = values(if bodies { "BODY_NAMES" } else { "MARKER_NAMES" });
+    let columns = columns.unwrap_or_else(|| {
+        let axes: &[&str] = if bodies { &SIX } else { &["X", "Y", "Z"] };
+        names
+            .iter()
+            .flat_map(|n| axes.iter().map(move |a| format!("{n} {a}")))
+            .collect()
+    });
+    let mut section = Section {
+        name: "Trajectories".to_owned(),
+        line: header_line,
+        rate_hz: number("FREQUENCY"),
+        ..Section::default()
+    };
+    let (mut frame, mut time) = (None, None);
+    let mut slots = Vec::with_capacity(columns.len());
+    for (cell, title) in columns.iter().enumerate() {
+        let mut slot = None;
+        if title == "Frame" && section.groups.is_empty() {
+            frame = Some(cell);
+        } else if title == "Time" && section.groups.is_empty() {
+            time = Some(cell);
+        } else if !title.is_empty() {
+            // `marker X` begins a marker, `Y` goes on with it; a marker's name may have spaces
+            let (name, axis) = match title.rsplit_once(' ') {
+                Some((name, axis)) if SIX.contains(&axis) => (name.trim(), axis),
+                _ => ("", title.as_str()),
+            };
+            let goes_on = section
+                .groups
+                .last()
+                .is_some_and(|g| (name.is_empty() || g.name == name) && axis != "X");
+            let at = section.columns.len();
+            if !goes_on {
+                section.groups.push(Group {
+                    name: if name.is_empty() {
+                        title.clone()
+                    } else {
+                        name.to_owned()
+                    },
+                    columns: at..at,
+                });
+            }
+            if let Some(group) = section.groups.last_mut() {
+                group.columns.end = at + 1;
+                section.columns.push(Column {
+                    group: group.name.clone(),
+                    axis: axis.to_owned(),
+                    unit: match axis {
+                        "X" | "Y" | "Z" | "Residual" => "mm",
+                        "Roll" | "Pitch" | "Yaw" => "deg",
+                        _ => "",
+                    }
+                    .to_owned(),
+                    number: cell + 1,
+                    values: Vec::new(),
+                });
+                slot = Some(at);
+            }
+        }
+        slots.push(slot);
+    }
+    if section.columns.is_empty() {
+        return Err(Error::new(ErrorKind::NoData, path, "no marker is named")
+            .at_line(lines.number().max(1))
+            .expected("MARKER_NAMES, or a row of columns such as hand_top X")
+            .action("export the trial again with its trajectories"));
+    }
+    notes.push(Note::info(
+        path,
+        "no unit is stated; Qualisys writes mm and degrees",
+    ));
+    let markers = section.groups.len();
+    if let Some(declared) = number(if bodies {
+        "NO_OF_BODIES"
+    } else {
+        "NO_OF_MARKERS"
+    }) && declared != markers as f64
+    {
+        notes.push(Note::warning(
+            path,
+            format!("{declared} markers are declared, {markers} have columns"),
+        ));
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let declared = number("NO_OF_FRAMES").map(|n| n as u64);
+    Ok((
+        Table {
+            section,
+            delimiter: Delimiter::Tab,
+            frame,
+            time,
+            slots,
+            zero_is_gap: true,
+            grows: false,
+            declared,
+        },
+        here,
+    ))
+}
+
+/// The columns of a body.
+const SIX: [&str; 16] = [
+    "X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", "Rot[0]", "Rot[1]", "Rot[2]", "Rot[3]",
+    "Rot[4]", "Rot[5]", "Rot[6]", "Rot[7]", "Rot[8]",
+];

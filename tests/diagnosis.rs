@@ -1,0 +1,129 @@
+//! The diagnosis on concealed cases: blind, then compared. A few of them here; `deacal prove --number 600` is the long form.
+
+use std::path::Path;
+
+use deacal::cases::{DriveSet, Kind, Spec, generate};
+use deacal::proof::{blind, compare, score, trial};
+
+fn spec(kind: Kind, seed: u64, strength: f64) -> Spec {
+    Spec {
+        kind,
+        seed,
+        strength,
+        drive: DriveSet::Ordinary,
+    }
+}
+
+#[test]
+fn a_clean_robot_is_called_adequate() {
+    for seed in [11, 12] {
+        let t = trial(&spec(Kind::Clean, seed, 0.5)).unwrap();
+        assert_eq!(t.verdict, "adequate", "{t:?}");
+    }
+}
+
+#[test]
+fn effects_of_each_site_are_named_first_and_the_gap_closes() {
+    for (i, id) in ["series_resistance", "joint_friction", "actuator_asymmetry", "time_offset"]
+        .into_iter()
+        .enumerate()
+    {
+        let t = trial(&spec(Kind::Effect(id), 100 + i as u64, 0.7)).unwrap();
+        assert_eq!(t.named.first().map(String::as_str), Some(id), "{t:?}");
+        assert!(t.gap_closed > 0.8, "{t:?}");
+    }
+}
+
+#[test]
+fn what_is_in_no_catalogue_gets_no_name() {
+    let t = trial(&spec(Kind::Unknown("x_cogging"), 7, 0.9)).unwrap();
+    assert_eq!(t.verdict, "unexplained", "{t:?}");
+    let proof = score(&[t]);
+    assert_eq!(proof.unknown_called_unexplained.hits, 1);
+}
+
+/// Writes the files of a case below `dir`, and its answer where `answer` says so.
+fn write(dir: &Path, spec: &Spec, answer: bool) {
+    let case = generate(spec).unwrap();
+    for (name, bytes) in case.files() {
+        let path = dir.join("cases").join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+    if answer {
+        let path = dir.join("cases").join(&case.name).join("truth.json");
+        std::fs::write(path, case.truth.to_json()).unwrap();
+    }
+}
+
+#[test]
+fn the_diagnosis_gives_the_same_bytes_with_and_without_the_answer() {
+    let spec = spec(Kind::Effect("amplifier_gain"), 5, 0.6);
+    let mut results = Vec::new();
+    for answer in [false, true] {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), &spec, answer);
+        let case = dir.path().join("cases").join(spec.name());
+        let mut list: Vec<_> = std::fs::read_dir(case.join("train"))
+            .unwrap()
+            .map(|e| e.unwrap().path())
+            .collect();
+        list.sort();
+        let run = assert_cmd::Command::cargo_bin("deacal")
+            .unwrap()
+            .arg("diagnose")
+            .args(&list)
+            .args(["--json", "--quiet", "-o"])
+            .arg(dir.path().join("out"))
+            .output()
+            .unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        // The provenance names the folder, which differs; everything else must not.
+        let mut json: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+        json.as_object_mut().unwrap().remove("provenance");
+        results.push(json.to_string());
+    }
+    assert_eq!(results[0], results[1]);
+}
+
+#[test]
+fn practice_cases_are_named() {
+    let Some(shared) = std::env::var_os("DEACAL_SHARED") else {
+        println!("skipped: DEACAL_SHARED is not set");
+        return;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let run = assert_cmd::Command::cargo_bin("deacal")
+        .unwrap()
+        .args(["prove", "--json", "--quiet", "--cases"])
+        .arg(Path::new(&shared).join("datasets/practice"))
+        .arg("-o")
+        .arg(dir.path())
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let proof: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+    assert_eq!(proof["n_cases"], 12);
+    assert_eq!(proof["false_alarm_rate"]["hits"], 0, "{}", proof["confusion"]);
+    assert_eq!(
+        proof["top1_detectable"]["hits"], proof["top1_detectable"]["of"],
+        "{}",
+        proof["confusion"]
+    );
+    assert_eq!(
+        proof["top1_hidden"]["hits"], proof["top1_hidden"]["of"],
+        "{}",
+        proof["confusion"]
+    );
+}
+
+#[test]
+fn an_answer_is_opened_only_after_the_diagnosis() {
+    // The comparison takes the finished diagnosis as a value; the diagnosis takes no answer.
+    let spec = spec(Kind::Clean, 21, 0.0);
+    let case = generate(&spec).unwrap();
+    let before = blind(&case).unwrap();
+    let t = compare(&case.truth, Ok(before.clone()), 0.0);
+    assert_eq!(blind(&case).unwrap().verdict, before.verdict);
+    assert!(t.truth.is_empty());
+}

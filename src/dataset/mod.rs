@@ -2,15 +2,19 @@
 //! writes down every choice it made in a [`Plan`], which can be given back to make the same choices again.
 
 mod coupon;
+mod cycles;
 mod plan;
 mod robot;
+mod sample;
 pub mod smoother;
 mod voltage;
 
 pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
+pub use cycles::{Cycles, cycles};
 pub use plan::{Plan, SmoothingPlan};
+pub use sample::{HangingDataset, HangingParts};
 pub use voltage::Voltage;
 
 use rand::Rng;

@@ -16,6 +16,7 @@ mod provenance;
 mod quality;
 mod recordings;
 pub mod reduce;
+mod sample;
 mod starts;
 mod summary;
 mod torque;
@@ -25,6 +26,7 @@ use crate::report::provenance::Provenance;
 use page::Section;
 
 pub use coupon::render_coupons;
+pub use sample::render_samples;
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 

@@ -1,5 +1,6 @@
 //! The command line: opens doors. `run` reads as the pipeline: arguments, files in, a job, files out.
 
+mod ageing;
 mod demo;
 mod export;
 mod fit;
@@ -78,6 +79,8 @@ enum Command {
     Predict(predict::Predict),
     /// Holds parameter files against recordings: measured against predicted voltage and force
     Validate(validate::Arguments),
+    /// Electrodes over days or batches: stroke, its loss, what moved, and whether two electrodes differ
+    Ageing(ageing::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header
     Export(export::Arguments),
     /// Completions for a shell, on standard output
@@ -110,6 +113,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Fit(fit) => fit::run(&fit, &command, talk),
         Command::Predict(predict) => predict::run(&predict, talk),
         Command::Validate(arguments) => validate::run(&arguments, &command, talk),
+        Command::Ageing(arguments) => ageing::run(&arguments, &command, talk),
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {
             let mut out = Vec::new();

@@ -2,6 +2,7 @@
 
 use schemars::{JsonSchema, schema_for};
 
+use super::ageing_json::AgeingJson;
 use super::json::{FitJson, ImportJson, ValidationJson};
 use super::parameter_file::ParametersJson;
 use super::plan_file::PlanFile;
@@ -12,6 +13,7 @@ pub fn schemas() -> Vec<(&'static str, String)> {
     vec![
         ("fit", text::<FitJson>()),
         ("validation", text::<ValidationJson>()),
+        ("ageing", text::<AgeingJson>()),
         ("import", text::<ImportJson>()),
         ("parameters", text::<ParametersJson>()),
         ("plan", text::<PlanFile>()),

@@ -5,6 +5,7 @@
 //! A new one is a file and a line in `SECTIONS`. Nothing is worked out here but where a mark goes on the page (which
 //! includes the distance of two curves that are drawn over each other).
 
+mod ageing;
 mod contributions;
 mod coupon;
 mod errors;
@@ -25,6 +26,7 @@ use crate::calibration::Outcome;
 use crate::report::provenance::Provenance;
 use page::Section;
 
+pub use ageing::render_ageing;
 pub use coupon::render_coupons;
 pub use sample::render_samples;
 

@@ -941,7 +941,6 @@ fn differences(electrodes: &[ElectrodeAgeing]) -> Vec<Difference> {
     let mut out = Vec::new();
     for (i, a) in electrodes.iter().enumerate() {
         for b in &electrodes[i + 1..] {
-            let mut common = 0;
             for la in &a.levels[1..] {
                 let same = |lb: &&LevelStroke| match (la.day, lb.day) {
                     (Some(x), Some(y)) if la.name == x.to_string() => x == y,
@@ -954,11 +953,7 @@ fn differences(electrodes: &[ElectrodeAgeing]) -> Vec<Difference> {
                 if !(x.value.is_finite() && y.value.is_finite()) {
                     continue;
                 }
-                common += 1;
                 out.push(difference(a, b, la, lb));
-            }
-            if common == 0 {
-                out.extend(None);
             }
         }
     }
@@ -1002,11 +997,10 @@ fn difference(
     };
     let ci95 = [value - half, value + half];
     let mut says = format!(
-        "{} {} {:.1} percentage points {} {} (95 %: {:.1} to {:.1}, p = {:.1e})",
+        "{} {} {:.1} percentage points more than {} (95 %: {:.1} to {:.1}, p = {:.1e})",
         a.name,
         if value < 0.0 { "loses" } else { "keeps" },
         value.abs(),
-        "more than",
         b.name,
         ci95[0],
         ci95[1],

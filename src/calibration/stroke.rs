@@ -32,6 +32,8 @@ const LONGEST_GAP: f64 = 0.1;
 const FAILED: f64 = 0.5;
 /// A cycle that is fitted this many times worse than the median cycle of the recording is one, too.
 const BROKEN: f64 = 4.0;
+/// And off by more than this share of its stroke: without noise a first cycle is fitted worse than those after it.
+const TORN: f64 = 0.03;
 /// Correlation of what the curve leaves, frames, up to which it counts as white.
 const WHITE: f64 = 1.5;
 
@@ -262,11 +264,21 @@ pub fn strokes(
         let unknowns = windows.len() * (POLYNOMIAL + 2 * k);
         Some(rows as f64 * (sum.max(1e-30) / rows as f64).ln() + 2.0 * unknowns as f64)
     };
-    let harmonics = (2..=MOST_HARMONICS)
-        .filter_map(|k| Some((k, aic(k)?)))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|b| b.0)
-        .ok_or("a cycle has too few frames for a curve through it")?;
+    let mut best: Option<(usize, f64)> = None;
+    for k in 2..=MOST_HARMONICS {
+        let Some(value) = aic(k) else { break };
+        match best {
+            Some((at, least)) if value >= least => {
+                if k >= at + 2 {
+                    break; // two more harmonics and no gain
+                }
+            }
+            _ => best = Some((k, value)),
+        }
+    }
+    let harmonics = best
+        .ok_or("a cycle has too few frames for a curve through it")?
+        .0;
     let curves: Vec<Curve> = windows.iter().filter_map(|w| fit(w, harmonics)).collect();
     let mean_square =
         |c: &Curve| c.residual.norm_squared() / (c.residual.len() - c.coefficients.len()) as f64;
@@ -303,7 +315,9 @@ pub fn strokes(
             let before = median(&sizes);
             size < FAILED * before || size > before / FAILED
         };
-        let torn = curves.len() > 2 && squares[i] > BROKEN * BROKEN * typical;
+        let torn = curves.len() > 2
+            && squares[i] > BROKEN * BROKEN * typical
+            && squares[i].sqrt() > TORN * size;
         if unlike || torn {
             good = i;
             notes.push(format!(

@@ -124,6 +124,7 @@ fn sample() -> HangingSample {
         films: 1.0,
         eps_r: 2.8,
         mass_kg: 50e-3,
+        electrode: deacal::model::Electrode::IDEAL,
     }
 }
 

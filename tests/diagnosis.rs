@@ -24,9 +24,14 @@ fn a_clean_robot_is_called_adequate() {
 
 #[test]
 fn effects_of_each_site_are_named_first_and_the_gap_closes() {
-    for (i, id) in ["series_resistance", "joint_friction", "actuator_asymmetry", "time_offset"]
-        .into_iter()
-        .enumerate()
+    for (i, id) in [
+        "series_resistance",
+        "joint_friction",
+        "actuator_asymmetry",
+        "time_offset",
+    ]
+    .into_iter()
+    .enumerate()
     {
         let t = trial(&spec(Kind::Effect(id), 100 + i as u64, 0.7)).unwrap();
         assert_eq!(t.named.first().map(String::as_str), Some(id), "{t:?}");
@@ -77,7 +82,11 @@ fn the_diagnosis_gives_the_same_bytes_with_and_without_the_answer() {
             .arg(dir.path().join("out"))
             .output()
             .unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        assert!(
+            run.status.success(),
+            "{}",
+            String::from_utf8_lossy(&run.stderr)
+        );
         // The provenance names the folder, which differs; everything else must not.
         let mut json: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
         json.as_object_mut().unwrap().remove("provenance");
@@ -101,10 +110,18 @@ fn practice_cases_are_named() {
         .arg(dir.path())
         .output()
         .unwrap();
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
     let proof: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
     assert_eq!(proof["n_cases"], 12);
-    assert_eq!(proof["false_alarm_rate"]["hits"], 0, "{}", proof["confusion"]);
+    assert_eq!(
+        proof["false_alarm_rate"]["hits"], 0,
+        "{}",
+        proof["confusion"]
+    );
     assert_eq!(
         proof["top1_detectable"]["hits"], proof["top1_detectable"]["of"],
         "{}",

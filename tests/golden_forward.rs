@@ -83,6 +83,7 @@ fn hanging_sample() {
             films: number(&g["geometry"]["films"]),
             eps_r: number(&g["geometry"]["eps_r"]),
             mass_kg: number(&case["mass_g"]) * 1e-3,
+            electrode: deacal::model::Electrode::IDEAL,
         };
         let sine = case["name"] == "sine";
         let phi = |t: f64| {
@@ -174,6 +175,7 @@ fn a_sample_pulls_in_under_too_high_a_voltage() {
         films: 1.0,
         eps_r: 2.8,
         mass_kg: 50e-3,
+        electrode: deacal::model::Electrode::IDEAL,
     };
     let ramp = Smooth(|t| [4000.0 * t; 3]);
     let error = sample_motion(&sample, &film, &ramp, &SampleOptions::default()).unwrap_err();

@@ -74,7 +74,7 @@ const ROOMS: &[Room] = &[
             ("film", ANY),
             ("effects", ANY),
             ("dataset", &["Track"]),
-            ("recording", &["RobotRig"]),
+            ("recording", &["RobotRig", "FilmSampleRig"]),
         ]),
         NO_FILES,
         "the model sees the motion and the rig, never the recorded voltage, which is the answer",
@@ -82,6 +82,7 @@ const ROOMS: &[Room] = &[
     (
         "residual",
         May::Only(&[
+            ("units", ANY),
             ("dataset", ANY),
             ("model", ANY),
             ("effects", ANY),

@@ -603,7 +603,7 @@ pub fn validate_coupons(coupons: &[&Coupon], film: &Film) -> Result<CouponOutcom
 }
 
 /// 1 + 2 sum of the autocorrelation up to its first value that is not positive, rows: how many rows say the same thing.
-fn correlation_rows(error: &[f64]) -> f64 {
+pub(super) fn correlation_rows(error: &[f64]) -> f64 {
     let n = error.len();
     let power: f64 = error.iter().map(|e| e * e).sum();
     if power <= 0.0 {

@@ -3,16 +3,26 @@
 //! Stages as in the paper: the film from symmetric drives, the forearm from single-actuator drives with the film held, both
 //! jointly from everything. All three are the same fit with other parameters fixed.
 
+mod ageing;
 mod coupon;
+mod joint;
 mod outcome;
 mod profile;
 mod robot;
+mod sample;
+mod sample_problem;
 mod statistics;
+mod stroke;
 
+pub use ageing::{
+    ASSUMED_SCATTER, AgeingInput, AgeingOutcome, AgeingRequest, By, CYCLES, Difference,
+    ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, named, words,
+};
 pub use coupon::{
     CouponFit, CouponOutcome, CouponPlace, CouponRequest, CouponTotal, calibrate_coupons,
     validate_coupons,
 };
+pub use joint::{CauseFound, Joint};
 pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,
@@ -21,7 +31,13 @@ pub use robot::{
     Request, Stage, calibrate_robot, predict_command, predict_force, validate_robot,
     validate_robot_with,
 };
+pub use sample::{
+    SampleFit, SampleOutcome, SampleRequest, Scale, calibrate_samples, predict_sample_motion,
+    validate_samples,
+};
+pub use sample_problem::Cause;
 pub use statistics::Uncertainty;
+pub use stroke::{CycleStroke, Strokes, Value, strokes};
 
 /// Something that a calibration cannot do.
 #[derive(Debug, thiserror::Error)]

@@ -1,4 +1,4 @@
-//! `fit film|forearm|robot|coupon`.
+//! `fit film|forearm|robot|sample|coupon`.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,8 @@ use clap::{Args, Subcommand};
 use super::progress::Progress;
 use super::{Failure, Talk, load};
 use crate::calibration::{
-    CouponRequest, Outcome, Request, Stage, calibrate_coupons, calibrate_robot,
+    CouponRequest, Outcome, Request, SampleRequest, Stage, calibrate_coupons, calibrate_robot,
+    calibrate_samples,
 };
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
@@ -27,6 +28,8 @@ pub(super) enum Fit {
     Forearm(Robot),
     /// Film and forearms jointly, all recordings at once
     Robot(Robot),
+    /// Film parameters from hanging samples (one voltage, a mass on the free end)
+    Sample(Samples),
     /// Film parameters from tensile and relaxation tests
     Coupon(Coupons),
 }
@@ -76,6 +79,19 @@ pub(super) struct Robot {
     robust: Option<f64>,
 }
 
+/// A fit to hanging film samples.
+#[derive(Args)]
+pub(super) struct Samples {
+    #[command(flatten)]
+    common: Common,
+    /// Rig to use instead of the recordings' own
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Parameter file to start from; its J and its electrode effects are held
+    #[arg(long, visible_alias = "params", value_name = "PARAMETERS")]
+    start: Option<PathBuf>,
+}
+
 /// A fit to film coupons.
 #[derive(Args)]
 pub(super) struct Coupons {
@@ -105,6 +121,7 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
         Fit::Film(a) => robot(Stage::Film, a, command, talk),
         Fit::Forearm(a) => robot(Stage::Forearm, a, command, talk),
         Fit::Robot(a) => robot(Stage::Robot, a, command, talk),
+        Fit::Sample(a) => sample(a, command, talk),
         Fit::Coupon(a) => coupon(a, command, talk),
     }
 }
@@ -189,6 +206,54 @@ pub(super) fn say_outcome(outcome: &Outcome, talk: Talk) {
     for remark in &outcome.remarks {
         talk.say(remark);
     }
+}
+
+fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let recordings = load::recordings(
+        &a.common.recordings,
+        a.rig.as_ref(),
+        Kind::FilmSample,
+        &progress,
+    )?;
+    let file = a.start.as_deref().map(load::parameters).transpose()?;
+    let provenance = Provenance::of(command, &recordings);
+    let (datasets, samples) = load::samples(&recordings, file.as_ref())?;
+    let refs: Vec<_> = datasets.iter().collect();
+    let start = file.as_ref().map(ParameterFile::parameters).transpose()?;
+    let request = SampleRequest {
+        start: start.map(|p| p.film),
+        fix: a.common.fix.clone(),
+        bound: a.common.bound.clone(),
+        starts: a.common.starts.into(),
+        seed: a.common.seed,
+        ..SampleRequest::new(a.common.branches.into())
+    };
+    progress.step("fitting");
+    let outcome = calibrate_samples(&refs, &samples, &request, &|_| progress.asked())?;
+    progress.stopped()?;
+    let fit = FitJson::of_samples(&outcome, provenance.clone());
+    let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
+    let mut set = OutputSet::new(&a.common.output)?;
+    set.write("report.html", html::render_samples(&outcome, &provenance))?;
+    set.write(
+        "parameters.toml",
+        ParameterFile::of_samples(&outcome, provenance).to_toml(),
+    )?;
+    set.write("fit.json", to_text(&fit))?;
+    set.write("plan.toml", plan_to_toml(&plans))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&fit);
+    talk.say(&outcome.verdict);
+    for remark in &outcome.remarks {
+        talk.say(remark);
+    }
+    talk.say(&format!(
+        "Report: {}",
+        a.common.output.join("report.html").display()
+    ));
+    Ok(())
 }
 
 fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {

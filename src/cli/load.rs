@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::Failure;
 use super::progress::Progress;
-use crate::dataset::{Dataset, Plan};
-use crate::model::Robot;
+use crate::dataset::{Dataset, HangingDataset, Plan};
+use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::read_plan;
@@ -20,6 +20,16 @@ pub(super) fn recordings(
     kind: Kind,
     progress: &Progress,
 ) -> Result<Vec<Recording>, Failure> {
+    recordings_of(paths, rig, &[kind], progress)
+}
+
+/// Opens recordings, all of one kind, which is among `kinds`.
+pub(super) fn recordings_of(
+    paths: &[PathBuf],
+    rig: Option<&PathBuf>,
+    kinds: &[Kind],
+    progress: &Progress,
+) -> Result<Vec<Recording>, Failure> {
     progress.step(format!("reading {} recording(s)", paths.len()));
     let options = OpenOptions { rig: rig.cloned() };
     let all: Vec<Recording> = paths
@@ -27,8 +37,10 @@ pub(super) fn recordings(
         .map(|p| Recording::open_with(p, &options))
         .collect::<Result<_, _>>()?;
     for r in &all {
-        if r.manifest.kind != kind {
-            let (found, wanted) = (r.manifest.kind.name(), kind.name());
+        let kind = r.manifest.kind;
+        if !kinds.contains(&kind) {
+            let names: Vec<&str> = kinds.iter().map(|k| k.name()).collect();
+            let (found, wanted) = (kind.name(), names.join("\" or \""));
             let path = r.path.display();
             return Err(format!(
                 "{path}: recording `{}` is of kind \"{found}\", this command works on \"{wanted}\"",
@@ -36,6 +48,16 @@ pub(super) fn recordings(
             )
             .into());
         }
+    }
+    if let Some(other) = all.iter().find(|r| r.manifest.kind != all[0].manifest.kind) {
+        return Err(format!(
+            "recordings `{}` and `{}` are of kinds \"{}\" and \"{}\": give recordings of one kind at a time",
+            all[0].manifest.id,
+            other.manifest.id,
+            all[0].manifest.kind.name(),
+            other.manifest.kind.name()
+        )
+        .into());
     }
     for (i, r) in all.iter().enumerate() {
         if let Some(earlier) = all[..i].iter().find(|e| e.manifest.id == r.manifest.id) {
@@ -102,6 +124,38 @@ pub(super) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Resul
         rig,
         parameters.and_then(ParameterFile::eps_r),
     )?)
+}
+
+/// Hanging samples, aligned, with geometry and mass of each rig and the electrode of a parameter file where there is one.
+pub(super) fn samples(
+    recordings: &[Recording],
+    parameters: Option<&ParameterFile>,
+) -> Result<(Vec<HangingDataset>, Vec<HangingSample>), Failure> {
+    let electrode = match parameters {
+        Some(file) => file.electrode()?,
+        None => Electrode::IDEAL,
+    };
+    let mut samples = Vec::new();
+    let mut datasets = Vec::new();
+    for r in recordings {
+        let Some(Rig::FilmSample(rig)) = &r.rig else {
+            return Err(format!(
+                "{}: recording `{}` has no rig of kind \"film-sample\"",
+                r.path.display(),
+                r.manifest.id
+            )
+            .into());
+        };
+        let dataset = HangingDataset::from_recording(r)?;
+        let eps_r = parameters.and_then(ParameterFile::eps_r);
+        let sample = HangingSample::from_rig(rig, eps_r, dataset.payload_kg)?;
+        samples.push(HangingSample {
+            electrode,
+            ..sample
+        });
+        datasets.push(dataset);
+    }
+    Ok((datasets, samples))
 }
 
 /// Reads a parameter file.

@@ -1,5 +1,6 @@
 //! The command line: opens doors. `run` reads as the pipeline: arguments, files in, a job, files out.
 
+mod ageing;
 mod demo;
 mod diagnose;
 mod export;
@@ -88,6 +89,8 @@ enum Command {
     Diagnose(diagnose::Arguments),
     /// Runs the diagnosis blind over cases with sealed answers, then opens them and scores
     Prove(prove::Arguments),
+    /// Electrodes over days or batches: stroke, its loss, what moved, and whether two electrodes differ
+    Ageing(ageing::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header
     Export(export::Arguments),
     /// Completions for a shell, on standard output
@@ -125,6 +128,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             diagnose::run(&arguments, &command, talk, crate::diagnosis::diagnose)
         }
         Command::Prove(arguments) => prove::run(&arguments, talk),
+        Command::Ageing(arguments) => ageing::run(&arguments, &command, talk),
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {
             let mut out = Vec::new();

@@ -7,24 +7,28 @@ use clap::{Args, Subcommand};
 
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
-use crate::calibration::{predict_command, predict_force, validate_robot_with};
+use crate::calibration::{
+    predict_command, predict_force, predict_sample_motion, validate_robot_with, validate_samples,
+};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Site, When};
 use crate::model::{Parameters, Robot};
-use crate::recording::Kind;
+use crate::recording::{Kind, Recording};
 use crate::report::csv::{self, Missing};
 use crate::report::json::PredictionJson;
 use crate::report::output::write_atomic_with;
+use crate::report::parameter_file::ParameterFile;
+use crate::residual::command_for_v;
 use crate::validation::predict_motion;
 
 /// What to predict.
 #[derive(Subcommand)]
 pub(super) enum Predict {
-    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and film1_V to film3_V are the voltages on the films
+    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and film1_V to film3_V are the voltages on the films; a hanging sample has phi_V
     Voltage(Arguments),
     /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag)
     Force(Arguments),
-    /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag)
+    /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag; a hanging sample has x_mm downwards, zero at rest)
     Motion(Arguments),
 }
 
@@ -51,13 +55,22 @@ pub(super) struct Arguments {
 pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     let (Predict::Voltage(a) | Predict::Force(a) | Predict::Motion(a)) = predict;
     let progress = Progress::new(talk);
-    let recordings = load::recordings(
+    let kinds: &[Kind] = match predict {
+        Predict::Voltage(_) => &[Kind::Robot, Kind::FilmSample],
+        Predict::Force(_) => &[Kind::Robot],
+        Predict::Motion(_) => &[Kind::Robot, Kind::FilmSample],
+    };
+    let recordings = load::recordings_of(
         std::slice::from_ref(&a.recording),
         a.rig.as_ref(),
-        Kind::Robot,
+        kinds,
         &progress,
     )?;
     let file = load::parameters(&a.params)?;
+    if recordings[0].manifest.kind == Kind::FilmSample {
+        drop(progress);
+        return sample(predict, a, &recordings, &file, talk);
+    }
     let robot = load::robot(load::rig(&recordings)?, Some(&file))?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     progress.step("predicting");
@@ -159,6 +172,59 @@ fn motion(
             Some((end, why)) => format!("{end} of {n} frames predicted: {why}."),
         });
     }
+    Ok(())
+}
+
+/// Voltage or motion of a hanging sample.
+fn sample(
+    predict: &Predict,
+    a: &Arguments,
+    recordings: &[Recording],
+    file: &ParameterFile,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let (datasets, samples) = load::samples(recordings, Some(file))?;
+    let film = file.parameters()?.film;
+    let (dataset, sample) = (&datasets[0], &samples[0]);
+    let flags = if matches!(predict, Predict::Motion(_)) {
+        let x_m = predict_sample_motion(dataset, sample, &film)?;
+        let times: Vec<f64> = (0..dataset.samples()).map(|i| dataset.time_s(i)).collect();
+        let (first, last) = dataset.voltage.span_s();
+        let slack = 0.5 * dataset.step_s;
+        let flags: Vec<Option<Missing>> = times
+            .iter()
+            .map(|t| {
+                let known = (first - slack..=last + slack).contains(&(t + dataset.offset_s));
+                (!known).then_some(Missing::NoVoltage)
+            })
+            .collect();
+        write(a.output.as_deref(), talk, |out| {
+            csv::predicted_sample_motion(out, &times, &x_m, &flags)
+        })?;
+        flags
+    } else {
+        let outcome = validate_samples(&[dataset], &samples, &film)?;
+        let r = &outcome.recordings[0];
+        let flags = csv::missing_of_sample(r);
+        let phi: Vec<f64> = r
+            .needed_squared_v2
+            .iter()
+            .map(|s| s.max(0.0).sqrt())
+            .collect();
+        let command = command_for_v(sample, &phi, &r.area, dataset.step_s);
+        write(a.output.as_deref(), talk, |out| {
+            csv::predicted_sample_voltage(out, r, &command, &flags)
+        })?;
+        if a.output.is_some() {
+            talk.say(&outcome.verdict);
+        }
+        flags
+    };
+    talk.result(&PredictionJson::new(
+        &dataset.id,
+        a.output.as_deref(),
+        &flags,
+    ));
     Ok(())
 }
 

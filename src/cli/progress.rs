@@ -59,6 +59,11 @@ impl Progress {
                 state.cost / state.rows.max(1) as f64
             ));
         }
+        self.asked()
+    }
+
+    /// Whether to go on.
+    pub(super) fn asked(&self) -> ControlFlow<()> {
         if STOP.load(Ordering::Relaxed) {
             ControlFlow::Break(())
         } else {

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
+use crate::calibration::{SampleOutcome, validate_samples};
 use crate::dataset::Dataset;
-use crate::recording::Kind;
+use crate::recording::{Kind, Recording};
 use crate::report::html;
 use crate::report::json::{ModelValidation, ValidationJson, to_text};
 use crate::report::output::OutputSet;
@@ -38,8 +39,12 @@ pub(super) struct Arguments {
 
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
-    let recordings = load::recordings(&a.recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let kinds = [Kind::Robot, Kind::FilmSample];
+    let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
     let provenance = Provenance::of(command, &recordings);
+    if recordings[0].manifest.kind == Kind::FilmSample {
+        return samples(a, &recordings, &provenance, progress, talk);
+    }
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     let rig = load::rig(&recordings)?;
     let refs: Vec<&Dataset> = datasets.iter().collect();
@@ -86,6 +91,58 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let mut set = OutputSet::new(&a.output)?;
     set.write("validation.json", to_text(&json))?;
     set.write("report.html", html::render_validation(&shown, &provenance))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&json);
+    talk.say(&format!(
+        "Report: {}",
+        a.output.join("report.html").display()
+    ));
+    Ok(())
+}
+
+/// Films against hanging samples.
+fn samples(
+    a: &Arguments,
+    recordings: &[Recording],
+    provenance: &Provenance,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let mut models = Vec::new();
+    let mut first: Option<SampleOutcome> = None;
+    for path in &a.params {
+        progress.step(format!("predicting with {}", path.display()));
+        let file = load::parameters(path)?;
+        let (datasets, samples) = load::samples(recordings, Some(&file))?;
+        let refs: Vec<_> = datasets.iter().collect();
+        let outcome = validate_samples(&refs, &samples, &file.parameters()?.film)?;
+        let sum = FileSum {
+            role: "parameters".into(),
+            file: path.display().to_string(),
+            sha256: crate::recording::sha256(path)?,
+        };
+        models.push(ModelValidation::of_samples(&outcome, sum));
+        talk.say(&format!("{}: {}", path.display(), outcome.verdict));
+        for r in &outcome.recordings {
+            talk.say(&format!(
+                "  {:20} {:8.2} V rms above 1 kV (noise alone {:.2} V); stroke {:.3} mm, predicted {:.3} mm",
+                r.id,
+                r.error.rmse_v,
+                r.error.noise_floor_v,
+                r.stroke_m[0] * 1e3,
+                r.stroke_m[1] * 1e3
+            ));
+        }
+        first.get_or_insert(outcome);
+        progress.stopped()?;
+    }
+    let shown = first.ok_or("no parameter file was given")?;
+    let head = models.remove(0);
+    let json = ValidationJson::new(head, models, provenance.clone());
+    let mut set = OutputSet::new(&a.output)?;
+    set.write("validation.json", to_text(&json))?;
+    set.write("report.html", html::render_samples(&shown, provenance))?;
     set.commit()?;
     drop(progress);
     talk.result(&json);

@@ -3,8 +3,10 @@
 
 mod colour;
 mod coupon;
+mod cycles;
 mod plan;
 mod robot;
+mod sample;
 pub mod smoother;
 mod voltage;
 
@@ -12,7 +14,9 @@ pub use colour::Colour;
 pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
+pub use cycles::{Cycles, cycles};
 pub use plan::{Plan, SmoothingPlan};
+pub use sample::{HangingDataset, HangingParts};
 pub use voltage::Voltage;
 
 use rand::Rng;

@@ -130,7 +130,7 @@ impl Dataset {
     }
 }
 
-fn mean(xyz: &[Vec3]) -> Vec3 {
+pub(super) fn mean(xyz: &[Vec3]) -> Vec3 {
     let mut sum = [0.0; 3];
     let mut count = 0.0;
     for p in xyz.iter().filter(|p| p.iter().all(|v| !v.is_nan())) {
@@ -143,7 +143,7 @@ fn mean(xyz: &[Vec3]) -> Vec3 {
 }
 
 /// Equidistant frames: each position on the grid point nearest to its stamp.
-fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Vec<Vec3>) {
+pub(super) fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Vec<Vec3>) {
     let step = 1.0 / motion.rate_hz;
     let times = &motion.time_s;
     let start = times.first().copied().unwrap_or(0.0);
@@ -174,7 +174,7 @@ fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Vec<Vec3>) {
 }
 
 /// Volts of the samples in which every channel has a value; `None` when there is none.
-fn volts(
+pub(super) fn volts(
     time_s: &[f64],
     channels: &[Vec<f64>],
     scale: f64,

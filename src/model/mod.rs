@@ -19,7 +19,7 @@ mod sample;
 pub use crate::dataset::Track;
 pub use forearm::ForearmTorque;
 pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
-pub use sample::HangingSample;
+pub use sample::{Electrode, HangingSample};
 
 use crate::film::Film;
 use crate::kinematics::{Chain, FourBar, Lozenge, Mechanism};

@@ -3,7 +3,7 @@
 
 use std::io::{self, Write};
 
-use crate::calibration::RecordingOutcome;
+use crate::calibration::{RecordingOutcome, SampleFit};
 use crate::dataset::Dataset;
 
 /// One column of a table.
@@ -261,6 +261,74 @@ pub fn predicted_voltage(
         columns.extend(Column::three("film{}_V", CHAINS, VOLT, film));
     }
     write_table(out, &columns, r.time_s.len(), |i, buffer| {
+        if let Some(flag) = &flags[i] {
+            put(buffer, flag);
+        }
+    })
+}
+
+/// Why nothing is predicted at each frame of a hanging sample: of its voltage, which follows from the captured x.
+#[must_use]
+pub fn missing_of_sample(r: &SampleFit) -> Vec<Option<Missing>> {
+    (0..r.time_s.len())
+        .map(|i| {
+            let squared = r.needed_squared_v2[i];
+            if r.captured_m[i].is_nan() {
+                Some(Missing::Gap)
+            } else if squared < 0.0 {
+                Some(Missing::Other("phi^2 < 0".to_owned()))
+            } else if squared.is_nan() {
+                Some(Missing::Other("not predicted".to_owned()))
+            } else {
+                None
+            }
+        })
+        .collect()
+}
+
+/// Predicted voltage of a hanging sample: `time_s,phi_V,phi_sd_V,flag`, the command that the motion needs.
+///
+/// # Errors
+/// Those of the writer.
+pub fn predicted_sample_voltage(
+    out: &mut (impl Write + ?Sized),
+    r: &SampleFit,
+    command_v: &[f64],
+    flags: &[Option<Missing>],
+) -> io::Result<()> {
+    let known = |i: usize, v: f64| if flags[i].is_none() { v } else { f64::NAN };
+    let columns = [
+        Column::new("time_s", TIME, |i| r.time_s[i]),
+        Column::new("phi_V", VOLT, |i| known(i, command_v[i])),
+        Column::new("phi_sd_V", VOLT, |i| known(i, r.sd_v[i])),
+    ];
+    flagged(out, &columns, flags)
+}
+
+/// Predicted motion of a hanging sample: `time_s,x_mm,flag`, x downwards, zero at rest.
+///
+/// # Errors
+/// Those of the writer.
+pub fn predicted_sample_motion(
+    out: &mut (impl Write + ?Sized),
+    time_s: &[f64],
+    x_m: &[f64],
+    flags: &[Option<Missing>],
+) -> io::Result<()> {
+    let known = |i: usize, v: f64| if flags[i].is_none() { v } else { f64::NAN };
+    let columns = [
+        Column::new("time_s", TIME, |i| time_s[i]),
+        Column::new("x_mm", POSITION, |i| known(i, x_m[i] * 1e3)),
+    ];
+    flagged(out, &columns, flags)
+}
+
+fn flagged(
+    out: &mut (impl Write + ?Sized),
+    columns: &[Column<'_>],
+    flags: &[Option<Missing>],
+) -> io::Result<()> {
+    write_table(out, columns, flags.len(), |i, buffer| {
         if let Some(flag) = &flags[i] {
             put(buffer, flag);
         }

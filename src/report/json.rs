@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::provenance::{FileSum, Provenance};
 use crate::calibration::{
     AtBound, ChainError, CouponFit, CouponOutcome, CouponPlace, CouponTotal, Estimate, Outcome,
-    RecordingOutcome, StartOutcome, WeakDirection,
+    RecordingOutcome, SampleFit, SampleOutcome, StartOutcome, WeakDirection,
 };
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::film::InitialState;
@@ -224,6 +224,9 @@ pub struct RecordingFit {
     /// What only a coupon has.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub coupon: Option<CouponJson>,
+    /// What only a hanging sample has.
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub sample: Option<SampleJson>,
     /// Voltage clock minus motion clock, s.
     pub offset_s: Number,
     /// Its standard error where it was estimated, s.
@@ -243,6 +246,7 @@ impl From<&RecordingOutcome> for RecordingFit {
             errors: (&r.total).into(),
             chains: r.chains.iter().map(Errors::from).collect(),
             coupon: None,
+            sample: None,
             offset_s: finite(r.offset_s),
             offset_std_error_s: r.offset_std_error_s.and_then(finite),
             gaps: gaps(&r.time_s, &r.gaps),
@@ -312,11 +316,54 @@ impl From<&CouponFit> for RecordingFit {
                 scale_pa: finite(c.scale_pa),
                 verdict: c.verdict.clone(),
             }),
+            sample: None,
             offset_s: None,
             offset_std_error_s: None,
             gaps: Vec::new(),
             n_unreachable: 0,
             notes: c.notes.clone(),
+        }
+    }
+}
+
+/// What only a hanging sample has.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SampleJson {
+    /// Predicted minus captured x, rms of frames averaged over a step of the integration, mm.
+    pub rmse_x_mm: Number,
+    /// What the noise of the capture makes of that, mm.
+    pub noise_floor_x_mm: Number,
+    /// Largest magnitude of it, mm.
+    pub max_error_x_mm: Number,
+    /// Noise of one captured frame, mm.
+    pub noise_mm: Number,
+    /// Length of the sample at rest by the model, mm.
+    pub rest_length_mm: Number,
+    /// Step of the integration, s.
+    pub step_s: Number,
+}
+
+impl From<&SampleFit> for RecordingFit {
+    fn from(r: &SampleFit) -> Self {
+        let mm = |v: f64| finite(v * 1e3);
+        RecordingFit {
+            id: r.id.clone(),
+            errors: (&r.error).into(),
+            chains: vec![(&r.error).into()],
+            coupon: None,
+            sample: Some(SampleJson {
+                rmse_x_mm: mm(r.rmse_m),
+                noise_floor_x_mm: mm(r.noise_rmse_m),
+                max_error_x_mm: mm(r.max_error_m),
+                noise_mm: mm(r.noise_m),
+                rest_length_mm: mm(r.rest_length_m),
+                step_s: finite(r.step_s),
+            }),
+            offset_s: finite(r.offset_s),
+            offset_std_error_s: r.offset_std_error_s.and_then(finite),
+            gaps: gaps(&r.time_s, &r.gaps),
+            n_unreachable: 0,
+            notes: r.notes.clone(),
         }
     }
 }
@@ -634,6 +681,43 @@ impl FitJson {
     }
 }
 
+impl FitJson {
+    /// Of a calibration on hanging samples.
+    #[must_use]
+    pub fn of_samples(outcome: &SampleOutcome, provenance: Provenance) -> Self {
+        let estimates = outcome.estimates.iter();
+        FitJson {
+            job: outcome.job.to_owned(),
+            verdict: outcome.verdict.clone(),
+            errors: (&outcome.total).into(),
+            nrmse_percent: None,
+            rmse_unit: "V".to_owned(),
+            rmse_basis: ABOVE_1KV.to_owned(),
+            converged: outcome.converged,
+            reason: outcome.reason.clone(),
+            evaluations: outcome.evaluations,
+            failed_evaluations: outcome.failed_evaluations,
+            weighted_mean_square: finite(outcome.weighted_mean_square),
+            noise_mean_square: Some(1.0),
+            parameters: Named(estimates.map(|e| (e.name.clone(), e.into())).collect()),
+            eps_r: finite(outcome.eps_r),
+            weak_directions: outcome.weak_directions.iter().map(Into::into).collect(),
+            correlation: (&outcome.correlation).into(),
+            recordings: outcome.recordings.iter().map(Into::into).collect(),
+            swing_range_deg: None,
+            worst: Vec::new(),
+            starts: outcome.starts.iter().map(Into::into).collect(),
+            plan: outcome
+                .recordings
+                .iter()
+                .map(|r| PlanJson::Motion(r.plan.clone()))
+                .collect(),
+            remarks: outcome.remarks.clone(),
+            provenance,
+        }
+    }
+}
+
 /// Measured against predicted motion, per axis x, y, z.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PathErrors {
@@ -790,6 +874,56 @@ impl ModelValidation {
             worst: fit.worst,
             remarks: fit.remarks.into_iter().chain(remarks).collect(),
         }
+    }
+
+    /// Of a film held against hanging samples.
+    #[must_use]
+    pub fn of_samples(outcome: &SampleOutcome, params: FileSum) -> Self {
+        let fit = FitJson::of_samples(outcome, Provenance::default());
+        let mut model = ModelValidation {
+            params,
+            verdict: fit.verdict,
+            errors: fit.errors,
+            recordings: fit
+                .recordings
+                .into_iter()
+                .map(|fit| RecordingValidation {
+                    fit,
+                    path: None,
+                    force: None,
+                    stroke_mm: None,
+                })
+                .collect(),
+            worst: fit.worst,
+            remarks: fit.remarks,
+        };
+        for (r, s) in model.recordings.iter_mut().zip(&outcome.recordings) {
+            let errors = || {
+                let counted = s.counts.iter().zip(s.predicted_m.iter().zip(&s.captured_m));
+                counted
+                    .filter(|(counts, _)| **counts)
+                    .map(|(_, (p, c))| (p - c) * 1e3)
+            };
+            let n = errors().count() as f64;
+            let rmse = (errors().map(|e| e * e).sum::<f64>() / n).sqrt();
+            let largest = errors().fold(0.0_f64, |m, e| m.max(e.abs()));
+            let range = s.stroke_m[0] * 1e3;
+            let first = |v: f64| [finite(v), None, None];
+            r.path = Some(PathErrors {
+                basis: "predicted".to_owned(),
+                relative_to_mm: first(range),
+                n_frames: errors().count(),
+                rmse_mm: first(rmse),
+                max_mm: first(largest),
+                rmse_relative: first(rmse / range),
+                max_relative: first(largest / range),
+            });
+            r.stroke_mm = Some(Stroke {
+                recorded: finite(range),
+                predicted: finite(s.stroke_m[1] * 1e3),
+            });
+        }
+        model
     }
 }
 

@@ -20,10 +20,10 @@ use serde::Serialize;
 use toml::de::DeValue;
 
 use super::provenance::{FileSum, Provenance, RecordingSum};
-use crate::calibration::{CouponOutcome, Estimate, Outcome};
+use crate::calibration::{CouponOutcome, Estimate, Outcome, SampleOutcome};
 use crate::diagnosis::Diagnosis;
 use crate::film::Film;
-use crate::model::{ForearmTorque, Parameters};
+use crate::model::{Electrode, ForearmTorque, Parameters};
 use crate::recording::keys::{Document, Keys, Value, describe};
 use crate::recording::{Error, ErrorKind, Note};
 
@@ -275,6 +275,66 @@ impl ParameterFile {
         }
     }
 
+    /// The film that a calibration on hanging samples found, with its errors; what their electrodes do, where all do the same.
+    #[must_use]
+    pub fn of_samples(outcome: &SampleOutcome, provenance: Provenance) -> Self {
+        let first = outcome.recordings.first().map(|r| r.electrode);
+        let same = outcome
+            .recordings
+            .iter()
+            .all(|r| Some(r.electrode) == first);
+        ParameterFile {
+            film: Some(FilmEntry::of(
+                &outcome.film,
+                Some(outcome.eps_r),
+                &outcome.estimates,
+            )),
+            effects: first
+                .filter(|_| same)
+                .map_or_else(Vec::new, |e| electrode_effects(&e)),
+            provenance,
+            ..ParameterFile::default()
+        }
+    }
+
+    /// What the electrode of a hanging sample does, from `[[effect]]`: `electrode_stiffness`, `series_resistance` and
+    /// `electrode_failure` from the first sample on.
+    ///
+    /// # Errors
+    /// An effect that a hanging sample has no place for, or one without its number.
+    pub fn electrode(&self) -> Result<Electrode, Error> {
+        let mut out = Electrode::IDEAL;
+        for effect in &self.effects {
+            let need = |name: &str| {
+                effect.number(name).ok_or_else(|| {
+                    Error::new(
+                        ErrorKind::MissingKey,
+                        &self.path,
+                        format!("effect `{}` has no `{name}`", effect.id),
+                    )
+                    .at_key("[[effect]]")
+                    .action(format!("add `{name} = ...`"))
+                })
+            };
+            match effect.id.as_str() {
+                "electrode_stiffness" => out.modulus_pa += need("modulus")?,
+                "series_resistance" => out.resistance_ohm += need("resistance")?,
+                "electrode_failure" => out.active_fraction *= 1.0 - need("fraction")?,
+                other => {
+                    return Err(Error::new(
+                        ErrorKind::BadValue,
+                        &self.path,
+                        format!("effect `{other}` cannot act on a hanging sample"),
+                    )
+                    .at_key("[[effect]] id")
+                    .expected("electrode_stiffness, series_resistance or electrode_failure")
+                    .action("take the block out, or name a file of a sample"));
+                }
+            }
+        }
+        Ok(out)
+    }
+
     /// Film and forearm, as the model wants them. Without `[forearm]`: no torque, at the default nodes.
     ///
     /// # Errors
@@ -421,6 +481,35 @@ impl ParameterFile {
     pub fn to_json(&self) -> ParametersJson {
         ParametersJson::of(self)
     }
+}
+
+/// The blocks of an electrode; none for what it does not do.
+#[must_use]
+pub fn electrode_effects(electrode: &Electrode) -> Vec<Effect> {
+    let block = |id: &str, values: &[(&str, f64)]| Effect {
+        id: id.to_owned(),
+        actuators: vec![1],
+        values: values
+            .iter()
+            .map(|(n, v)| ((*n).to_owned(), toml::Value::Float(*v)))
+            .collect(),
+    };
+    let ideal = Electrode::IDEAL;
+    let mut out = Vec::new();
+    if electrode.modulus_pa != ideal.modulus_pa {
+        let values = [("modulus", electrode.modulus_pa)];
+        out.push(block("electrode_stiffness", &values));
+    }
+    if electrode.resistance_ohm != ideal.resistance_ohm {
+        let values = [("resistance", electrode.resistance_ohm)];
+        out.push(block("series_resistance", &values));
+    }
+    if electrode.active_fraction != ideal.active_fraction {
+        let lost = 1.0 - electrode.active_fraction;
+        let values = [("fraction", lost), ("time", 0.0)];
+        out.push(block("electrode_failure", &values));
+    }
+    out
 }
 
 fn one_line(text: &str) -> String {

@@ -2,6 +2,7 @@
 
 use schemars::{JsonSchema, schema_for};
 
+use super::ageing_json::AgeingJson;
 use super::diagnosis_json::DiagnosisJson;
 use super::json::{FitJson, ImportJson, ValidationJson};
 use super::parameter_file::ParametersJson;
@@ -14,6 +15,7 @@ pub fn schemas() -> Vec<(&'static str, String)> {
         ("fit", text::<FitJson>()),
         ("validation", text::<ValidationJson>()),
         ("diagnosis", text::<DiagnosisJson>()),
+        ("ageing", text::<AgeingJson>()),
         ("import", text::<ImportJson>()),
         ("parameters", text::<ParametersJson>()),
         ("plan", text::<PlanFile>()),

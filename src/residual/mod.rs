@@ -10,9 +10,14 @@ mod decimate;
 mod gram;
 mod normal;
 mod robot;
+mod sample;
 
 pub use coupon::{CouponLocked, CouponResidual};
 pub use decimate::Decimation;
 pub use normal::{Normal, SeparableResidual, Slope};
 pub use robot::{Layout, RobotResidual, VoltageError};
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
+pub use sample::{
+    MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun, SampleTrouble,
+    command_for_v, film_voltage_v, inverse_sample, run_sample,
+};

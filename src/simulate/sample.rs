@@ -8,6 +8,10 @@
 //! part:   sigma_2 - X = 0,  X = eps E^2 = (eps/L3^2) (phi lambda_1 lambda_2)^2,  F = (sigma_1 - X)/lambda_1 width L3
 //! parts:  F_active + F_side = F_end = M (g - x''),   L_a lambda_1a + L_e lambda_1e = rest length + x
 //! ```
+//!
+//! A stiff electrode adds to the equilibrium spring of the active part. Behind a series resistance the charge is a state: with
+//! c = (lambda_1 lambda_2)^2 and z = c phi, z' = (phi_c - phi)/(R C_0), so that a stage is linear in z:
+//! z = (z* + kappa phi_c)/(1 + kappa/c), kappa = h gamma/(R C_0).
 
 use super::Error;
 use super::branches::{Elimination, LANES, Pack, Response, Springs};
@@ -93,7 +97,7 @@ pub struct SampleMotion {
     pub acceleration_m_s2: Vec<f64>,
     /// Stretches of the parts.
     pub stretches: Vec<Stretches>,
-    /// Voltage, V (just before a jump).
+    /// Voltage on the film, V (just before a jump of the command).
     pub phi_v: Vec<f64>,
     /// Steps taken.
     pub effort: Effort,
@@ -125,9 +129,9 @@ struct Part {
 }
 
 impl Part {
-    /// `maxwell` is X = eps E^2.
-    fn new(film: &Response, lambda_1: f64, section: f64, maxwell: f64) -> Self {
-        let two_x = 2.0 * maxwell;
+    /// `maxwell` is X = eps E^2, `slope` is d ln X / d ln(lambda_1 lambda_2): 2 under a voltage, -2 with a charge.
+    fn new(film: &Response, lambda_1: f64, section: f64, maxwell: f64, slope: f64) -> Self {
+        let two_x = slope * maxwell;
         let [t11, t12, t21, t22] = film.tangent.map(|t| t - two_x);
         let follow = -t21 / t22;
         let free = -(film.sigma[1] - maxwell) / t22;
@@ -146,10 +150,14 @@ impl Part {
 struct Hanging {
     sample: HangingSample,
     springs: Springs,
+    /// With the electrode's layer.
+    active: Springs,
     packs: usize,
     lengths: [f64; 2],
     sections: [f64; 3],
     maxwell: f64,
+    /// R C at lambda_1 lambda_2 = 1, s; 0 without a resistance.
+    time_constant_s: f64,
     rest_length: f64,
     scale: Scale,
     elimination: Vec<Elimination>,
@@ -160,11 +168,16 @@ struct Hanging {
 impl Hanging {
     fn new(sample: &HangingSample, film: &Film, tolerance_m: f64) -> Self {
         let springs = Springs::new(film);
+        let mut painted = film.clone();
+        painted.mu_pa[0] += sample.electrode.modulus_pa;
+        let active = Springs::new(&painted);
         let packs = springs.packs();
         Hanging {
             sample: *sample,
             packs,
             springs,
+            active,
+            time_constant_s: sample.time_constant_s(),
             lengths: sample.lengths_m(),
             sections: sample.sections_m2(),
             maxwell: sample.maxwell_f_m3(),
@@ -203,37 +216,41 @@ impl Hanging {
         for p in 0..3 {
             let own = p * n..(p + 1) * n;
             let squared = Self::squared(y, p);
+            let springs = if p == 0 { &self.active } else { &self.springs };
             out[p] = match implicit {
-                Some((star, weight)) => self.springs.implicit(
+                Some((star, weight)) => springs.implicit(
                     squared,
                     weight,
                     &star[own.clone()],
                     &w[own.clone()],
                     &mut self.elimination[own.clone()],
                 ),
-                None => {
-                    self.springs
-                        .explicit(squared, &w[own.clone()], &mut self.scratch[own.clone()])
-                }
+                None => springs.explicit(squared, &w[own.clone()], &mut self.scratch[own.clone()]),
             };
             if out[p].least.is_nan() || out[p].least <= 0.0 {
                 return Err(Error::LockedPart {
                     part: ["active part", "side strips", "end strips"][p],
-                    place: self.springs.locked(squared, &w[own], t_s),
+                    place: springs.locked(squared, &w[own], t_s),
                 });
             }
         }
         Ok(out)
     }
 
-    fn parts(&self, films: &[Response; 3], y: &[f64], phi: f64) -> [Part; 3] {
+    /// The parts under the film's voltage; `slope` is d ln X / d ln(lambda_1 lambda_2).
+    fn parts(&self, films: &[Response; 3], y: &[f64], phi: f64, slope: f64) -> [Part; 3] {
         let field = phi * y[ACTIVE_1] * y[ACTIVE_2];
         let maxwell = self.maxwell * field * field;
         [
-            Part::new(&films[0], y[ACTIVE_1], self.sections[0], maxwell),
-            Part::new(&films[1], y[ACTIVE_1], self.sections[1], 0.0),
-            Part::new(&films[2], y[END_1], self.sections[2], 0.0),
+            Part::new(&films[0], y[ACTIVE_1], self.sections[0], maxwell, slope),
+            Part::new(&films[1], y[ACTIVE_1], self.sections[1], 0.0, 2.0),
+            Part::new(&films[2], y[END_1], self.sections[2], 0.0, 2.0),
         ]
+    }
+
+    /// (lambda_1 lambda_2)^2 of the active part.
+    fn area(y: &[f64]) -> f64 {
+        (y[ACTIVE_1] * y[ACTIVE_2]).powi(2)
     }
 
     /// Moves `y` by d ln lambda_1 of the active and the end part; returns the increments of the parts' ln lambda and the largest.
@@ -331,14 +348,21 @@ impl System<1> for Forward<'_> {
         state: &State<1>,
         rates: &mut Rates<1>,
     ) -> Result<[f64; QUADRATURES], Trouble<Error>> {
-        let phi = self.voltage.phi_v(t_s, side)[0];
+        let command = self.voltage.phi_v(t_s, side)[0];
         for _ in 0..30 {
             let films = self
                 .hanging
                 .films(t_s, &rates.y, &state.w, None)
                 .map_err(Trouble::Blocked)?;
             rates.w.copy_from_slice(&self.hanging.scratch);
-            let parts = self.hanging.parts(&films, &rates.y, phi);
+            let (phi, slope) = match state.z.first() {
+                Some(z) => (z / Hanging::area(&rates.y), -2.0),
+                None => (command, 2.0),
+            };
+            if let Some(rate) = rates.z.first_mut() {
+                *rate = (command - phi) / self.hanging.time_constant_s;
+            }
+            let parts = self.hanging.parts(&films, &rates.y, phi, slope);
             if let Some(error) = self.hanging.unstable(t_s, &parts, &rates.y) {
                 return Err(Trouble::Blocked(error));
             }
@@ -363,7 +387,7 @@ impl System<1> for Forward<'_> {
         a: &mut [f64; 1],
     ) -> Result<[f64; QUADRATURES], Trouble<Error>> {
         let (t_s, hg) = (stage.t_s, stage.weight_s);
-        let phi = self.voltage.phi_v(t_s, Side::Before)[0];
+        let command = self.voltage.phi_v(t_s, Side::Before)[0];
         let mut last = f64::INFINITY;
         for iteration in 0..ITERATIONS {
             let x = stage.star.x[0] + hg * (stage.star.v[0] + hg * a[0]);
@@ -371,7 +395,17 @@ impl System<1> for Forward<'_> {
                 .hanging
                 .films(t_s, &state.y, &state.w, Some((&stage.star.w, hg)))
                 .map_err(Trouble::Blocked)?;
-            let parts = self.hanging.parts(&films, &state.y, phi);
+            let (phi, slope) = match state.z.first_mut() {
+                Some(z) => {
+                    let kappa = hg / self.hanging.time_constant_s;
+                    let share = kappa / Hanging::area(&state.y);
+                    *z = (stage.star.z[0] + kappa * command) / (1.0 + share);
+                    let slope = 4.0 * share / (1.0 + share) - 2.0;
+                    (*z / Hanging::area(&state.y), slope)
+                }
+                None => (command, 2.0),
+            };
+            let parts = self.hanging.parts(&films, &state.y, phi, slope);
             if let Some(error) = self.hanging.unstable(t_s, &parts, &state.y) {
                 return Err(Trouble::Blocked(error));
             }
@@ -407,6 +441,11 @@ impl System<1> for Forward<'_> {
 
     fn next_break_s(&self, t_s: f64) -> f64 {
         self.voltage.next_break_s(t_s)
+    }
+
+    /// A film moves by less than 1 um a volt: a voltage to this accuracy is a position to the tolerance.
+    fn z_scale(&self, _i: usize) -> f64 {
+        1e6 * self.hanging.scale.x / self.hanging.scale.w
     }
 
     fn stuck(&self, t_s: f64, state: &State<1>) -> Error {
@@ -449,8 +488,8 @@ impl Inverse<'_> {
     fn pass(&self, films: &[Response; 3], y: &mut [f64], x: f64, a: f64) -> ([[f64; 2]; 3], f64) {
         let h = &self.hanging;
         let tension = h.sample.mass_kg * (GRAVITY_M_S2 - a);
-        let side = Part::new(&films[1], y[ACTIVE_1], h.sections[1], 0.0);
-        let end = Part::new(&films[2], y[END_1], h.sections[2], 0.0);
+        let side = Part::new(&films[1], y[ACTIVE_1], h.sections[1], 0.0, 2.0);
+        let end = Part::new(&films[2], y[END_1], h.sections[2], 0.0, 2.0);
         let de = (tension - end.force) / end.stiffness;
         let da = (h.rest_length + x - h.length(y) - h.lengths[1] * y[END_1] * de)
             / (h.lengths[0] * y[ACTIVE_1]);
@@ -598,7 +637,7 @@ fn static_rest(
         let mut last = f64::INFINITY;
         for _ in 0..40 {
             let films = hanging.films(0.0, &y, &w, None)?;
-            let parts = hanging.parts(&films, &y, phi);
+            let parts = hanging.parts(&films, &y, phi, 2.0);
             if let Some(error) = hanging.unstable(0.0, &parts, &y) {
                 return Err(error);
             }
@@ -678,7 +717,11 @@ pub fn sample_motion(
         x: [0.0],
         v: [0.0],
         w: relaxed_state(&hanging, &y),
-        z: Vec::new(),
+        z: if hanging.time_constant_s > 0.0 {
+            vec![voltage.phi_v(t0, Side::After)[0] * Hanging::area(&y)]
+        } else {
+            Vec::new()
+        },
         y,
     };
     let control = Control {
@@ -692,7 +735,7 @@ pub fn sample_motion(
     let mut rates = Rates {
         a: [0.0],
         w: state.w.clone(),
-        z: Vec::new(),
+        z: state.z.clone(),
         y: state.y.clone(),
     };
     let mut out = SampleMotion {
@@ -725,13 +768,16 @@ pub fn sample_motion(
         out.velocity_m_s.push(here.v[0]);
         out.acceleration_m_s2.push(rates.a[0]);
         out.stretches.push(stretches(&rates.y));
-        out.phi_v.push(voltage.phi_v(t, side)[0]);
+        out.phi_v.push(match here.z.first() {
+            Some(z) => z / Hanging::area(&rates.y),
+            None => voltage.phi_v(t, side)[0],
+        });
     }
     out.effort = integrator.effort;
     Ok(out)
 }
 
-/// Inverse dynamics f_ID of the sample: phi^2 (V^2) at each sample of x(t); negative where no voltage gives that x. Between
+/// Inverse dynamics f_ID of the sample: phi^2 (V^2) on the film at each sample of x(t); negative where no voltage gives that x. Between
 /// samples x is the quintic through x, x' and x''.
 ///
 /// # Errors

@@ -12,7 +12,10 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::voltage::{Hold, Sampled};
+use super::{Error, SampleOptions, sample_motion};
+use crate::film::Film;
 use crate::kinematics::Vec3;
+use crate::model::HangingSample;
 
 /// Where the markers are and how the capture's axes lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -283,7 +286,7 @@ pub struct RecordingText {
     pub payload_kg: Vec<(f64, f64)>,
     /// "relaxed" or "virgin".
     pub film_state: String,
-    /// Further lines of the `recording` table in their order: batch, electrode, series ...
+    /// Further lines of the `recording` table in their order: batch, electrode, day, series ...
     pub labels: Vec<(String, String)>,
     /// Name of the motion file.
     pub motion_file: String,
@@ -313,6 +316,65 @@ impl Default for RecordingText {
             offset_s: Some(0.0),
         }
     }
+}
+
+/// The files of a recording of a hanging sample, by the names that `recording.toml` gives them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SampleFiles {
+    /// `recording.toml`.
+    pub recording_toml: Vec<u8>,
+    /// The capture.
+    pub motion_csv: Vec<u8>,
+    /// The voltage log.
+    pub voltage_csv: Vec<u8>,
+}
+
+/// Runs a hanging sample over `drive` (channel 1) from rest and writes the recording: the free end's marker moves along the world's Z,
+/// the top of the sample is at `top_m` above the origin. `text.kind` and the channels of `log` are set to those of a sample.
+///
+/// # Errors
+/// Those of [`sample_motion`].
+pub fn sample_recording(
+    sample: &HangingSample,
+    film: &Film,
+    drive: &Sampled,
+    top_m: f64,
+    capture: &Capture,
+    text: &RecordingText,
+    log: &VoltageLog,
+) -> Result<SampleFiles, Error> {
+    let step_s = 1.0 / capture.rate_hz;
+    let start_s = (capture.first_frame.max(1) - 1) as f64 * step_s;
+    let options = SampleOptions {
+        sample_step_s: step_s,
+        start_s,
+        duration_s: drive.start_s() + drive.duration_s() - start_s,
+        ..SampleOptions::default()
+    };
+    let motion = sample_motion(sample, film, drive, &options)?;
+    let position: Vec<Vec3> = motion
+        .x_m
+        .iter()
+        .map(|x| [0.0, 0.0, top_m - motion.rest_length_m - x])
+        .collect();
+    let text = RecordingText {
+        kind: "film-sample".into(),
+        ..text.clone()
+    };
+    let log = VoltageLog {
+        channels: vec!["phi_kV".into()],
+        ..log.clone()
+    };
+    let mut files = SampleFiles {
+        recording_toml: Vec::new(),
+        motion_csv: Vec::new(),
+        voltage_csv: Vec::new(),
+    };
+    let written = nexus_csv(&mut files.motion_csv, capture, &position)
+        .and_then(|()| voltage_csv(&mut files.voltage_csv, &log, drive))
+        .and_then(|()| recording_toml(&mut files.recording_toml, &text, capture, &log));
+    written.map_err(|e| Error::Refused(e.to_string()))?;
+    Ok(files)
 }
 
 /// A TOML string.
@@ -356,7 +418,10 @@ pub fn recording_toml(
     }
     writeln!(out, "film_state = {}", quoted(&text.film_state))?;
     for (key, value) in &text.labels {
-        writeln!(out, "{key} = {}", quoted(value))?;
+        match key.as_str() {
+            "day" => writeln!(out, "{key} = {value}")?,
+            _ => writeln!(out, "{key} = {}", quoted(value))?,
+        }
     }
     writeln!(out, "\n[motion]")?;
     writeln!(out, "file = {}", quoted(&text.motion_file))?;

@@ -5,6 +5,7 @@
 //! A new one is a file and a line in `SECTIONS`. Nothing is worked out here but where a mark goes on the page (which
 //! includes the distance of two curves that are drawn over each other).
 
+mod ageing;
 mod contributions;
 mod coupon;
 mod diagnosis;
@@ -17,6 +18,7 @@ mod provenance;
 mod quality;
 mod recordings;
 pub mod reduce;
+mod sample;
 mod starts;
 mod summary;
 mod torque;
@@ -26,8 +28,10 @@ use crate::calibration::Outcome;
 use crate::report::provenance::Provenance;
 use page::Section;
 
+pub use ageing::render_ageing;
 pub use coupon::render_coupons;
 pub use diagnosis::render_diagnosis;
+pub use sample::render_samples;
 pub use validation::{render_validation, words as validation_words};
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;

@@ -1,0 +1,1092 @@
+//! Electrodes over days (or batches): stroke, its loss against the first day, what moved, and whether two electrodes differ.
+//!
+//! The stroke is measured (`stroke`), the cause is fitted (`joint`); neither needs the other. Intervals of strokes are those of the
+//! capture's noise. They say nothing of how samples of one electrode scatter: with one sample an electrode a difference between electrodes is
+//! a difference between two samples, and the outcome says how many would tell more.
+
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::function::erf::erfc;
+
+use super::joint::{Joint, joint};
+use super::profile::TWO_SIDED_95;
+use super::stroke::{Strokes, Value, strokes};
+use super::{Cause, Error};
+use crate::dataset::{Cycles, HangingDataset};
+use crate::model::HangingSample;
+
+/// Cycles of the ageing figure.
+pub const CYCLES: usize = 8;
+/// Fewer intact cycles than this are no run.
+const FEWEST_CYCLES: usize = 3;
+/// Power and level of the number of samples: z at 0.8 and at 0.975.
+const POWER_Z: f64 = 0.8416;
+/// Scatter of the loss between samples that is assumed where it was not measured, percentage points.
+pub const ASSUMED_SCATTER: f64 = 5.0;
+/// Draws for the day at which a loss is reached.
+const DRAWS: usize = 4000;
+/// A day further than this many times the range of days is not carried by the data.
+const REACH: f64 = 3.0;
+/// Rest of the fit that a trend may leave: chi^2 per degree of freedom above which no law of the list is called a fit.
+const MISFIT: f64 = 4.0;
+
+/// What the recordings are grouped by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// Days of one sample.
+    Day,
+    /// Batches of one electrode.
+    Batch,
+}
+
+/// One recording, as ageing sees it.
+#[derive(Debug, Clone)]
+pub struct AgeingInput {
+    /// Identity.
+    pub id: String,
+    /// `electrode` of its manifest.
+    pub electrode: Option<String>,
+    /// `batch`.
+    pub batch: Option<String>,
+    /// `day`.
+    pub day: Option<f64>,
+    /// The coordinate whose stroke is measured, m; NaN in gaps.
+    pub x_m: Vec<f64>,
+    /// Time of the first frame, s.
+    pub start_s: f64,
+    /// Distance of the frames, s.
+    pub step_s: f64,
+    /// Cycles of its drive.
+    pub cycles: Result<Cycles, String>,
+    /// Of a hanging sample: what a joint fit needs.
+    pub hanging: Option<(HangingDataset, HangingSample)>,
+    /// The command at each frame (the first channel), V, to draw loops.
+    pub command_v: Vec<f64>,
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AgeingRequest {
+    /// Days or batches.
+    pub by: By,
+    /// Loss from which a change is relevant, %.
+    pub threshold_percent: f64,
+    /// Loss whose day is asked for, %.
+    pub loss_percent: f64,
+    /// Cycles over which the stroke is averaged, at most.
+    pub cycles: usize,
+}
+
+impl Default for AgeingRequest {
+    fn default() -> Self {
+        AgeingRequest {
+            by: By::Day,
+            threshold_percent: 5.0,
+            loss_percent: 50.0,
+            cycles: CYCLES,
+        }
+    }
+}
+
+/// One recording that counts.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Number among the inputs.
+    pub input: usize,
+    /// Sample that it is of, within its electrode.
+    pub sample: String,
+    /// Level, from 0.
+    pub level: usize,
+    /// Strokes of its cycles.
+    pub strokes: Strokes,
+}
+
+/// An electrode on one day, or of one batch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevelStroke {
+    /// The day, or the batch, as it was stated.
+    pub name: String,
+    /// The day, where one is stated.
+    pub day: Option<f64>,
+    /// Mean stroke, mm.
+    pub stroke_mm: Value,
+    /// 95 % interval of each of the three.
+    pub stroke_ci95: [f64; 2],
+    /// Change against the first level, mm; a loss is negative.
+    pub change_mm: Value,
+    /// Its 95 % interval.
+    pub change_ci95: [f64; 2],
+    /// Change against the first level, %.
+    pub change_percent: Value,
+    /// Its 95 % interval.
+    pub percent_ci95: [f64; 2],
+    /// Whether the interval of the change excludes 0.
+    pub significant: bool,
+    /// Whether the change is beyond the threshold.
+    pub relevant: bool,
+    /// Change of the stroke within the runs, mm a cycle.
+    pub drift_mm: Value,
+    /// Samples behind it.
+    pub samples: usize,
+}
+
+/// A law of the loss over days.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trend {
+    /// `linear`, `exponential` or `saturating`.
+    pub law: &'static str,
+    /// Its parameters: rate (1 a day) of the first two; largest loss and time constant (days) of the third.
+    pub parameters: Vec<(&'static str, Value)>,
+    /// chi^2 per degree of freedom; NaN without one.
+    pub misfit: f64,
+    /// Loss whose day is told, %.
+    pub loss_percent: f64,
+    /// That day with its 95 % interval, where the data carry it.
+    pub reached_day: Option<(f64, [f64; 2])>,
+    /// In words.
+    pub says: String,
+}
+
+/// A sample of an electrode and its joint fit.
+#[derive(Debug, Clone)]
+pub struct SampleAgeing {
+    /// Its name: the batch, or empty.
+    pub name: String,
+    /// Levels that it has, by their number in the electrode.
+    pub levels: Vec<usize>,
+    /// The fit over its levels, or why there is none.
+    pub joint: Result<Joint, String>,
+    /// Change of the position at rest against the first level as captured, m (upwards is negative), by its levels.
+    pub rest_shift_m: Vec<f64>,
+}
+
+/// One electrode.
+#[derive(Debug, Clone)]
+pub struct ElectrodeAgeing {
+    /// Its name.
+    pub name: String,
+    /// Cycles that were averaged in every run.
+    pub cycles: usize,
+    /// Levels in order; the first is the reference.
+    pub levels: Vec<LevelStroke>,
+    /// Its samples.
+    pub samples: Vec<SampleAgeing>,
+    /// Trend of the loss over days, where there is one.
+    pub trend: Option<Trend>,
+    /// What a reader should know.
+    pub remarks: Vec<String>,
+}
+
+/// The test between two electrodes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// Their names.
+    pub electrodes: [String; 2],
+    /// The level at which they are compared.
+    pub level: String,
+    /// Change of the first minus change of the second, percentage points.
+    pub percent: Value,
+    /// 95 % interval.
+    pub ci95: [f64; 2],
+    /// p-value of no difference.
+    pub p_value: f64,
+    /// Whether it rests on several samples an electrode.
+    pub between_samples: bool,
+    /// Scatter between samples, percentage points, that the number of samples rests on.
+    pub scatter: f64,
+    /// Whether that scatter was measured.
+    pub scatter_measured: bool,
+    /// Samples an electrode that would show the difference with 80 % power at 5 %.
+    pub samples_needed: usize,
+    /// In words.
+    pub says: String,
+}
+
+/// Everything that was found.
+#[derive(Debug, Clone)]
+pub struct AgeingOutcome {
+    /// Grouped by.
+    pub by: By,
+    /// Loss from which a change is relevant, %.
+    pub threshold_percent: f64,
+    /// The electrodes, by name.
+    pub electrodes: Vec<ElectrodeAgeing>,
+    /// Recordings that count.
+    pub runs: Vec<Run>,
+    /// Differences between electrodes, level by level.
+    pub differences: Vec<Difference>,
+    /// First sentence.
+    pub verdict: String,
+    /// Further sentences.
+    pub remarks: Vec<String>,
+}
+
+impl ElectrodeAgeing {
+    /// The sample whose fit speaks for the electrode: the one with most levels.
+    #[must_use]
+    pub fn main(&self) -> Option<(&SampleAgeing, &Joint)> {
+        let fitted = self
+            .samples
+            .iter()
+            .filter_map(|s| Some((s, s.joint.as_ref().ok()?)));
+        fitted.max_by_key(|(s, _)| s.levels.len())
+    }
+}
+
+fn refuse<T>(what: String) -> Result<T, Error> {
+    Err(Error::NothingToFit(what))
+}
+
+/// A day without needless digits.
+fn day_name(day: f64) -> String {
+    format!("{day}")
+}
+
+/// A recording with its place among electrodes, samples and levels.
+struct Placed {
+    input: usize,
+    electrode: String,
+    sample: String,
+    level: String,
+    day: Option<f64>,
+    strokes: Strokes,
+}
+
+/// Measures strokes, fits causes, compares electrodes.
+///
+/// # Errors
+/// [`Error`], in words: no electrode, day or batch stated, nothing to compare with, no cycles.
+pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingOutcome, Error> {
+    let mut remarks = Vec::new();
+    let measured: Vec<Result<Strokes, String>> = inputs
+        .par_iter()
+        .map(|i| {
+            let cycles = i.cycles.as_ref().map_err(Clone::clone)?;
+            strokes(&i.x_m, i.start_s, i.step_s, cycles, request.cycles)
+        })
+        .collect();
+    let mut names: Vec<String> = Vec::new();
+    let mut placed: Vec<Placed> = Vec::new();
+    for (number, (input, strokes)) in inputs.iter().zip(measured).enumerate() {
+        let Some(stated) = input
+            .electrode
+            .as_deref()
+            .map(str::trim)
+            .filter(|e| !e.is_empty())
+        else {
+            return refuse(format!(
+                "recording `{}` states no electrode: add `electrode = \"...\"` under [recording]",
+                input.id
+            ));
+        };
+        let electrode = match names.iter().find(|n| n.eq_ignore_ascii_case(stated)) {
+            Some(known) => {
+                if known != stated {
+                    remarks.push(format!(
+                        "electrode `{stated}` of `{}` is taken as `{known}`.",
+                        input.id
+                    ));
+                }
+                known.clone()
+            }
+            None => {
+                names.push(stated.into());
+                stated.into()
+            }
+        };
+        let (sample, level) = match request.by {
+            By::Day => {
+                let Some(day) = input.day else {
+                    return refuse(format!(
+                        "recording `{}` states no day: add `day = ...` under [recording], or compare with --by batch",
+                        input.id
+                    ));
+                };
+                (input.batch.clone().unwrap_or_default(), day_name(day))
+            }
+            By::Batch => {
+                let Some(batch) = &input.batch else {
+                    return refuse(format!(
+                        "recording `{}` states no batch: add `batch = \"...\"` under [recording], or compare with --by day",
+                        input.id
+                    ));
+                };
+                (String::new(), batch.clone())
+            }
+        };
+        match strokes {
+            Ok(s) => placed.push(Placed {
+                input: number,
+                electrode,
+                sample,
+                level,
+                day: input.day,
+                strokes: s,
+            }),
+            Err(why) => remarks.push(format!("`{}` is left out: {why}.", input.id)),
+        }
+    }
+    if request.by == By::Batch {
+        // Age is not batch: of each batch its first day.
+        let first: Vec<(String, String, Option<f64>)> = placed
+            .iter()
+            .map(|p| (p.electrode.clone(), p.level.clone(), p.day))
+            .collect();
+        placed.retain(|p| {
+            let Some(day) = p.day else { return true };
+            let youngest = first
+                .iter()
+                .filter(|f| f.0 == p.electrode && f.1 == p.level)
+                .filter_map(|f| f.2)
+                .fold(f64::INFINITY, f64::min);
+            if day > youngest {
+                remarks.push(format!(
+                    "`{}` (day {day}) is left out: batches are compared on their first day, {youngest}.",
+                    inputs[p.input].id
+                ));
+            }
+            day <= youngest
+        });
+    }
+    if placed.is_empty() {
+        let why = remarks.join(" ");
+        return refuse(format!("no recording has a stroke to compare: {why}"));
+    }
+    let mut electrodes = Vec::new();
+    let mut runs = Vec::new();
+    for name in &names {
+        let own: Vec<Placed> = {
+            let (own, rest) = placed.into_iter().partition(|p| &p.electrode == name);
+            placed = rest;
+            own
+        };
+        match electrode(name, own, inputs, request)? {
+            Ok((e, r)) => {
+                electrodes.push(e);
+                runs.extend(r);
+            }
+            Err(why) => remarks.push(why),
+        }
+    }
+    if electrodes.is_empty() {
+        return refuse(match remarks.last() {
+            Some(why) => why.trim_end_matches('.').to_string(),
+            None => "there is nothing to compare".into(),
+        });
+    }
+    let differences = differences(&electrodes);
+    let verdict = verdict(&electrodes, request);
+    Ok(AgeingOutcome {
+        by: request.by,
+        threshold_percent: request.threshold_percent,
+        electrodes,
+        runs,
+        differences,
+        verdict,
+        remarks,
+    })
+}
+
+/// One electrode; the inner error says why there is nothing to compare.
+fn electrode(
+    name: &str,
+    mut own: Vec<Placed>,
+    inputs: &[AgeingInput],
+    request: &AgeingRequest,
+) -> Result<Result<(ElectrodeAgeing, Vec<Run>), String>, Error> {
+    let mut remarks = Vec::new();
+    let what = match request.by {
+        By::Day => "day",
+        By::Batch => "batch",
+    };
+    let count = |own: &[Placed]| {
+        let mut levels: Vec<&str> = own.iter().map(|p| p.level.as_str()).collect();
+        levels.sort_unstable();
+        levels.dedup();
+        levels.len()
+    };
+    // Short runs go, if what is left can still be compared.
+    let short: Vec<usize> = (0..own.len())
+        .filter(|&i| own[i].strokes.cycles.len() < FEWEST_CYCLES)
+        .collect();
+    if !short.is_empty() {
+        let left: Vec<String> = short
+            .iter()
+            .map(|&i| inputs[own[i].input].id.clone())
+            .collect();
+        for &i in short.iter().rev() {
+            own.remove(i);
+        }
+        remarks.push(format!(
+            "Left out, with fewer than {FEWEST_CYCLES} intact cycles: {}.",
+            left.join(", ")
+        ));
+    }
+    if count(&own) < 2 {
+        let one = own.first().map(|p| p.level.clone());
+        return Ok(Err(match one {
+            Some(level) => format!(
+                "electrode `{name}` has recordings of {what} {level} only: a change needs two {what}s.{}",
+                remarks.iter().map(|r| format!(" {r}")).collect::<String>()
+            ),
+            None => format!(
+                "electrode `{name}` has no recording that can be compared.{}",
+                remarks.iter().map(|r| format!(" {r}")).collect::<String>()
+            ),
+        }));
+    }
+    // Levels: days in order, batches as they come.
+    let mut levels: Vec<(String, Option<f64>)> = Vec::new();
+    for p in &own {
+        if !levels.iter().any(|l| l.0 == p.level) {
+            levels.push((p.level.clone(), p.day));
+        }
+    }
+    if request.by == By::Day {
+        levels.sort_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(std::cmp::Ordering::Equal));
+    }
+    // A sample that changed its name has one level under each.
+    let mut samples: Vec<String> = own.iter().map(|p| p.sample.clone()).collect();
+    samples.sort_unstable();
+    samples.dedup();
+    let of = |s: &str| count_levels(own.iter().filter(|p| p.sample == s));
+    if samples.len() > 1 && samples.iter().all(|s| of(s) == 1) && own.len() == levels.len() {
+        remarks.push(format!(
+            "The batch is another on every {what} ({}): the recordings are taken as of one sample that changed its name. If they are \
+             different samples, the changes are differences between samples.",
+            samples.join(", ")
+        ));
+        samples = vec![samples[0].clone()];
+        for p in &mut own {
+            p.sample = samples[0].clone();
+        }
+    }
+    // The same cycles of every run, because a film still creeps in its first ones.
+    let cycles = own
+        .iter()
+        .map(|p| p.strokes.cycles.len())
+        .min()
+        .unwrap_or(0)
+        .min(request.cycles);
+    if cycles < request.cycles {
+        let least: Vec<&str> = own
+            .iter()
+            .filter(|p| p.strokes.cycles.len() == cycles)
+            .map(|p| inputs[p.input].id.as_str())
+            .collect();
+        remarks.push(format!(
+            "{} {} intact cycles: of every run only the first {cycles} are averaged, not {}.",
+            least.join(", "),
+            if least.len() == 1 {
+                format!("has {cycles}")
+            } else {
+                format!("have {cycles}")
+            },
+            request.cycles
+        ));
+    }
+    for p in &mut own {
+        let input = &inputs[p.input];
+        for note in &p.strokes.notes {
+            remarks.push(format!("{}: {note}.", input.id));
+        }
+        if p.strokes.cycles.len() > cycles
+            && let Ok(c) = &input.cycles
+        {
+            let again = strokes(&input.x_m, input.start_s, input.step_s, c, cycles);
+            p.strokes = again.map_err(Error::NothingToFit)?;
+        }
+    }
+    let level_of = |p: &Placed| levels.iter().position(|l| l.0 == p.level).unwrap_or(0);
+
+    // Stroke of each sample on each level: the mean over its recordings.
+    let mean = |sample: &str, level: usize| -> Option<Value> {
+        let values: Vec<Value> = own
+            .iter()
+            .filter(|p| p.sample == sample && level_of(p) == level)
+            .map(|p| p.strokes.mean)
+            .collect();
+        let n = values.len() as f64;
+        (!values.is_empty()).then(|| Value {
+            value: values.iter().map(|v| v.value).sum::<f64>() / n,
+            std_error: values
+                .iter()
+                .map(|v| v.std_error.powi(2))
+                .sum::<f64>()
+                .sqrt()
+                / n,
+        })
+    };
+    let table: Vec<LevelStroke> = (0..levels.len())
+        .map(|l| {
+            let strokes: Vec<Value> = samples.iter().filter_map(|s| mean(s, l)).collect();
+            let pairs: Vec<(Value, Value)> = samples
+                .iter()
+                .filter_map(|s| Some((mean(s, 0)?, mean(s, l)?)))
+                .collect();
+            let difference = |(a, b): &(Value, Value)| Value {
+                value: b.value - a.value,
+                std_error: a.std_error.hypot(b.std_error),
+            };
+            let relative = |(a, b): &(Value, Value)| {
+                let ratio = b.value / a.value;
+                Value {
+                    value: 100.0 * (ratio - 1.0),
+                    std_error: 100.0 / a.value * b.std_error.hypot(ratio * a.std_error),
+                }
+            };
+            let mm = |v: (Value, [f64; 2])| {
+                let v0 = Value {
+                    value: v.0.value * 1e3,
+                    std_error: v.0.std_error * 1e3,
+                };
+                (v0, v.1.map(|x| x * 1e3))
+            };
+            let (stroke_mm, stroke_ci95) = mm(pooled(&strokes));
+            let nothing = (
+                Value {
+                    value: 0.0,
+                    std_error: 0.0,
+                },
+                [0.0; 2],
+            );
+            let unknown = (
+                Value {
+                    value: f64::NAN,
+                    std_error: f64::NAN,
+                },
+                [f64::NAN; 2],
+            );
+            let pool = |f: &dyn Fn(&(Value, Value)) -> Value| {
+                if l == 0 {
+                    nothing
+                } else if pairs.is_empty() {
+                    unknown
+                } else {
+                    pooled(&pairs.iter().map(f).collect::<Vec<_>>())
+                }
+            };
+            let (change_mm, change_ci95) = mm(pool(&difference));
+            let (change_percent, percent_ci95) = pool(&relative);
+            let drifts: Vec<Value> = own
+                .iter()
+                .filter(|p| level_of(p) == l)
+                .map(|p| p.strokes.drift)
+                .collect();
+            let n = drifts.len() as f64;
+            LevelStroke {
+                name: levels[l].0.clone(),
+                day: levels[l].1,
+                stroke_mm,
+                stroke_ci95,
+                change_mm,
+                change_ci95,
+                change_percent,
+                percent_ci95,
+                significant: l > 0 && (percent_ci95[0] > 0.0 || percent_ci95[1] < 0.0),
+                relevant: l > 0 && change_percent.value.abs() > request.threshold_percent,
+                drift_mm: Value {
+                    value: 1e3 * drifts.iter().map(|d| d.value).sum::<f64>() / n,
+                    std_error: 1e3
+                        * drifts
+                            .iter()
+                            .map(|d| d.std_error.powi(2))
+                            .sum::<f64>()
+                            .sqrt()
+                        / n,
+                },
+                samples: if l == 0 { strokes.len() } else { pairs.len() },
+            }
+        })
+        .collect();
+    if let Some(l) = table.iter().find(|l| l.change_mm.value.is_nan()) {
+        remarks.push(format!(
+            "No sample of {what} {} was recorded on {what} {}: it has a stroke, but no change.",
+            l.name, table[0].name
+        ));
+    }
+
+    let fitted: Vec<SampleAgeing> = samples
+        .iter()
+        .map(|s| of_sample(s, &own, inputs, &level_of, what))
+        .collect();
+    let trend = match request.by {
+        By::Day => trend(&table, request.loss_percent),
+        By::Batch => None,
+    };
+    let runs = own
+        .into_iter()
+        .map(|p| {
+            let level = levels.iter().position(|l| l.0 == p.level).unwrap_or(0);
+            Run {
+                input: p.input,
+                sample: p.sample,
+                level,
+                strokes: p.strokes,
+            }
+        })
+        .collect();
+    Ok(Ok((
+        ElectrodeAgeing {
+            name: name.into(),
+            cycles,
+            levels: table,
+            samples: fitted,
+            trend,
+            remarks,
+        },
+        runs,
+    )))
+}
+
+fn count_levels<'p>(placed: impl Iterator<Item = &'p Placed>) -> usize {
+    let mut levels: Vec<&str> = placed.map(|p| p.level.as_str()).collect();
+    levels.sort_unstable();
+    levels.dedup();
+    levels.len()
+}
+
+/// Mean over samples with its 95 % interval: from their scatter where there are several (Student's t), never less than the noise's own.
+fn pooled(values: &[Value]) -> (Value, [f64; 2]) {
+    let n = values.len() as f64;
+    let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
+    let noise = values
+        .iter()
+        .map(|v| v.std_error.powi(2))
+        .sum::<f64>()
+        .sqrt()
+        / n;
+    if values.len() < 2 {
+        let v = Value {
+            value: mean,
+            std_error: noise,
+        };
+        return (v, v.ci95());
+    }
+    let scatter = values.iter().map(|v| (v.value - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let error = (scatter / n).sqrt();
+    let t = StudentsT::new(0.0, 1.0, n - 1.0).map_or(TWO_SIDED_95, |d| d.inverse_cdf(0.975));
+    let half = (t * error).max(TWO_SIDED_95 * noise);
+    let v = Value {
+        value: mean,
+        std_error: error.max(noise),
+    };
+    (v, [mean - half, mean + half])
+}
+
+/// The joint fit of one sample.
+fn of_sample(
+    name: &str,
+    own: &[Placed],
+    inputs: &[AgeingInput],
+    level_of: &(dyn Fn(&Placed) -> usize + Sync),
+    what: &str,
+) -> SampleAgeing {
+    let mine: Vec<&Placed> = own.iter().filter(|p| p.sample == name).collect();
+    let mut levels: Vec<usize> = mine.iter().map(|p| level_of(p)).collect();
+    levels.sort_unstable();
+    levels.dedup();
+    let place = |p: &Placed| levels.iter().position(|l| *l == level_of(p)).unwrap_or(0);
+    let mut datasets = Vec::new();
+    let mut samples = Vec::new();
+    let mut numbers = Vec::new();
+    for p in &mine {
+        if let Some((dataset, sample)) = &inputs[p.input].hanging {
+            let mut dataset = dataset.clone();
+            // What follows a failure says nothing of the sample that was.
+            if p.strokes.notes.iter().any(|n| n.contains("fails"))
+                && let Some(last) = p.strokes.cycles.last()
+            {
+                let end_s = last.start_s + p.strokes.period_s;
+                for i in 0..dataset.samples() {
+                    if dataset.time_s(i) > end_s {
+                        dataset.x_m[i] = f64::NAN;
+                    }
+                }
+            }
+            datasets.push(dataset);
+            samples.push(*sample);
+            numbers.push(place(p));
+        }
+    }
+    let rest = |l: usize| -> f64 {
+        let own: Vec<f64> = datasets
+            .iter()
+            .zip(&numbers)
+            .filter(|(_, n)| **n == l)
+            .map(|(d, _)| d.rest_below_m)
+            .collect();
+        own.iter().sum::<f64>() / own.len() as f64
+    };
+    let rest_shift_m = (0..levels.len()).map(|l| rest(l) - rest(0)).collect();
+    let fit = if datasets.len() < mine.len() {
+        Err("causes are fitted to hanging samples only; of a robot the stroke is compared".into())
+    } else if levels.len() < 2 {
+        Err(format!("one {what} only"))
+    } else {
+        let refs: Vec<&HangingDataset> = datasets.iter().collect();
+        joint(&refs, &samples, &numbers).map_err(|e| e.to_string())
+    };
+    SampleAgeing {
+        name: name.into(),
+        levels,
+        joint: fit,
+        rest_shift_m,
+    }
+}
+
+/// Loss over days by three laws: the one of smallest BIC, and the day at which `percent` is lost.
+fn trend(levels: &[LevelStroke], percent: f64) -> Option<Trend> {
+    let first = levels.first()?;
+    let points: Vec<(f64, f64, f64)> = levels[1..]
+        .iter()
+        .filter(|l| l.change_percent.value.is_finite())
+        .filter_map(|l| {
+            let t = l.day? - first.day?;
+            let sd = l.stroke_mm.std_error / first.stroke_mm.value;
+            Some((t, -l.change_percent.value / 100.0, sd))
+        })
+        .collect();
+    if points.len() < 2 || !levels.iter().any(|l| l.significant) {
+        return None;
+    }
+    let n = points.len();
+    // The first day's error is in every loss.
+    let common = first.stroke_mm.std_error / first.stroke_mm.value;
+    let weight = DMatrix::from_fn(n, n, |i, j| {
+        let shared = common * common * (1.0 - points[i].1) * (1.0 - points[j].1);
+        shared + if i == j { points[i].2.powi(2) } else { 0.0 }
+    })
+    .cholesky()?
+    .inverse();
+    type Law = (
+        &'static str,
+        &'static [&'static str],
+        fn(&[f64], f64) -> f64,
+    );
+    let laws: [Law; 3] = [
+        ("linear", &["rate_per_day"], |p, t| p[0] * t),
+        ("exponential", &["rate_per_day"], |p, t| {
+            1.0 - (-p[0] * t).exp()
+        }),
+        (
+            "saturating",
+            &["largest_loss", "time_constant_days"],
+            |p, t| p[0] * (1.0 - (-t / p[1]).exp()),
+        ),
+    ];
+    let longest = points.iter().map(|p| p.0).fold(0.0, f64::max);
+    let mean_rate = points.iter().map(|p| p.1 / p.0).sum::<f64>() / n as f64;
+    let mut best: Option<(usize, Vec<f64>, DMatrix<f64>, f64, f64)> = None;
+    for (k, (_, names, law)) in laws.iter().enumerate() {
+        if names.len() >= n {
+            continue;
+        }
+        let mut p = match k {
+            2 => vec![
+                points.iter().map(|q| q.1).fold(0.0, f64::max).max(0.01),
+                longest,
+            ],
+            _ => vec![mean_rate],
+        };
+        let residual =
+            |p: &[f64]| DVector::from_iterator(n, points.iter().map(|q| law(p, q.0) - q.1));
+        let cost = |p: &[f64]| {
+            let r = residual(p);
+            (r.transpose() * &weight * &r)[(0, 0)]
+        };
+        let slopes = |p: &[f64]| {
+            DMatrix::from_fn(n, p.len(), |i, j| {
+                let h = 1e-5 * p[j].abs().max(1e-4);
+                let (mut up, mut down) = (p.to_vec(), p.to_vec());
+                up[j] += h;
+                down[j] -= h;
+                (law(&up, points[i].0) - law(&down, points[i].0)) / (2.0 * h)
+            })
+        };
+        let mut damping = 1e-3;
+        for _ in 0..200 {
+            let j = slopes(&p);
+            let mut a = j.transpose() * &weight * &j;
+            let g = j.transpose() * &weight * residual(&p);
+            for i in 0..p.len() {
+                a[(i, i)] *= 1.0 + damping;
+            }
+            let Some(c) = a.cholesky() else { break };
+            let step = c.solve(&g);
+            let mut next: Vec<f64> = p.iter().zip(step.iter()).map(|(v, s)| v - s).collect();
+            if k == 2 {
+                next[1] = next[1].clamp(0.01 * longest, 1e3 * longest);
+            }
+            if cost(&next) < cost(&p) {
+                let done = (cost(&p) - cost(&next)) < 1e-10 * cost(&p).max(1e-10);
+                p = next;
+                damping = (damping * 0.3_f64).max(1e-12);
+                if done {
+                    break;
+                }
+            } else {
+                damping *= 10.0;
+                if damping > 1e12 {
+                    break;
+                }
+            }
+        }
+        let j = slopes(&p);
+        let Some(covariance) = (j.transpose() * &weight * &j)
+            .cholesky()
+            .map(|c| c.inverse())
+        else {
+            continue;
+        };
+        let square = cost(&p);
+        let criterion = square + names.len() as f64 * (n as f64).ln().max(1.0);
+        if best.as_ref().is_none_or(|b| criterion < b.4) {
+            best = Some((k, p, covariance, square, criterion));
+        }
+    }
+    let (k, p, covariance, square, _) = best?;
+    let (law_name, names, law) = laws[k];
+    let degrees = n - p.len();
+    let misfit = square / degrees as f64;
+    // A law that misses widens its own intervals.
+    let covariance = covariance * misfit.max(1.0);
+    let parameters = names
+        .iter()
+        .enumerate()
+        .map(|(i, name)| {
+            let v = Value {
+                value: p[i],
+                std_error: covariance[(i, i)].max(0.0).sqrt(),
+            };
+            (*name, v)
+        })
+        .collect();
+    let reach = |p: &[f64]| -> Option<f64> {
+        let loss = percent / 100.0;
+        let t = match k {
+            0 => loss / p[0],
+            1 => -(1.0 - loss).ln() / p[0],
+            _ if loss < p[0] => -p[1] * (1.0 - loss / p[0]).ln(),
+            _ => return None,
+        };
+        (t > 0.0 && t.is_finite()).then_some(t)
+    };
+    let reached_day = reach(&p).filter(|t| *t <= REACH * longest).and_then(|t| {
+        let root = covariance.clone().cholesky()?.l();
+        let mut generator = ChaCha12Rng::seed_from_u64(7);
+        let mut days: Vec<f64> = (0..DRAWS)
+            .map(|_| {
+                let z = DVector::from_fn(p.len(), |_, _| StandardNormal.sample(&mut generator));
+                let d = &root * z;
+                let q: Vec<f64> = p
+                    .iter()
+                    .zip(d.iter())
+                    .map(|(a, b): (&f64, &f64)| a + b)
+                    .collect();
+                reach(&q).unwrap_or(f64::INFINITY)
+            })
+            .collect();
+        days.sort_by(f64::total_cmp);
+        let start = first.day?;
+        let ends = [0.025, 0.975].map(|q| start + days[(q * (DRAWS - 1) as f64) as usize]);
+        ends[1].is_finite().then_some((start + t, ends))
+    });
+    let last = points
+        .iter()
+        .map(|q| (law(&p, q.0) - q.1).abs())
+        .fold(0.0, f64::max);
+    let mut says = format!("The loss follows a {law_name} law");
+    if misfit > MISFIT {
+        says = format!(
+            "No law of the list (linear, exponential, saturating) follows the loss to its noise; the nearest is {law_name}, off by up to {:.1} percentage points, and its intervals are widened for it",
+            100.0 * last
+        );
+    }
+    match &reached_day {
+        Some((day, [a, b])) => {
+            says += &format!(
+                "; {percent} % are lost on day {day:.1} (95 %: {a:.1} to {b:.1}){}",
+                if *day - first.day.unwrap_or(0.0) > longest {
+                    ", beyond the last day recorded"
+                } else {
+                    ""
+                }
+            );
+        }
+        None => says += &format!("; on which day {percent} % are lost the data do not carry"),
+    }
+    says.push('.');
+    Some(Trend {
+        law: law_name,
+        parameters,
+        misfit,
+        loss_percent: percent,
+        reached_day,
+        says,
+    })
+}
+
+/// Two-sided p-value of a normal deviate.
+fn normal_p(z: f64) -> f64 {
+    erfc(z.abs() / std::f64::consts::SQRT_2)
+}
+
+/// Every pair of electrodes at every level that both have.
+fn differences(electrodes: &[ElectrodeAgeing]) -> Vec<Difference> {
+    let mut out = Vec::new();
+    for (i, a) in electrodes.iter().enumerate() {
+        for b in &electrodes[i + 1..] {
+            for la in &a.levels[1..] {
+                let same = |lb: &&LevelStroke| match (la.day, lb.day) {
+                    (Some(x), Some(y)) if la.name == x.to_string() => x == y,
+                    _ => la.name == lb.name,
+                };
+                let Some(lb) = b.levels[1..].iter().find(same) else {
+                    continue;
+                };
+                let (x, y) = (la.change_percent, lb.change_percent);
+                if !(x.value.is_finite() && y.value.is_finite()) {
+                    continue;
+                }
+                out.push(difference(a, b, la, lb));
+            }
+        }
+    }
+    out
+}
+
+fn difference(
+    a: &ElectrodeAgeing,
+    b: &ElectrodeAgeing,
+    la: &LevelStroke,
+    lb: &LevelStroke,
+) -> Difference {
+    let (x, y) = (la.change_percent, lb.change_percent);
+    let value = x.value - y.value;
+    let error = x.std_error.hypot(y.std_error);
+    let between = la.samples > 1 && lb.samples > 1;
+    let z = value / error;
+    let (p_value, half) = if between {
+        // Welch: degrees of freedom by Satterthwaite.
+        let (va, vb) = (x.std_error.powi(2), y.std_error.powi(2));
+        let degrees = (va + vb).powi(2)
+            / (va * va / (la.samples as f64 - 1.0) + vb * vb / (lb.samples as f64 - 1.0));
+        match StudentsT::new(0.0, 1.0, degrees.max(1.0)) {
+            Ok(t) => (2.0 * t.cdf(-z.abs()), t.inverse_cdf(0.975) * error),
+            Err(_) => (normal_p(z), TWO_SIDED_95 * error),
+        }
+    } else {
+        (normal_p(z), TWO_SIDED_95 * error)
+    };
+    let scatter = if between {
+        (0.5 * (x.std_error.powi(2) * la.samples as f64 + y.std_error.powi(2) * lb.samples as f64))
+            .sqrt()
+    } else {
+        ASSUMED_SCATTER
+    };
+    let needed = 2.0 * ((TWO_SIDED_95 + POWER_Z) * scatter / value).powi(2);
+    let samples_needed = if needed.is_finite() {
+        (needed.ceil() as usize).max(2)
+    } else {
+        usize::MAX
+    };
+    let ci95 = [value - half, value + half];
+    let mut says = format!(
+        "{} {} {:.1} percentage points more than {} (95 %: {:.1} to {:.1}, p = {:.1e})",
+        a.name,
+        if value < 0.0 { "loses" } else { "keeps" },
+        value.abs(),
+        b.name,
+        ci95[0],
+        ci95[1],
+        p_value
+    );
+    says += &if between {
+        format!(
+            "; by the scatter between samples of {scatter:.1} points, {samples_needed} samples an electrode would show it."
+        )
+    } else {
+        format!(
+            ". One sample an electrode: the interval is that of the capture's noise and says nothing of other samples. If samples of an electrode scatter by {scatter} points, {samples_needed} of each would show such a difference with 80 % power at 5 %."
+        )
+    };
+    Difference {
+        electrodes: [a.name.clone(), b.name.clone()],
+        level: la.name.clone(),
+        percent: Value {
+            value,
+            std_error: error,
+        },
+        ci95,
+        p_value,
+        between_samples: between,
+        scatter,
+        scatter_measured: between,
+        samples_needed,
+        says,
+    }
+}
+
+/// Causes of a joint fit that are named: in the model, and more likely than not.
+#[must_use]
+pub fn named(joint: &Joint) -> Vec<Cause> {
+    let in_model = joint.causes.iter().filter(|c| c.in_model);
+    in_model
+        .filter(|c| c.probability > 0.5)
+        .map(|c| c.cause)
+        .collect()
+}
+
+/// What a cause is called in a sentence.
+#[must_use]
+pub fn words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::ElectrodeStiffness => "a stiffer electrode",
+        Cause::SeriesResistance => "another series resistance",
+        Cause::ActiveArea => "another active area (or permittivity)",
+        Cause::FilmModulus => "another modulus of the film",
+        Cause::Load => "another load",
+    }
+}
+
+fn verdict(electrodes: &[ElectrodeAgeing], request: &AgeingRequest) -> String {
+    let what = match request.by {
+        By::Day => "day",
+        By::Batch => "batch",
+    };
+    electrodes
+        .iter()
+        .map(|e| {
+            let mut text = match e
+                .levels
+                .iter()
+                .rev()
+                .find(|l| l.change_percent.value.is_finite())
+            {
+                Some(l) if l.significant => format!(
+                    "{}: {:+.1} % of stroke by {what} {} (95 %: {:+.1} to {:+.1})",
+                    e.name, l.change_percent.value, l.name, l.percent_ci95[0], l.percent_ci95[1]
+                ),
+                Some(l) => format!(
+                    "{}: no change of stroke by {what} {} ({:+.1} %, 95 %: {:+.1} to {:+.1})",
+                    e.name, l.name, l.change_percent.value, l.percent_ci95[0], l.percent_ci95[1]
+                ),
+                None => format!("{}: nothing to compare", e.name),
+            };
+            if let Some((_, joint)) = e.main() {
+                let list: Vec<&str> = named(joint).into_iter().map(words).collect();
+                text += &match list.is_empty() {
+                    true => ", no cause".to_string(),
+                    false => format!(", by {}", list.join(" and ")),
+                };
+            }
+            text + "."
+        })
+        .collect::<Vec<_>>()
+        .join(" ")
+}

@@ -1,0 +1,958 @@
+//! The film from hanging samples: x follows from the voltage, and moduli and relaxation times are those that make it the captured one.
+//!
+//! Not separable (lambda_2 of the active part depends on the moduli), so all unknowns are searched at once with exact derivatives. The
+//! residual is in x and weighed with the noise of the capture, which is where the noise is (`residual::sample`); errors are reported in
+//! volts as everywhere.
+//!
+//! # What a sample can tell
+//! A sample that hangs under one mass shows the ratio of the Maxwell stress to the stiffness, and the weight sets the stretch about which
+//! it works. With the mass and the permittivity of the rig file, the moduli follow; multiply moduli, permittivity and mass by one factor and x is
+//! the same. [`SampleOutcome::scale`] says by how much the moduli would be off if either stated number were.
+
+use std::ops::ControlFlow;
+
+use nalgebra::DMatrix;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha12Rng;
+use rayon::prelude::*;
+
+use super::coupon::correlation_rows;
+use super::outcome::*;
+use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
+use super::sample_problem::{Hung, Prior, SampleProblem, Slot, hang};
+use super::{Error, Request, Stage, Uncertainty};
+use crate::dataset::{HangingDataset, OffsetSource, Plan};
+use crate::film::Film;
+use crate::fit::levenberg_marquardt::{self as lm, Resting};
+use crate::fit::separable;
+use crate::model::{Electrode, HangingSample};
+use crate::parameter::{Parameter, Transform};
+use crate::residual::{
+    MOST_BRANCHES, OFFSET_REACH_S, SampleKnob, SampleTrouble, film_voltage_v, inverse_sample,
+    root_v, run_sample,
+};
+
+/// What is known of a relaxation time beforehand: its order of magnitude (half a decade).
+const LOG_PRIOR_SD: f64 = 1.15;
+/// What is known of the position at rest beyond the mean of the first frames, m: nothing that matters.
+const SHIFT_PRIOR_M: f64 = 1e-3;
+/// Locking constant where none is given: a sample stretches to some tenths, far from locking, and cannot tell it.
+const HELD_LOCKING: f64 = 80.0;
+/// All moduli together at a start, Pa, of the order of silicone.
+const START_MODULUS_PA: f64 = 5e5;
+/// Of these the share of the branches.
+const START_VISCOUS: f64 = 0.2;
+/// Command above which an error counts in `rmse_v`, V.
+const HIGH_V: f64 = 1e3;
+/// Left out at both ends, s: derivatives there rest on one side.
+const EDGE_S: f64 = 0.3;
+/// Tracks that are drawn for the noise of the predicted voltage.
+const DRAWS: u64 = 8;
+/// Misfit over noise up to which a fit is down to the noise, and up to which it nearly is.
+const RATIOS: [f64; 2] = [1.1, 2.0];
+
+/// What a calibration on hanging samples is asked to do.
+#[derive(Debug, Clone)]
+pub struct SampleRequest {
+    /// Viscoelastic branches, 0 to 8.
+    pub branches: usize,
+    /// Where to begin: a film of an earlier run (its branches count, not `branches`); its J is held.
+    pub start: Option<Film>,
+    /// Parameters held at a value, in the parameter's unit.
+    pub fix: Vec<(String, f64)>,
+    /// Bounds, in the parameter's unit.
+    pub bound: Vec<(String, [f64; 2])>,
+    /// Number of starts: the given or evenly spread one, then random ones.
+    pub starts: usize,
+    /// Seed of the random starts.
+    pub seed: u64,
+}
+
+impl SampleRequest {
+    /// A request with `branches` branches, three starts and nothing fixed.
+    pub fn new(branches: usize) -> Self {
+        SampleRequest {
+            branches,
+            start: None,
+            fix: Vec::new(),
+            bound: Vec::new(),
+            starts: 3,
+            seed: 1,
+        }
+    }
+}
+
+/// One recording of a hanging sample against the model.
+#[derive(Debug, Clone)]
+pub struct SampleFit {
+    /// Identity.
+    pub id: String,
+    /// Error of the predicted voltage.
+    pub error: ChainError,
+    /// Root mean square of predicted minus captured x, m, frames averaged over a step of the grid.
+    pub rmse_m: f64,
+    /// What the noise makes of that, m.
+    pub noise_rmse_m: f64,
+    /// Largest magnitude of predicted minus captured x, m, of the same averages.
+    pub max_error_m: f64,
+    /// Noise of one frame, m.
+    pub noise_m: f64,
+    /// Largest minus smallest x of the smoothed capture, and of the prediction, m.
+    pub stroke_m: [f64; 2],
+    /// Length at rest by the model, m.
+    pub rest_length_m: f64,
+    /// Step of the integration, s.
+    pub step_s: f64,
+    /// Clock offset, s, and its standard error where it was estimated.
+    pub offset_s: f64,
+    /// Standard error of the offset; `None` where it was stated.
+    pub offset_std_error_s: Option<f64>,
+    /// What the electrode does beside conducting.
+    pub electrode: Electrode,
+    /// Choices made for it.
+    pub plan: Plan,
+    /// Time of each frame, s.
+    pub time_s: Vec<f64>,
+    /// Captured x, m; NaN in gaps.
+    pub captured_m: Vec<f64>,
+    /// Smoothed x, m.
+    pub smoothed_m: Vec<f64>,
+    /// Predicted x, m.
+    pub predicted_m: Vec<f64>,
+    /// Command, V; NaN where the log has none.
+    pub command_v: Vec<f64>,
+    /// Voltage that the command makes on the film, V.
+    pub film_v: Vec<f64>,
+    /// phi^2 on the film that the motion needs, V^2.
+    pub needed_squared_v2: Vec<f64>,
+    /// (lambda_1 lambda_2)^2 of the active part along the motion.
+    pub area: Vec<f64>,
+    /// Standard deviation of the needed voltage from the capture noise, V.
+    pub sd_v: Vec<f64>,
+    /// Frames that count in the errors.
+    pub counts: Vec<bool>,
+    /// Gaps of the capture: first frame and length.
+    pub gaps: Vec<(usize, usize)>,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// By how much all moduli would be off if a stated number were 1 % larger, %.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// Relative permittivity.
+    pub by_permittivity: f64,
+    /// Mass on the free end.
+    pub by_mass: f64,
+}
+
+/// Everything that a calibration on hanging samples found.
+#[derive(Debug, Clone)]
+pub struct SampleOutcome {
+    /// What was done: `sample` or `validate`.
+    pub job: &'static str,
+    /// The film.
+    pub film: Film,
+    /// Relative permittivity used.
+    pub eps_r: f64,
+    /// Every parameter, in order. Empty when nothing was fitted.
+    pub estimates: Vec<Estimate>,
+    /// Correlation of the free estimates (names, rows).
+    pub correlation: (Vec<String>, Vec<Vec<f64>>),
+    /// Combinations that the recordings leave open, worst first.
+    pub weak_directions: Vec<WeakDirection>,
+    /// How the moduli hang on what the rig file states; `None` when nothing was fitted.
+    pub scale: Option<Scale>,
+    /// The recordings.
+    pub recordings: Vec<SampleFit>,
+    /// Errors over all recordings.
+    pub total: ChainError,
+    /// The starts, best first.
+    pub starts: Vec<StartOutcome>,
+    /// Whether the fit converged.
+    pub converged: bool,
+    /// Why it stopped.
+    pub reason: String,
+    /// Evaluations of all starts.
+    pub evaluations: usize,
+    /// Failed evaluations.
+    pub failed_evaluations: usize,
+    /// Mean square of (predicted minus captured x)/noise: 1 where the model is right.
+    pub weighted_mean_square: f64,
+    /// First sentence: does it fit?
+    pub verdict: String,
+    /// Further sentences a reader should see.
+    pub remarks: Vec<String>,
+}
+
+impl From<SampleTrouble> for Error {
+    fn from(trouble: SampleTrouble) -> Self {
+        Error::NothingToFit(trouble.to_string())
+    }
+}
+
+fn check(
+    datasets: &[&HangingDataset],
+    samples: &[HangingSample],
+    branches: usize,
+) -> Result<(), Error> {
+    if datasets.is_empty() || datasets.len() != samples.len() {
+        return Err(Error::NothingToFit("no hanging sample was given".into()));
+    }
+    if branches > MOST_BRANCHES {
+        return Err(Error::NothingToFit(format!(
+            "{branches} branches were asked for: at most {MOST_BRANCHES} are known"
+        )));
+    }
+    Ok(())
+}
+
+/// Relaxation times spread evenly in their logarithm, from two frames to the length of the longest recording.
+pub(super) fn spread_times(branches: usize, datasets: &[&HangingDataset]) -> Vec<f64> {
+    let finest = datasets
+        .iter()
+        .map(|d| d.step_s)
+        .fold(f64::INFINITY, f64::min);
+    let longest = datasets
+        .iter()
+        .map(|d| d.step_s * (d.samples() - 1) as f64)
+        .fold(0.0, f64::max);
+    let (low, high) = ((3.0 * finest).ln(), (2.0 * longest).ln());
+    match branches {
+        1 => vec![(0.5 * (low + high)).exp()],
+        n => (0..n)
+            .map(|i| (low + (high - low) * i as f64 / (n - 1) as f64).exp())
+            .collect(),
+    }
+}
+
+/// A film of the right order: what the branches carry spread evenly.
+pub(super) fn start_film(times_s: Vec<f64>, locking: f64) -> Film {
+    let n = times_s.len();
+    let mut mu_pa = vec![START_MODULUS_PA * if n > 0 { 1.0 - START_VISCOUS } else { 1.0 }];
+    mu_pa.extend(std::iter::repeat_n(
+        START_MODULUS_PA * START_VISCOUS / n.max(1) as f64,
+        n,
+    ));
+    Film {
+        mu_pa,
+        relaxation_time_s: times_s,
+        locking,
+    }
+}
+
+/// Relaxation times and J, then moduli, then free offsets; and how many come before the moduli.
+fn parameters(
+    request: &SampleRequest,
+    datasets: &[&HangingDataset],
+    film: &Film,
+) -> Result<(Vec<Parameter>, usize), Error> {
+    let finest = datasets
+        .iter()
+        .map(|d| d.step_s)
+        .fold(f64::INFINITY, f64::min);
+    let mut out: Vec<Parameter> = film
+        .relaxation_time_s
+        .iter()
+        .enumerate()
+        .map(|(i, &start)| Parameter {
+            name: format!("T_{}", i + 1),
+            meaning: format!("relaxation time of branch {}", i + 1),
+            unit: "s",
+            transform: Transform::Log,
+            start,
+            lower: (0.5 * finest).min(start),
+            upper: 3000_f64.max(start),
+            prior_sd: Some(LOG_PRIOR_SD),
+            fixed: false,
+        })
+        .collect();
+    out.push(Parameter {
+        name: "J".into(),
+        meaning: "locking constant of the Gent springs".into(),
+        unit: "1",
+        transform: Transform::Log,
+        start: film.locking,
+        lower: 1e-3,
+        upper: 1e9,
+        prior_sd: None,
+        fixed: true,
+    });
+    let split = out.len();
+    let longest = datasets
+        .iter()
+        .map(|d| d.step_s * d.samples() as f64)
+        .fold(0.0, f64::max);
+    for (i, mu) in film.mu_pa.iter().enumerate() {
+        let mut p = modulus(i, *mu, false);
+        if i == 0 {
+            p.meaning += &format!(", with whatever relaxes slower than {longest:.0} s");
+        }
+        out.push(p);
+    }
+    for d in datasets {
+        if d.offset_source == OffsetSource::Free {
+            out.push(Parameter {
+                name: format!("offset_{}", d.id),
+                meaning: format!("clock offset of recording {}", d.id),
+                unit: "s",
+                transform: Transform::Linear,
+                start: d.offset_s,
+                lower: d.offset_s - OFFSET_REACH_S,
+                upper: d.offset_s + OFFSET_REACH_S,
+                prior_sd: None,
+                fixed: false,
+            });
+        }
+    }
+    let mut names = Request::new(Stage::Film);
+    (names.fix, names.bound) = (request.fix.clone(), request.bound.clone());
+    apply(&names, &mut out)?;
+    if let Some(j) = out.iter().find(|p| p.name == "J" && !p.fixed) {
+        return Err(Error::BadValue {
+            name: j.name.clone(),
+            what: "a hanging sample does not tell it: hold it with --fix".into(),
+        });
+    }
+    Ok((out, split))
+}
+
+/// Finds the film from recordings of hanging samples, all at once; `samples` states each one's geometry, mass and electrode. `watch` is
+/// shown every step and may stop the work.
+///
+/// # Errors
+/// [`Error`], where nothing can be done.
+pub fn calibrate_samples(
+    datasets: &[&HangingDataset],
+    samples: &[HangingSample],
+    request: &SampleRequest,
+    watch: &(dyn Fn(f64) -> ControlFlow<()> + Sync),
+) -> Result<SampleOutcome, Error> {
+    let branches = request
+        .start
+        .as_ref()
+        .map_or(request.branches, Film::branches);
+    check(datasets, samples, branches)?;
+    let first = request
+        .start
+        .clone()
+        .unwrap_or_else(|| start_film(spread_times(branches, datasets), HELD_LOCKING));
+    let (list, split) = parameters(request, datasets, &first)?;
+    let hung = hang(datasets, samples, &first)?;
+
+    // Slots in the order of the list, J left out, then the shifts.
+    let mut slots = Vec::new();
+    let mut place = Vec::new();
+    let mut free_offsets =
+        (0..datasets.len()).filter(|&r| datasets[r].offset_source == OffsetSource::Free);
+    for (i, p) in list.iter().enumerate() {
+        let slot = if p.name == "J" {
+            continue;
+        } else if i < split {
+            Slot::LogTime(i)
+        } else if i <= split + branches {
+            Slot::Modulus(i - split)
+        } else {
+            match free_offsets.next() {
+                Some(r) => Slot::Offset(r),
+                None => continue,
+            }
+        };
+        slots.push(slot);
+        place.push(i);
+    }
+    let known = slots.len();
+    slots.extend((0..datasets.len()).map(Slot::Shift));
+    let mut priors: Vec<Prior> = place
+        .iter()
+        .map(|&i| {
+            let sd = list[i].prior_sd.filter(|_| !list[i].fixed)?;
+            Some((list[i].transform.to_search(list[i].start), sd))
+        })
+        .collect();
+    priors.extend(datasets.iter().map(|_| Some((0.0, SHIFT_PRIOR_M))));
+    let mut bounds: Vec<[f64; 2]> = place
+        .iter()
+        .map(|&i| {
+            let p = &list[i];
+            if p.fixed {
+                [p.transform.to_search(p.start); 2]
+            } else {
+                [p.lower, p.upper].map(|v| p.transform.to_search(v))
+            }
+        })
+        .collect();
+    bounds.extend(datasets.iter().map(|_| [f64::NEG_INFINITY, f64::INFINITY]));
+    let begin: Vec<f64> = place
+        .iter()
+        .map(|&i| list[i].transform.to_search(list[i].start))
+        .chain(datasets.iter().map(|_| 0.0))
+        .collect();
+    let options = lm::Options {
+        bounds: bounds.clone(),
+        iteration_limit: 200,
+        gradient_tolerance: 1e-7,
+        step_tolerance: 1e-9,
+        cost_tolerance: 1e-11,
+        polish_limit: 3,
+        ..lm::Options::default()
+    };
+    let mut generator = ChaCha12Rng::seed_from_u64(request.seed);
+    let starts: Vec<(String, Vec<f64>)> = (0..request.starts.max(1))
+        .map(|s| {
+            let mut p = begin.clone();
+            if s == 0 {
+                let name = match request.start {
+                    Some(_) => "given film",
+                    None => "evenly spread",
+                };
+                return (name.to_string(), p);
+            }
+            for (j, slot) in slots.iter().enumerate() {
+                let [low, high] = bounds[j];
+                match slot {
+                    Slot::LogTime(_) => {
+                        p[j] = (p[j] + generator.random_range(-1.5..1.5)).clamp(low, high);
+                    }
+                    Slot::Modulus(_) => {
+                        let factor: f64 = generator.random_range(-0.7_f64..0.7);
+                        p[j] = (p[j] * factor.exp()).clamp(low, high);
+                    }
+                    _ => {}
+                }
+            }
+            (format!("random {s}"), p)
+        })
+        .collect();
+    let mut ends: Vec<(String, lm::Outcome)> = starts
+        .into_par_iter()
+        .map(|(origin, start)| {
+            let problem = SampleProblem::new(
+                &hung,
+                first.clone(),
+                slots.clone(),
+                priors.clone(),
+                vec![[0; 5]; hung.len()],
+            );
+            let outcome = lm::minimise_watched(&problem, &start, &options, |s| watch(s.cost()))
+                .map_err(|misuse| Error::NothingToFit(misuse.to_string()))?;
+            Ok((origin, outcome))
+        })
+        .collect::<Result<_, Error>>()?;
+    ends.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+    let rows: usize = hung.iter().map(|h| h.residual.rows()).sum();
+    let waterfall: Vec<StartOutcome> = ends
+        .iter()
+        .map(|(origin, o)| StartOutcome {
+            origin: origin.clone(),
+            cost: 2.0 * o.cost / rows.max(1) as f64,
+            evaluations: o.evaluations + o.jacobian_evaluations,
+            failed: o.failed_evaluations,
+            ended: o.reason.words().into(),
+            reached: o.parameters[..branches].iter().map(|v| v.exp()).collect(),
+        })
+        .collect();
+    let evaluations = waterfall.iter().map(|s| s.evaluations).sum();
+    let failed = waterfall.iter().map(|s| s.failed).sum();
+    let best = ends.swap_remove(0).1;
+    if !best.cost.is_finite() {
+        return Err(Error::AllStartsFailed {
+            tried: waterfall.len(),
+            last: best.last_failure.map(|f| f.message).unwrap_or_default(),
+        });
+    }
+
+    // Where it ended, as the estimates want it.
+    let p = &best.parameters;
+    let problem = SampleProblem::new(
+        &hung,
+        first.clone(),
+        slots.clone(),
+        priors.clone(),
+        vec![[0; 5]; hung.len()],
+    );
+    let film = problem.setting(0, p).film;
+    let nonlinear: Vec<_> = list[..split].iter().map(unknown).collect();
+    let linear: Vec<_> = list[split..].iter().map(unknown).collect();
+    let mut values: Vec<f64> = list
+        .iter()
+        .map(|q| q.transform.to_search(q.start))
+        .collect();
+    let mut resting = vec![None; list.len()];
+    let mut free = vec![false; list.len()];
+    for (j, &i) in place.iter().enumerate() {
+        values[i] = p[j];
+        resting[i] = match best.resting[j] {
+            Resting::Lower => Some(AtBound::Lower),
+            Resting::Upper => Some(AtBound::Upper),
+            Resting::Free | Resting::Fixed => None,
+        };
+        free[i] = best.resting[j] == Resting::Free && !list[i].fixed;
+    }
+    let mut state = separable::State::at(&values[..split], &nonlinear, &linear);
+    state.beta = values[split..].to_vec();
+    let order = rising(&state.eta[..branches], &list, split);
+
+    // What the noise leaves open: the shifts are solved for along with the rest.
+    let ended = problem.evaluate(p, false)?;
+    let (square, inflation) = noise_of(ended.iter().map(|r| r.residuals.as_slice()), free.len());
+    let gram = marginal(&problem.gram(p)?, known);
+    let mut wide = DMatrix::zeros(list.len(), list.len());
+    for (a, &i) in place.iter().enumerate() {
+        for (b, &k) in place.iter().enumerate() {
+            wide[(i, k)] = gram[(a, b)];
+        }
+    }
+    let precision: Vec<f64> = list
+        .iter()
+        .map(|q| q.prior_sd.map_or(0.0, |sd| sd.powi(-2)))
+        .collect();
+    let uncertainty = Uncertainty::new(&wide, &(&wide * inflation), &precision, &free);
+    let profiled = vec![None; list.len()];
+    let found = estimates(
+        &list,
+        &state,
+        &uncertainty,
+        &profiled,
+        &resting,
+        &order,
+        split,
+    );
+    let mut sorted = film.clone();
+    for (at, &branch) in order[..branches].iter().enumerate() {
+        sorted.relaxation_time_s[at] = film.relaxation_time_s[branch];
+        sorted.mu_pa[at + 1] = film.mu_pa[branch + 1];
+    }
+    let offset_errors: Vec<Option<f64>> = (0..datasets.len())
+        .map(|r| {
+            let j = slots.iter().position(|s| *s == Slot::Offset(r))?;
+            Some(uncertainty.std_error(place[j]))
+        })
+        .collect();
+    let settings: Vec<_> = (0..datasets.len()).map(|r| problem.setting(r, p)).collect();
+    let mut outcome = assemble(
+        "sample",
+        &hung,
+        &sorted,
+        &settings.iter().map(|s| s.sample).collect::<Vec<_>>(),
+        &settings
+            .iter()
+            .map(|s| [s.shift_m, s.offset_s])
+            .collect::<Vec<_>>(),
+        &offset_errors,
+    )?;
+    outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
+    outcome.correlation = correlation(&list, &uncertainty, &order);
+    outcome.estimates = found;
+    outcome.scale = scale(&problem, p, &gram, &place, &list, known);
+    outcome.starts = waterfall;
+    outcome.converged = best.reason.converged();
+    outcome.reason = best.reason.words().into();
+    outcome.evaluations = evaluations;
+    outcome.failed_evaluations = failed;
+    outcome.weighted_mean_square = square;
+    outcome.verdict = verdict(&outcome);
+    if let Some(scale) = outcome.scale {
+        outcome.remarks.push(format!(
+            "One mass fixes only combinations: were the permittivity 1 % larger than stated, all moduli would come out {:.2} % larger; were the mass 1 % larger, {:.2} %.",
+            scale.by_permittivity, scale.by_mass
+        ));
+    }
+    outcome.remarks.push(format!(
+        "J is held at {}: at the stretches of a hanging sample it does nothing that could be seen. Take it from a coupon.",
+        outcome.film.locking
+    ));
+    if inflation > 1.5 * square.max(1.0) {
+        outcome.remarks.push(format!(
+            "What the model leaves of x is correlated over {:.1} rows: the intervals are widened for it.",
+            inflation / square
+        ));
+    }
+    Ok(outcome)
+}
+
+/// Mean square of weighted residuals, and the factor by which the covariance grows: that mean square times the length over which what is
+/// left says the same thing.
+pub(super) fn noise_of<'r>(
+    residuals: impl Iterator<Item = &'r [f64]>,
+    parameters: usize,
+) -> (f64, f64) {
+    let (mut sum, mut count, mut length) = (0.0, 0, 0.0);
+    for r in residuals {
+        sum += r.iter().map(|v| v * v).sum::<f64>();
+        count += r.len();
+        length += r.len() as f64 * correlation_rows(r);
+    }
+    let square = sum / count.saturating_sub(parameters).max(1) as f64;
+    (square, square * (length / count.max(1) as f64).max(1.0))
+}
+
+/// The Gram matrix of the first `known` unknowns with the others solved for.
+pub(super) fn marginal(gram: &DMatrix<f64>, known: usize) -> DMatrix<f64> {
+    let rest = gram.nrows() - known;
+    let own = gram.view((0, 0), (known, known)).into_owned();
+    if rest == 0 {
+        return own;
+    }
+    let cross = gram.view((0, known), (known, rest));
+    let mut inner = gram.view((known, known), (rest, rest)).into_owned();
+    for i in 0..rest {
+        inner[(i, i)] += 1e-12 * inner[(i, i)].max(1e-300);
+    }
+    match inner.cholesky() {
+        Some(c) => own - cross * c.solve(&cross.transpose()),
+        None => own,
+    }
+}
+
+/// How the sum of the moduli answers to the stated permittivity and mass.
+fn scale(
+    problem: &SampleProblem,
+    p: &[f64],
+    gram: &DMatrix<f64>,
+    place: &[usize],
+    list: &[Parameter],
+    known: usize,
+) -> Option<Scale> {
+    let moduli: Vec<usize> = (0..known)
+        .filter(|&j| matches!(problem.slots[j], Slot::Modulus(_)) && !list[place[j]].fixed)
+        .filter(|&j| p[j] > 0.0)
+        .collect();
+    let sum: f64 = moduli.iter().map(|&j| p[j]).sum();
+    // The whole film stiffer in proportion against the stated number larger: one unknown for one.
+    let mut along = nalgebra::DVector::zeros(known);
+    for &j in &moduli {
+        along[j] = p[j];
+    }
+    let curvature = (along.transpose() * gram * &along)[(0, 0)];
+    if sum <= 0.0 || curvature <= 0.0 {
+        return None;
+    }
+    let knobs = [SampleKnob::ActiveFraction, SampleKnob::Mass];
+    let mut found = [0.0; 2];
+    for (number, recording) in problem.recordings.iter().enumerate() {
+        let s = problem.setting(number, p);
+        let all: Vec<SampleKnob> = (0..s.film.mu_pa.len())
+            .map(SampleKnob::Modulus)
+            .chain(knobs)
+            .collect();
+        let rows = recording
+            .residual
+            .rows_at(&s.sample, &s.film, s.shift_m, s.offset_s, &all)
+            .ok()?;
+        let n = rows.residuals.len();
+        let springs = s.film.mu_pa.len();
+        let centred = |v: Vec<f64>| -> Vec<f64> {
+            let weights: f64 = rows.shift.iter().map(|w| w * w).sum();
+            let mean = v.iter().zip(&rows.shift).map(|(a, w)| a * w).sum::<f64>() / weights;
+            v.iter()
+                .zip(&rows.shift)
+                .map(|(a, w)| a - mean * w)
+                .collect()
+        };
+        let film = centred(
+            (0..n)
+                .map(|i| {
+                    (0..springs)
+                        .map(|k| s.film.mu_pa[k] * rows.columns[k][i])
+                        .sum()
+                })
+                .collect(),
+        );
+        let size = [s.sample.electrode.active_fraction, s.sample.mass_kg];
+        for (k, f) in found.iter_mut().enumerate() {
+            let stated = centred(
+                rows.columns[springs + k]
+                    .iter()
+                    .map(|v| v * size[k])
+                    .collect(),
+            );
+            *f -= film.iter().zip(&stated).map(|(a, b)| a * b).sum::<f64>();
+        }
+    }
+    Some(Scale {
+        by_permittivity: found[0] / curvature,
+        by_mass: found[1] / curvature,
+    })
+}
+
+/// Holds a film against recordings of hanging samples, nothing fitted.
+///
+/// # Errors
+/// [`Error`], when the film gives way or locks.
+pub fn validate_samples(
+    datasets: &[&HangingDataset],
+    samples: &[HangingSample],
+    film: &Film,
+) -> Result<SampleOutcome, Error> {
+    check(datasets, samples, film.branches())?;
+    let hung = hang(datasets, samples, film)?;
+    let measured: Vec<[f64; 2]> = datasets.iter().map(|d| [0.0, d.offset_s]).collect();
+    let stated = vec![None; datasets.len()];
+    let mut outcome = assemble("validate", &hung, film, samples, &measured, &stated)?;
+    outcome.converged = true;
+    outcome.reason = "nothing was fitted".into();
+    outcome.verdict = verdict(&outcome);
+    Ok(outcome)
+}
+
+/// x of a sample at the frames of a recording, from its voltage alone, m.
+///
+/// # Errors
+/// [`Error`], when the film gives way or locks.
+pub fn predict_sample_motion(
+    dataset: &HangingDataset,
+    sample: &HangingSample,
+    film: &Film,
+) -> Result<Vec<f64>, Error> {
+    check(&[dataset], std::slice::from_ref(sample), film.branches())?;
+    let hung = hang(&[dataset], std::slice::from_ref(sample), film)?;
+    Ok(motion(&hung[0], sample, film, dataset.offset_s)?.0)
+}
+
+/// x at the frames, and the length at rest.
+fn motion(
+    hung: &Hung,
+    sample: &HangingSample,
+    film: &Film,
+    offset_s: f64,
+) -> Result<(Vec<f64>, f64), Error> {
+    let d = hung.residual.dataset();
+    let h = hung.residual.step_s();
+    let command = hung.residual.command_v(offset_s);
+    let run = run_sample(sample, film, &command, h, d.start_s, &[])?;
+    let x = &run.x_m;
+    // The cubic through the four grid points around each frame.
+    let last = x.len() - 1;
+    let at = |i: usize| {
+        let place = (i as f64 * d.step_s / h).min(last as f64);
+        let j = (place as usize).clamp(1, last.saturating_sub(2).max(1));
+        if last < 3 {
+            return x[(place.round() as usize).min(last)];
+        }
+        let s = place - j as f64;
+        let (a, b, c, e) = (x[j - 1], x[j], x[j + 1], x[j + 2]);
+        -s * (s - 1.0) * (s - 2.0) / 6.0 * a + (s + 1.0) * (s - 1.0) * (s - 2.0) / 2.0 * b
+            - (s + 1.0) * s * (s - 2.0) / 2.0 * c
+            + (s + 1.0) * s * (s - 1.0) / 6.0 * e
+    };
+    Ok(((0..d.samples()).map(at).collect(), run.rest_length_m))
+}
+
+fn assemble(
+    job: &'static str,
+    hung: &[Hung],
+    film: &Film,
+    samples: &[HangingSample],
+    measured: &[[f64; 2]],
+    offset_errors: &[Option<f64>],
+) -> Result<SampleOutcome, Error> {
+    let recordings = hung
+        .par_iter()
+        .enumerate()
+        .map(|(i, h)| one(h, film, &samples[i], measured[i], offset_errors[i]))
+        .collect::<Result<Vec<_>, Error>>()?;
+    let total = total(recordings.iter().map(|r| &r.error));
+    let rows = |f: fn(&SampleFit) -> f64| -> f64 {
+        let squares = recordings.iter().map(|r| f(r).powi(2));
+        squares.sum::<f64>() / recordings.len() as f64
+    };
+    let weighted_mean_square = rows(|r| r.rmse_m / r.noise_rmse_m);
+    let mut remarks = Vec::new();
+    for r in &recordings {
+        if r.error.negative > 0 {
+            remarks.push(format!(
+                "{}: {} samples need phi^2 < 0: no voltage gives that x.",
+                r.id, r.error.negative
+            ));
+        }
+    }
+    Ok(SampleOutcome {
+        job,
+        film: film.clone(),
+        eps_r: samples[0].eps_r,
+        estimates: Vec::new(),
+        correlation: Default::default(),
+        weak_directions: Vec::new(),
+        scale: None,
+        recordings,
+        total,
+        starts: Vec::new(),
+        converged: false,
+        reason: String::new(),
+        evaluations: 0,
+        failed_evaluations: 0,
+        weighted_mean_square,
+        verdict: String::new(),
+        remarks,
+    })
+}
+
+/// Errors of several recordings together.
+fn total<'e>(errors: impl Iterator<Item = &'e ChainError>) -> ChainError {
+    let mut t = ChainError::default();
+    let (mut high, mut all, mut floor) = (0.0, 0.0, 0.0);
+    for e in errors {
+        let n = e.samples as f64;
+        if e.samples > 0 {
+            high += n * e.rmse_v.powi(2);
+            floor += n * e.noise_floor_v.powi(2);
+            t.max_error_v = t.max_error_v.max(e.max_error_v);
+        }
+        all += e.samples_all as f64 * e.rmse_all_v.powi(2);
+        t.samples += e.samples;
+        t.samples_all += e.samples_all;
+        t.negative += e.negative;
+    }
+    let root = |sum: f64, n: usize| match n {
+        0 => f64::NAN,
+        n => (sum / n as f64).sqrt(),
+    };
+    t.rmse_v = root(high, t.samples);
+    t.noise_floor_v = root(floor, t.samples);
+    t.rmse_all_v = root(all, t.samples_all);
+    t
+}
+
+fn one(
+    hung: &Hung,
+    film: &Film,
+    sample: &HangingSample,
+    [shift_m, offset_s]: [f64; 2],
+    offset_std_error_s: Option<f64>,
+) -> Result<SampleFit, Error> {
+    let d = hung.residual.dataset();
+    let too_short = |e: crate::dataset::Error| Error::NothingToFit(e.to_string());
+    let rows = hung
+        .residual
+        .rows_at(sample, film, shift_m, offset_s, &[])?;
+    let noise = hung.residual.row_noise_m();
+    let mean = |f: &dyn Fn(usize) -> f64| {
+        let n = rows.residuals.len();
+        ((0..n).map(|i| f(i).powi(2)).sum::<f64>() / n as f64).sqrt()
+    };
+    let (predicted_m, rest_length_m) = motion(hung, sample, film, offset_s)?;
+    let axis = d.smoothed(None).map_err(too_short)?;
+    let n = d.samples();
+    let h = d.step_s;
+    let (first, last) = d.voltage.span_s();
+    let slack = 0.5 * h;
+    let command_v: Vec<f64> = (0..n)
+        .map(|i| {
+            let t = d.time_s(i) + offset_s;
+            match (first - slack..=last + slack).contains(&t) {
+                true => d.voltage.at(0, t),
+                false => f64::NAN,
+            }
+        })
+        .collect();
+    let applied: Vec<f64> = (0..n)
+        .map(|i| d.voltage.at(0, d.time_s(i) + offset_s))
+        .collect();
+    let smoothed_m: Vec<f64> = axis.position.iter().map(|x| x - shift_m).collect();
+    let inverse = inverse_sample(sample, film, &smoothed_m, &axis.acceleration, h, applied[0])?;
+    let film_v = film_voltage_v(sample, &applied, &inverse.area, h);
+    let draws: Vec<Vec<f64>> = (0..DRAWS)
+        .into_par_iter()
+        .filter_map(|seed| {
+            let mut generator = ChaCha12Rng::seed_from_u64(seed);
+            let (mut x, mut a) = (smoothed_m.clone(), axis.acceleration.clone());
+            axis.draw_deviation(&mut generator, |i, d| {
+                x[i] += d[0];
+                a[i] += d[2];
+            });
+            // A drawn track that the model cannot follow says nothing of the noise.
+            let drawn = inverse_sample(sample, film, &x, &a, h, applied[0]).ok()?;
+            Some(drawn.squared_v2)
+        })
+        .collect();
+    let needed = &inverse.squared_v2;
+    let sd_v: Vec<f64> = (0..n)
+        .map(|i| {
+            let square: f64 = draws.iter().map(|q| (q[i] - needed[i]).powi(2)).sum();
+            let sd = (square / draws.len().max(1) as f64).sqrt();
+            sd / (2.0 * root_v(needed[i]).max(0.5 * sd.sqrt()))
+        })
+        .collect();
+    let edge = (EDGE_S / h).round() as usize;
+    let counts: Vec<bool> = (0..n)
+        .map(|i| i >= edge && i + edge < n && d.captured(i) && command_v[i].is_finite())
+        .collect();
+    let mut error = ChainError::default();
+    let (mut high, mut all, mut floor) = (0.0, 0.0, 0.0);
+    for i in (0..n).filter(|&i| counts[i]) {
+        let e = root_v(needed[i]) - film_v[i].abs();
+        all += e * e;
+        error.samples_all += 1;
+        error.negative += usize::from(needed[i] < 0.0);
+        if command_v[i].abs() > HIGH_V {
+            high += e * e;
+            error.samples += 1;
+            error.max_error_v = error.max_error_v.max(e.abs());
+            let drawn = draws
+                .iter()
+                .map(|q| (root_v(q[i]) - root_v(needed[i])).powi(2));
+            floor += drawn.sum::<f64>() / draws.len().max(1) as f64;
+        }
+    }
+    let root = |sum: f64, n: usize| match n {
+        0 => f64::NAN,
+        n => (sum / n as f64).sqrt(),
+    };
+    error.rmse_v = root(high, error.samples);
+    error.noise_floor_v = root(floor, error.samples);
+    error.rmse_all_v = root(all, error.samples_all);
+    let range = |v: &[f64]| {
+        let low = v.iter().copied().fold(f64::INFINITY, f64::min);
+        v.iter().copied().fold(f64::NEG_INFINITY, f64::max) - low
+    };
+    Ok(SampleFit {
+        id: d.id.clone(),
+        error,
+        rmse_m: mean(&|i| rows.residuals[i] * noise[i]),
+        noise_rmse_m: mean(&|i| noise[i]),
+        max_error_m: (0..noise.len()).fold(0.0, |m, i| m.max((rows.residuals[i] * noise[i]).abs())),
+        noise_m: d.noise_m,
+        stroke_m: [range(&smoothed_m), range(&predicted_m)],
+        rest_length_m,
+        step_s: hung.residual.step_s(),
+        offset_s,
+        offset_std_error_s,
+        electrode: sample.electrode,
+        plan: d.plan(&axis),
+        time_s: (0..n).map(|i| d.time_s(i)).collect(),
+        captured_m: d.x_m.iter().map(|x| x - shift_m).collect(),
+        smoothed_m,
+        predicted_m,
+        command_v,
+        film_v,
+        needed_squared_v2: inverse.squared_v2,
+        area: inverse.area,
+        sd_v,
+        counts,
+        gaps: d.gaps(),
+        notes: d.notes.clone(),
+    })
+}
+
+fn verdict(outcome: &SampleOutcome) -> String {
+    let rms = |f: fn(&SampleFit) -> f64| -> f64 {
+        let squares: f64 = outcome.recordings.iter().map(|r| f(r).powi(2)).sum();
+        1e6 * (squares / outcome.recordings.len() as f64).sqrt()
+    };
+    let (error, noise) = (rms(|r| r.rmse_m), rms(|r| r.noise_rmse_m));
+    let size = format!(
+        "x is {error:.2} um rms off, the noise of the same averages is {noise:.2} um; {:.1} V rms above 1 kV",
+        outcome.total.rmse_v
+    );
+    let ratio = error / noise;
+    if ratio < RATIOS[0] {
+        format!("The model fits to the noise: {size}.")
+    } else if ratio < RATIOS[1] {
+        format!("The model nearly fits: {size}.")
+    } else {
+        format!(
+            "The model does not fit: {size}, {ratio:.1} times the noise. Something is left out or a stated number is wrong."
+        )
+    }
+}

@@ -1,0 +1,204 @@
+//! `ageing`: electrodes over days or batches.
+
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+
+use super::progress::Progress;
+use super::{Failure, Talk, load};
+use crate::calibration::{AgeingInput, AgeingOutcome, AgeingRequest, By, ageing};
+use crate::dataset::{Dataset, HangingDataset, cycles};
+use crate::film::Film;
+use crate::model::HangingSample;
+use crate::recording::{Kind, Recording, Rig};
+use crate::report::ageing_json::AgeingJson;
+use crate::report::html;
+use crate::report::json::to_text;
+use crate::report::output::OutputSet;
+use crate::report::parameter_file::{FilmEntry, ParameterFile, Quantity, electrode_effects};
+use crate::report::provenance::Provenance;
+
+/// What to compare.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// recording.toml files, or folders that have one: hanging samples or robots, with electrode and day (or batch)
+    #[arg(required = true, value_name = "REC")]
+    recordings: Vec<PathBuf>,
+    /// What tells the recordings of an electrode apart: day, or batch (a new batch against the first)
+    #[arg(long, default_value = "day", value_parser = ["day", "batch"])]
+    by: String,
+    /// Loss of stroke from which a change counts as relevant, %
+    #[arg(long, default_value_t = 5.0, value_name = "PERCENT")]
+    threshold: f64,
+    /// Loss of stroke whose day is told, %
+    #[arg(long, default_value_t = 50.0, value_name = "PERCENT")]
+    loss: f64,
+    /// Cycles of a run over which the stroke is averaged, at most
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(3..=1000))]
+    cycles: u16,
+    /// Rig to use instead of the recordings' own
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, default_value = "out/ageing")]
+    output: PathBuf,
+}
+
+pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
+    for (name, value) in [("threshold", a.threshold), ("loss", a.loss)] {
+        if !(0.0..100.0).contains(&value) {
+            return Err(format!("--{name} {value}: give a loss between 0 and 100 %").into());
+        }
+    }
+    let progress = Progress::new(talk);
+    let kinds = [Kind::FilmSample, Kind::Robot];
+    let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
+    let provenance = Provenance::of(command, &recordings);
+    progress.step("aligning");
+    let inputs = recordings
+        .par_iter()
+        .map(input)
+        .collect::<Result<Vec<_>, Failure>>()?;
+    drop(recordings);
+    let request = AgeingRequest {
+        by: match a.by.as_str() {
+            "batch" => By::Batch,
+            _ => By::Day,
+        },
+        threshold_percent: a.threshold,
+        loss_percent: a.loss,
+        cycles: a.cycles.into(),
+    };
+    progress.step("comparing");
+    let outcome = ageing(&inputs, &request)?;
+    progress.stopped()?;
+    let json = AgeingJson::new(&outcome, provenance.clone());
+    let mut set = OutputSet::new(&a.output)?;
+    let page = html::render_ageing(&outcome, &inputs, &json, &provenance);
+    set.write("report.html", page)?;
+    set.write("ageing.json", to_text(&json))?;
+    for (name, text) in parameter_files(&outcome, &provenance) {
+        set.write(&name, text)?;
+    }
+    set.commit()?;
+    drop(progress);
+    talk.result(&json);
+    talk.say(&outcome.verdict);
+    for (_, trend) in &json.trend.0 {
+        talk.say(&trend.says);
+    }
+    if let Some(d) = &json.difference {
+        talk.say(&d.last.says);
+    }
+    for remark in &json.remarks {
+        talk.say(remark);
+    }
+    talk.say(&format!(
+        "Report: {}",
+        a.output.join("report.html").display()
+    ));
+    Ok(())
+}
+
+/// A recording as ageing sees it: x of a sample, height of a robot.
+fn input(r: &Recording) -> Result<AgeingInput, Failure> {
+    let m = &r.manifest;
+    let base = |x_m: Vec<f64>, start_s: f64, step_s: f64| AgeingInput {
+        id: m.id.clone(),
+        electrode: m.electrode.clone(),
+        batch: m.batch.clone(),
+        day: m.day,
+        x_m,
+        start_s,
+        step_s,
+        cycles: Err(String::new()),
+        hanging: None,
+        command_v: Vec::new(),
+    };
+    if m.kind == Kind::Robot {
+        let d = Dataset::from_recording(r, None)?;
+        let x = d.measured_m.iter().map(|p| -p[2]).collect();
+        let end_s = d.time_s(d.samples() - 1);
+        return Ok(AgeingInput {
+            cycles: cycles(&d.voltage, d.offset_s, d.start_s, end_s),
+            command_v: (0..d.samples())
+                .map(|i| d.command_v(0, i, d.offset_s))
+                .collect(),
+            ..base(x, d.start_s, d.step_s)
+        });
+    }
+    let Some(Rig::FilmSample(rig)) = &r.rig else {
+        return Err(format!(
+            "{}: recording `{}` has no rig of kind \"film-sample\"",
+            r.path.display(),
+            m.id
+        )
+        .into());
+    };
+    let d = HangingDataset::from_recording(r)?;
+    let sample = HangingSample::from_rig(rig, None, d.payload_kg)?;
+    let end_s = d.time_s(d.samples() - 1);
+    Ok(AgeingInput {
+        cycles: cycles(&d.voltage, d.offset_s, d.start_s, end_s),
+        command_v: (0..d.samples())
+            .map(|i| d.voltage.at(0, d.time_s(i) + d.offset_s))
+            .collect(),
+        hanging: Some((d.clone(), sample)),
+        ..base(d.x_m.clone(), d.start_s, d.step_s)
+    })
+}
+
+/// Film and electrode of every sample on every level: `<electrode>[-<sample>]-<level>/parameters.toml`.
+fn parameter_files(outcome: &AgeingOutcome, provenance: &Provenance) -> Vec<(String, String)> {
+    let safe = |text: &str| -> String {
+        text.chars()
+            .map(|c| match c {
+                c if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') => c,
+                _ => '_',
+            })
+            .collect()
+    };
+    let what = match outcome.by {
+        By::Day => "day-",
+        By::Batch => "",
+    };
+    let mut out = Vec::new();
+    for e in &outcome.electrodes {
+        for s in &e.samples {
+            let Ok(joint) = &s.joint else { continue };
+            for (i, &level) in s.levels.iter().enumerate() {
+                let sample = &joint.samples[i];
+                let mu = |m: &f64| Quantity::exact(m * joint.film_factor[i]);
+                let Film {
+                    mu_pa,
+                    relaxation_time_s,
+                    locking,
+                } = &joint.film;
+                let file = ParameterFile {
+                    film: Some(FilmEntry {
+                        mu_pa: mu_pa.iter().map(mu).collect(),
+                        relaxation_time_s: relaxation_time_s
+                            .iter()
+                            .map(|t| Quantity::exact(*t))
+                            .collect(),
+                        locking: Quantity::exact(*locking),
+                        eps_r: Some(Quantity::exact(sample.eps_r)),
+                    }),
+                    effects: electrode_effects(&sample.electrode),
+                    provenance: provenance.clone(),
+                    ..ParameterFile::default()
+                };
+                let mut folder = safe(&e.name);
+                if e.samples.len() > 1 {
+                    folder += &format!("-{}", safe(&s.name));
+                }
+                let name = safe(&e.levels[level].name);
+                out.push((
+                    format!("{folder}-{what}{name}/parameters.toml"),
+                    file.to_toml(),
+                ));
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,467 @@
+//! The report of electrodes over days: strokes, what moved, loops overlaid by day, the test between electrodes.
+
+use minijinja::{Value, context};
+
+use super::page::{self, Cell, Section, Status, Summary, Table, Tile, safe};
+use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
+use super::recordings::curve;
+use super::summary::{self, item, note, tile};
+use super::{Provenance, number, provenance};
+use crate::calibration::{AgeingInput, AgeingOutcome, By, ElectrodeAgeing, named, words};
+use crate::report::ageing_json::{AgeingJson, Measured};
+
+const TEMPLATE: &str = include_str!("ageing.html");
+/// Colours of electrodes, and of days.
+const ROLES: [Role; 5] = [Role::One, Role::Two, Role::Three, Role::Four, Role::Base];
+/// The paper's Fig 9: loss of the mean stroke of the first eight loops against day 1, mm and %.
+const PAPER: [(&str, f64, f64, f64); 3] = [
+    ("CGE", 3.0, 0.23, 17.5),
+    ("CGE", 7.0, 0.49, 38.4),
+    ("CGE", 14.0, 0.82, 64.3),
+];
+
+/// The report of `outcome`; `inputs` are the recordings that it numbers, `json` the same numbers as written.
+pub fn render_ageing(
+    outcome: &AgeingOutcome,
+    inputs: &[AgeingInput],
+    json: &AgeingJson,
+    provenance: &Provenance,
+) -> String {
+    let sections = [
+        strokes(outcome),
+        Some(causes(outcome, json)),
+        Some(loops(outcome, inputs)),
+        difference(json),
+        Some(provenance::of(provenance)),
+    ];
+    let sections: Vec<Section> = sections.into_iter().flatten().collect();
+    let title = match outcome.by {
+        By::Day => "Electrodes over days",
+        By::Batch => "Electrodes over batches",
+    };
+    page::page(title, &first_screen(outcome, json), &sections)
+}
+
+fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson) -> Summary {
+    let any = |f: fn(&crate::calibration::LevelStroke) -> bool| {
+        outcome.electrodes.iter().flat_map(|e| &e.levels).any(f)
+    };
+    let (status, word) = if any(|l| l.relevant && l.significant) {
+        (Status::Poor, "changed")
+    } else if any(|l| l.significant) {
+        (Status::Fair, "changed a little")
+    } else {
+        (Status::Good, "no change")
+    };
+    let tiles: Vec<Tile> = outcome
+        .electrodes
+        .iter()
+        .filter_map(|e| {
+            let l = e.levels.last()?;
+            let value = number::fixed(l.change_percent.value, 1);
+            Some(tile(
+                &format!("{}, change by {}", e.name, l.name),
+                value,
+                "%",
+            ))
+        })
+        .collect();
+    let mut notes = vec![note(
+        "How sure is the loss?",
+        format!(
+            "Significant: the 95 % interval of the change excludes 0. Relevant: beyond {} %.",
+            outcome.threshold_percent
+        ),
+        Vec::new(),
+    )];
+    for (name, list) in &json.causes.0 {
+        let items = list
+            .iter()
+            .filter(|c| c.in_model || c.probability > 0.05)
+            .map(|c| item(format!("{}:", c.effect), number::words(&c.says)))
+            .collect();
+        notes.push(note(&format!("What moved in {name}?"), "", items));
+    }
+    for (name, trend) in &json.trend.0 {
+        notes.push(note(
+            &format!("Trend of {name}"),
+            trend.says.clone(),
+            Vec::new(),
+        ));
+    }
+    if let Some(d) = &json.difference {
+        notes.push(note(
+            "Do the electrodes differ?",
+            d.last.says.clone(),
+            Vec::new(),
+        ));
+    }
+    notes.extend(summary::remarks(&json.remarks));
+    Summary {
+        status,
+        word: word.into(),
+        headline: number::words(&outcome.verdict),
+        tiles,
+        notes,
+    }
+}
+
+fn part(heading: &str, lines: Vec<String>, table: Option<Value>, figure: String) -> Value {
+    context! {
+        heading => heading,
+        lines => lines,
+        table => table.unwrap_or_else(|| safe(String::new())),
+        figure => safe(figure),
+    }
+}
+
+fn interval(m: &Measured, digits: usize) -> String {
+    match (m.value, m.ci95) {
+        (Some(v), [Some(a), Some(b)]) => format!(
+            "{} ({} to {})",
+            number::fixed(v, digits),
+            number::fixed(a, digits),
+            number::fixed(b, digits)
+        ),
+        _ => number::MISSING.into(),
+    }
+}
+
+fn panel(title: &str, height: f64, series: Vec<Series>) -> Panel {
+    Panel {
+        y: Axis::new(title),
+        height,
+        shades: Vec::new(),
+        bands: Vec::new(),
+        series,
+    }
+}
+
+/// Where a level stands on the axis: its day, else its number.
+fn place(e: &ElectrodeAgeing, level: usize) -> f64 {
+    e.levels[level].day.unwrap_or(level as f64 + 1.0)
+}
+
+fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
+    let what = match outcome.by {
+        By::Day => "day",
+        By::Batch => "batch",
+    };
+    let mut series = Vec::new();
+    let mut losses = Vec::new();
+    for (i, e) in outcome.electrodes.iter().enumerate() {
+        let role = ROLES[i % ROLES.len()];
+        let points = |f: &dyn Fn(&crate::calibration::LevelStroke) -> f64| -> Vec<[f64; 2]> {
+            (0..e.levels.len())
+                .map(|l| [place(e, l), f(&e.levels[l])])
+                .collect()
+        };
+        series.push(curve(
+            &e.name,
+            role,
+            Mark::Line,
+            points(&|l| l.stroke_mm.value),
+        ));
+        for end in 0..2 {
+            let ends = points(&|l| l.stroke_ci95[end]);
+            series.push(curve(
+                &format!("{}, 95 %", e.name),
+                role,
+                Mark::Dashed,
+                ends,
+            ));
+        }
+        losses.push(curve(
+            &e.name,
+            role,
+            Mark::Line,
+            points(&|l| l.change_percent.value),
+        ));
+    }
+    if outcome.by == By::Day {
+        let days = std::iter::once([1.0, 0.0]).chain(PAPER.iter().map(|p| [p.1, -p.3]));
+        losses.push(curve(
+            "CGE in the paper",
+            Role::Base,
+            Mark::Dots,
+            days.collect(),
+        ));
+    }
+    let panels = [
+        panel("mean stroke, mm", 150.0, series),
+        panel("change against the first, %", 130.0, losses),
+    ];
+    let drawing = plot::line_plot(
+        &format!("Mean stroke of each electrode over {what}s"),
+        &Axis::new(what),
+        &panels,
+        Width::Full,
+    );
+    let figure = plot::figure(
+        &[drawing],
+        &plot::legend(&panels),
+        "Mean stroke of the averaged cycles, and its change against the first. Dots: the paper's Fig 9 for carbon grease; its DCPE changes by less than 6 %.",
+    );
+    let mut head = vec![Cell::text("electrode"), Cell::number(what)];
+    let columns = [
+        "stroke, mm (95 %)",
+        "change, mm (95 %)",
+        "change, % (95 %)",
+        "significant",
+        "relevant",
+        "drift within runs, um a cycle",
+        "samples",
+        "paper: mm, %",
+    ];
+    head.extend(columns.map(Cell::number));
+    let mut table = Table::new("Strokes and their change.", head);
+    let yes = |b: bool| Cell::text(if b { "yes" } else { "no" });
+    for e in &outcome.electrodes {
+        for l in &e.levels {
+            let show = |v: f64, ci: [f64; 2], digits: usize| {
+                let ends = ci.map(|x| number::fixed(x, digits));
+                Cell::number(format!(
+                    "{} ({} to {})",
+                    number::fixed(v, digits),
+                    ends[0],
+                    ends[1]
+                ))
+            };
+            let paper = PAPER
+                .iter()
+                .find(|p| p.0.eq_ignore_ascii_case(&e.name) && Some(p.1) == l.day);
+            table.row(vec![
+                Cell::text(&e.name),
+                Cell::number(&l.name),
+                show(l.stroke_mm.value, l.stroke_ci95, 4),
+                show(l.change_mm.value, l.change_ci95, 4),
+                show(l.change_percent.value, l.percent_ci95, 2),
+                yes(l.significant),
+                yes(l.relevant),
+                Cell::number(number::fixed(l.drift_mm.value * 1e3, 2)),
+                Cell::number(number::count(l.samples)),
+                Cell::number(paper.map_or(String::new(), |p| format!("-{}, -{}", p.2, p.3))),
+            ]);
+        }
+    }
+    let says = "The stroke of a cycle is largest minus smallest x of a curve through its frames, freed of what the noise adds; the mean is over the first cycles of each run, as many in each. Intervals are those of the capture's noise where an electrode has one sample.";
+    let parts = vec![part("", Vec::new(), Some(table.html()), figure)];
+    let context = context! { says => says, parts => parts };
+    Some(Section::new("strokes", "Strokes", TEMPLATE, context))
+}
+
+fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
+    let mut parts = Vec::new();
+    for e in &outcome.electrodes {
+        for (s, written) in e
+            .samples
+            .iter()
+            .zip(json.samples.get(&e.name).into_iter().flatten())
+        {
+            let heading = match s.name.is_empty() {
+                true => e.name.clone(),
+                false => format!("{}, {}", e.name, s.name),
+            };
+            let joint = match &s.joint {
+                Ok(joint) => joint,
+                Err(why) => {
+                    parts.push(part(
+                        &heading,
+                        vec![number::words(why)],
+                        None,
+                        String::new(),
+                    ));
+                    continue;
+                }
+            };
+            let list: Vec<&str> = named(joint).into_iter().map(words).collect();
+            let mut lines = vec![match list.is_empty() {
+                true => format!(
+                    "No cause is named. Probability that nothing changed: {:.2}.",
+                    joint.nothing
+                ),
+                false => format!("Named: {}.", list.join(", ")),
+            }];
+            lines.push(format!(
+                "One film for all, {} of the noise's mean square left; with nothing allowed to change {}.",
+                number::significant(joint.weighted_mean_square, 3),
+                number::significant(joint.unchanged_mean_square, 3)
+            ));
+            for [a, b] in &written.indistinguishable {
+                lines.push(format!("These recordings do not tell {a} from {b}."));
+            }
+            let shifts = s.rest_shift_m.iter().zip(&joint.rest_length_m);
+            let shown: Vec<String> = shifts
+                .map(|(seen, length)| {
+                    format!(
+                        "{} ({})",
+                        number::fixed(seen * 1e3, 2),
+                        number::fixed((length - joint.rest_length_m[0]) * 1e3, 2)
+                    )
+                })
+                .collect();
+            lines.push(format!(
+                "Position at rest against the first, captured (by the model), mm: {}. The fit does not use it, because it holds how the sample was hung; where both agree, it speaks for the causes.",
+                shown.join(", ")
+            ));
+            let mut head = vec![Cell::text("effect"), Cell::number("probability")];
+            head.extend(
+                s.levels
+                    .iter()
+                    .map(|&l| Cell::number(format!("{} (95 %)", e.levels[l].name))),
+            );
+            head.push(Cell::text("unit"));
+            let mut table = Table::new("What changed, by the chosen model.", head);
+            let mut panels = Vec::new();
+            for c in &written.causes {
+                let mut cells = vec![
+                    Cell::text(&c.effect),
+                    Cell::number(number::fixed(c.probability, 2)),
+                ];
+                for i in 0..s.levels.len() {
+                    cells.push(Cell::number(match c.by_day.get(i) {
+                        Some(d) => {
+                            let ends = d
+                                .ci95
+                                .map(|v| number::significant(v.unwrap_or(f64::NAN), 3));
+                            let value = number::significant(d.value.unwrap_or(f64::NAN), 3);
+                            format!("{value} ({} to {})", ends[0], ends[1])
+                        }
+                        None => String::new(),
+                    }));
+                }
+                cells.push(Cell::text(c.by_day.first().map_or("", |d| &d.unit)));
+                table.row(cells);
+                if c.by_day.is_empty() {
+                    continue;
+                }
+                let points = |f: &dyn Fn(usize) -> f64| -> Vec<[f64; 2]> {
+                    (0..c.by_day.len())
+                        .map(|i| [place(e, s.levels[i]), f(i)])
+                        .collect()
+                };
+                let value = |i: usize| c.by_day[i].value.unwrap_or(f64::NAN);
+                let mut series = vec![curve(&c.effect, Role::One, Mark::Line, points(&value))];
+                for end in 0..2 {
+                    let ends = points(&|i| c.by_day[i].ci95[end].unwrap_or(f64::NAN));
+                    series.push(curve("95 %", Role::One, Mark::Dashed, ends));
+                }
+                panels.push(panel(
+                    &format!("{}, {}", c.parameter, c.by_day[0].unit),
+                    90.0,
+                    series,
+                ));
+            }
+            let figure = if panels.is_empty() {
+                String::new()
+            } else {
+                let drawing = plot::line_plot(
+                    &format!("Parameters of {heading} over days"),
+                    &Axis::new(json.by.clone()),
+                    &panels,
+                    Width::Full,
+                );
+                plot::figure(
+                    &[drawing],
+                    &plot::legend(&panels),
+                    "Parameters that the chosen model lets change.",
+                )
+            };
+            parts.push(part(&heading, lines, Some(table.html()), figure));
+        }
+    }
+    let says = "All recordings of a sample are fitted with one film. Causes are added, on the days on which they are needed, while the gain exceeds the price of one more number (extended BIC); each probability is over all sets of at most two causes.";
+    let context = context! { says => says, parts => parts };
+    Section::new("causes", "What moved", TEMPLATE, context)
+}
+
+fn loops(outcome: &AgeingOutcome, inputs: &[AgeingInput]) -> Section {
+    let mut parts = Vec::new();
+    for e in &outcome.electrodes {
+        let mut series: Vec<Series> = Vec::new();
+        for run in outcome.runs.iter() {
+            let input = &inputs[run.input];
+            let own = input
+                .electrode
+                .as_deref()
+                .is_some_and(|n| n.trim().eq_ignore_ascii_case(&e.name));
+            // The last averaged cycle of each run, creep behind it.
+            let (true, Some(c)) = (own, run.strokes.cycles.last()) else {
+                continue;
+            };
+            let (from, to) = (c.start_s, c.start_s + run.strokes.period_s);
+            let points: Vec<[f64; 2]> = (0..input.x_m.len())
+                .filter(|&i| {
+                    let t = input.start_s + input.step_s * i as f64;
+                    (from..=to).contains(&t)
+                })
+                .map(|i| [input.command_v[i] * 1e-3, input.x_m[i] * 1e3])
+                .collect();
+            let role = ROLES[run.level % ROLES.len()];
+            series.push(curve(&e.levels[run.level].name, role, Mark::Line, points));
+        }
+        if series.is_empty() {
+            continue;
+        }
+        let key = plot::legend(&[panel("", 0.0, series.clone())]);
+        let drawing = plot::loops(
+            &format!("Loops of {} overlaid", e.name),
+            &Axis::new("command, kV"),
+            &Axis::new("x, mm"),
+            series,
+        );
+        let figure = plot::figure(
+            &[drawing],
+            &key,
+            "Captured frames of the last averaged cycle of each run.",
+        );
+        parts.push(part(&e.name, Vec::new(), None, figure));
+    }
+    let says = "Displacement against the command, one loop a day.";
+    let context = context! { says => says, parts => parts };
+    Section::new("loops", "Loops by day", TEMPLATE, context)
+}
+
+fn difference(json: &AgeingJson) -> Option<Section> {
+    let d = json.difference.as_ref()?;
+    let mut head = vec![Cell::text("electrodes"), Cell::text("at")];
+    head.extend(
+        [
+            "difference, points (95 %)",
+            "p",
+            "samples that would show it",
+        ]
+        .map(Cell::number),
+    );
+    let mut table = Table::new("Change of the first minus change of the second.", head);
+    for d in &d.all {
+        table.row(vec![
+            Cell::text(d.electrodes.join(" and ")),
+            Cell::text(&d.at),
+            Cell::number(interval(&d.change_percent, 2)),
+            Cell::number(
+                d.p_value
+                    .map_or(number::MISSING.into(), |p| format!("{p:.1e}")),
+            ),
+            Cell::number(
+                d.samples_needed
+                    .map_or(number::MISSING.into(), |n| n.to_string()),
+            ),
+        ]);
+    }
+    let parts = vec![part(
+        "",
+        vec![d.last.says.clone()],
+        Some(table.html()),
+        String::new(),
+    )];
+    let says =
+        "The test is of the loss in percent, so that films of another thickness can be compared.";
+    let context = context! { says => says, parts => parts };
+    Some(Section::new(
+        "difference",
+        "Between electrodes",
+        TEMPLATE,
+        context,
+    ))
+}

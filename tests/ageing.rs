@@ -1,0 +1,573 @@
+//! Electrodes over days: strokes without the capture's noise, causes of simulated campaigns, and bad input.
+//!
+//! The campaigns are made by the adaptive simulator, which shares nothing with the fit but the model; films, sizes, days and mounts are drawn with
+//! seeds of their own. `DEACAL_CAMPAIGNS=500 cargo test --release --test ageing -- --nocapture` runs the long form.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::cargo::CommandCargoExt;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+use deacal::calibration::{AgeingInput, AgeingRequest, Cause, ageing, named, strokes};
+use deacal::dataset::{HangingDataset, HangingParts, Voltage, cycles};
+use deacal::film::Film;
+use deacal::model::{Electrode, HangingSample};
+use deacal::simulate::write::{Capture, Noise, RecordingText, VoltageLog, sample_recording};
+use deacal::simulate::{Hold, SampleOptions, Sampled, Smooth, sample_motion};
+
+const SECONDS: f64 = 27.0;
+
+/// The paper's drive: from rest at 1 s, eight cycles of 2.5 kV + 2.5 kV at 1/3 Hz.
+fn drive(t: f64) -> f64 {
+    let w = 2.0 * std::f64::consts::PI / 3.0;
+    2500.0 * (1.0 - (w * (t - 1.0).clamp(0.0, 24.0)).cos())
+}
+
+fn voltage() -> Voltage {
+    let time: Vec<f64> = (0..=27_000).map(|i| i as f64 * 1e-3).collect();
+    let phi = time.iter().map(|&t| drive(t)).collect();
+    Voltage::new(time, vec![phi], false)
+}
+
+fn sample(electrode: Electrode) -> HangingSample {
+    HangingSample {
+        width_m: 0.045,
+        length_m: 0.06,
+        margin_m: 0.003,
+        l3_m: 1e-4,
+        films: 1.0,
+        eps_r: 2.8,
+        mass_kg: 0.05,
+        electrode,
+    }
+}
+
+fn film(scale: f64) -> Film {
+    Film {
+        mu_pa: [4.3e5, 3e4, 2.5e4, 2e4, 2e4, 1.5e4, 1.5e4]
+            .map(|m| m * scale)
+            .to_vec(),
+        relaxation_time_s: vec![0.02, 0.12, 0.7, 4.0, 25.0, 150.0],
+        locking: 80.0,
+    }
+}
+
+/// x of a sample at 100 Hz without noise, and its length at rest.
+fn motion(film: &Film, electrode: Electrode) -> (Vec<f64>, f64) {
+    let options = SampleOptions {
+        duration_s: SECONDS,
+        tolerance_m: 1e-8,
+        ..SampleOptions::default()
+    };
+    let m = sample_motion(
+        &sample(electrode),
+        film,
+        &Smooth(|t| [drive(t); 3]),
+        &options,
+    )
+    .unwrap();
+    (m.x_m, m.rest_length_m)
+}
+
+/// Mean of the first eight strokes of a motion without noise.
+fn true_stroke(x: &[f64]) -> f64 {
+    (0..8)
+        .map(|i| {
+            let own = &x[100 + 300 * i..=400 + 300 * i];
+            own.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                - own.iter().copied().fold(f64::INFINITY, f64::min)
+        })
+        .sum::<f64>()
+        / 8.0
+}
+
+fn noisy(x: &[f64], noise_m: f64, seed: u64) -> Vec<f64> {
+    let mut generator = ChaCha12Rng::seed_from_u64(seed);
+    x.iter()
+        .map(|x| {
+            let z: f64 = StandardNormal.sample(&mut generator);
+            x + noise_m * z
+        })
+        .collect()
+}
+
+#[test]
+fn strokes_are_free_of_the_captures_noise() {
+    let cycles = cycles(&voltage(), 0.0, 0.0, SECONDS).unwrap();
+    for electrode in [
+        Electrode::IDEAL,
+        Electrode {
+            modulus_pa: 6e5,
+            resistance_ohm: 3e8,
+            active_fraction: 1.0,
+        },
+    ] {
+        let (x, _) = motion(&film(1.0), electrode);
+        let truth = true_stroke(&x);
+        let found = strokes(&x, 0.0, 0.01, &cycles, 8).unwrap();
+        assert_eq!(found.cycles.len(), 8);
+        let clean = found.mean.value - truth;
+        for (noise_m, limit_m) in [(3e-5, 1e-6), (1e-4, 3e-6)] {
+            let runs = 100;
+            let mut sum = 0.0;
+            let mut raw = 0.0;
+            let mut covered = 0;
+            for seed in 0..runs {
+                let s = strokes(&noisy(&x, noise_m, seed), 0.0, 0.01, &cycles, 8).unwrap();
+                sum += s.mean.value - truth;
+                raw += s.cycles.iter().map(|c| c.raw_m).sum::<f64>() / 8.0 - truth;
+                let [a, b] = s.mean.ci95();
+                covered += usize::from(a < truth && truth < b);
+            }
+            let (bias, raw) = (sum / runs as f64, raw / runs as f64);
+            eprintln!(
+                "stroke {:.4} mm, noise {:.2} mm: bias {:+.5} mm (without noise {:+.5}), of max minus min {:+.4}, covered {covered} of {runs}",
+                truth * 1e3,
+                noise_m * 1e3,
+                bias * 1e3,
+                clean * 1e3,
+                raw * 1e3
+            );
+            assert!(bias.abs() < limit_m, "{bias:e}");
+            assert!(raw > 2.5 * noise_m);
+            assert!(covered >= 88, "{covered}");
+        }
+    }
+}
+
+/// A campaign: what was done to one electrode over four days, and what was found.
+struct Campaign {
+    truth: Vec<Cause>,
+    named: Vec<Cause>,
+    /// True change to the last day, interval found, of every cause that was rightly named.
+    intervals: Vec<(Cause, f64, [f64; 2])>,
+    /// Loss of stroke on each later day: true, and its interval, %.
+    losses: Vec<(f64, [f64; 2])>,
+}
+
+const DAYS: [f64; 4] = [1.0, 3.0, 7.0, 14.0];
+
+fn campaign(seed: u64) -> Campaign {
+    let mut g = ChaCha12Rng::seed_from_u64(0xa6e1_0000 + seed);
+    let film = film(g.random_range(0.85..1.15));
+    let truth: Vec<Cause> = match seed % 7 {
+        0 => vec![Cause::ElectrodeStiffness],
+        1 => vec![Cause::SeriesResistance],
+        2 => vec![Cause::ActiveArea],
+        3 => vec![Cause::ElectrodeStiffness, Cause::SeriesResistance],
+        4 => vec![Cause::ElectrodeStiffness, Cause::ActiveArea],
+        5 => vec![Cause::SeriesResistance, Cause::ActiveArea],
+        _ => Vec::new(),
+    };
+    let has = |c: Cause| truth.contains(&c);
+    let layer: f64 = g.random_range(0.0..1e4);
+    let wire: f64 = g.random_range(2e6..1e7);
+    let size = |g: &mut ChaCha12Rng, low: f64, high: f64| {
+        let share: f64 = g.random_range(0.0..1.0);
+        low * (high / low).powf(share)
+    };
+    let stiffer = size(&mut g, 6e4, 6e5);
+    let resists = size(&mut g, 5e7, 4e8);
+    let lost = size(&mut g, 0.05, 0.4);
+    let shape: f64 = g.random_range(0.5..1.5);
+    // Half of the campaigns hang their samples anew, to 0.3 mm.
+    let mount_m = if g.random_range(0..2) == 0 { 0.0 } else { 3e-4 };
+    let mut inputs = Vec::new();
+    let mut strokes_m = Vec::new();
+    for (i, day) in DAYS.into_iter().enumerate() {
+        let share = ((day - 1.0) / 13.0).powf(shape);
+        let electrode = Electrode {
+            modulus_pa: layer
+                + if has(Cause::ElectrodeStiffness) {
+                    stiffer * share
+                } else {
+                    0.0
+                },
+            resistance_ohm: wire
+                + if has(Cause::SeriesResistance) {
+                    resists * share
+                } else {
+                    0.0
+                },
+            active_fraction: 1.0
+                - if has(Cause::ActiveArea) {
+                    lost * share
+                } else {
+                    0.0
+                },
+        };
+        let (x, rest) = motion(&film, electrode);
+        strokes_m.push(true_stroke(&x));
+        let z: f64 = StandardNormal.sample(&mut g);
+        let below: Vec<f64> = noisy(&x, 3e-5, 1000 * seed + i as u64)
+            .iter()
+            .map(|x| x + rest + 6e-3 + mount_m * z)
+            .collect();
+        let dataset = HangingDataset::new(HangingParts {
+            id: format!("day-{day}"),
+            step_s: 0.01,
+            start_s: 0.0,
+            below_m: below,
+            payload_kg: 0.0,
+            voltage: voltage(),
+            offset_s: Some(0.0),
+        })
+        .unwrap();
+        inputs.push(AgeingInput {
+            id: dataset.id.clone(),
+            electrode: Some("E".into()),
+            batch: Some("B".into()),
+            day: Some(day),
+            x_m: dataset.x_m.clone(),
+            start_s: 0.0,
+            step_s: 0.01,
+            cycles: cycles(&dataset.voltage, 0.0, 0.0, SECONDS),
+            command_v: Vec::new(),
+            hanging: Some((dataset, sample(Electrode::IDEAL))),
+        });
+    }
+    let outcome = ageing(&inputs, &AgeingRequest::default()).unwrap();
+    let e = &outcome.electrodes[0];
+    let (_, joint) = e.main().unwrap();
+    let mut named = named(joint);
+    named.sort();
+    let change = |c: Cause| match c {
+        Cause::ElectrodeStiffness => stiffer,
+        Cause::SeriesResistance => resists,
+        _ => -lost,
+    };
+    let mut truth = truth;
+    truth.sort();
+    Campaign {
+        intervals: match named == truth {
+            false => Vec::new(),
+            true => joint
+                .causes
+                .iter()
+                .filter(|c| c.in_model)
+                .map(|c| (c.cause, change(c.cause), c.change.last().unwrap().ci95()))
+                .collect(),
+        },
+        losses: (1..4)
+            .map(|i| {
+                let loss = 100.0 * (strokes_m[i] / strokes_m[0] - 1.0);
+                (loss, e.levels[i].percent_ci95)
+            })
+            .collect(),
+        truth,
+        named,
+    }
+}
+
+#[test]
+fn causes_of_simulated_campaigns_are_found() {
+    let count: u64 = std::env::var("DEACAL_CAMPAIGNS")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(14);
+    let long = count >= 100;
+    let all: Vec<Campaign> = (0..count).into_par_iter().map(campaign).collect();
+    let aged = || all.iter().filter(|c| !c.truth.is_empty());
+    let right = aged().filter(|c| c.named == c.truth).count();
+    let none = all.len() - aged().count();
+    let false_alarms = all
+        .iter()
+        .filter(|c| c.truth.is_empty() && !c.named.is_empty())
+        .count();
+    for c in all.iter().filter(|c| c.named != c.truth) {
+        eprintln!("  {:?} was named {:?}", c.truth, c.named);
+    }
+    let share = |hits: usize, n: usize| 100.0 * hits as f64 / n.max(1) as f64;
+    let intervals: Vec<_> = all.iter().flat_map(|c| &c.intervals).collect();
+    let hits = |list: &[&(Cause, f64, [f64; 2])]| {
+        list.iter()
+            .filter(|(_, t, [a, b])| a <= t && t <= b)
+            .count()
+    };
+    for cause in [
+        Cause::ElectrodeStiffness,
+        Cause::SeriesResistance,
+        Cause::ActiveArea,
+    ] {
+        let own: Vec<_> = intervals.iter().filter(|i| i.0 == cause).copied().collect();
+        let mid = own
+            .iter()
+            .map(|(_, t, [a, b])| 100.0 * (0.5 * (a + b) / t - 1.0))
+            .sum::<f64>()
+            / own.len().max(1) as f64;
+        eprintln!(
+            "  {cause:?}: {} of {} intervals hold, mean error {mid:+.2} %",
+            hits(&own),
+            own.len()
+        );
+    }
+    let losses: Vec<_> = all.iter().flat_map(|c| &c.losses).collect();
+    let held = losses.iter().filter(|(t, [a, b])| a <= t && t <= b).count();
+    eprintln!(
+        "{} campaigns: right cause {right} of {} ({:.1} %), false difference {false_alarms} of {none}, intervals of causes {} of {} ({:.1} %), of losses {held} of {} ({:.1} %)",
+        all.len(),
+        aged().count(),
+        share(right, aged().count()),
+        hits(&intervals),
+        intervals.len(),
+        share(hits(&intervals), intervals.len()),
+        losses.len(),
+        share(held, losses.len())
+    );
+    assert!(share(right, aged().count()) >= if long { 90.0 } else { 50.0 });
+    assert!(false_alarms <= if long { none / 20 } else { 0 });
+    assert!(share(held, losses.len()) >= if long { 92.0 } else { 80.0 });
+    assert!(share(hits(&intervals), intervals.len()) >= if long { 90.0 } else { 70.0 });
+}
+
+const RIG: &str = "[rig]\nid = \"hanging\"\nkind = \"film-sample\"\n[sample]\nwidth_mm = 45.0\nlength_mm = 60.0\nmargin_mm = 3.0\n[film]\nL3_mm = 0.1\neps_r = 2.8\n[mass]\nm_g = 50.0\n";
+
+/// A folder of recordings, as instruments would write them.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("rig.toml"), RIG).unwrap();
+        Folder(dir)
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn record(&self, id: &str, labels: &[(&str, &str)], electrode: Electrode, seed: u64) -> &Self {
+        let samples: Vec<[f64; 3]> = (0..=27_000).map(|i| [drive(i as f64 * 1e-3); 3]).collect();
+        let voltage = Sampled::new(0.0, 1e-3, samples, Hold::Linear).unwrap();
+        let capture = Capture {
+            noise: Noise {
+                white_m: 3e-5,
+                ..Noise::default()
+            },
+            seed,
+            ..Capture::default()
+        };
+        let text = RecordingText {
+            id: id.into(),
+            rig: "../rig.toml".into(),
+            labels: labels
+                .iter()
+                .map(|(k, v)| ((*k).into(), (*v).into()))
+                .collect(),
+            ..RecordingText::default()
+        };
+        let log = VoltageLog::default();
+        let files = sample_recording(
+            &sample(electrode),
+            &film(1.0),
+            &voltage,
+            0.1,
+            &capture,
+            &text,
+            &log,
+        )
+        .unwrap();
+        let dir = self.path().join(id);
+        fs::create_dir_all(&dir).unwrap();
+        fs::write(dir.join("recording.toml"), files.recording_toml).unwrap();
+        fs::write(dir.join("motion.csv"), files.motion_csv).unwrap();
+        fs::write(dir.join("voltage.csv"), files.voltage_csv).unwrap();
+        self
+    }
+
+    fn edit(&self, file: &str, change: impl Fn(String) -> String) {
+        let path = self.path().join(file);
+        let old = fs::read_to_string(&path).unwrap();
+        let new = change(old.clone());
+        assert_ne!(old, new, "the edit of {file} must change it");
+        fs::write(path, new).unwrap();
+    }
+
+    /// Exit status, standard output, standard error.
+    fn run(&self, arguments: &[&str]) -> (i32, String, String) {
+        let mut command = std::process::Command::cargo_bin("deacal").unwrap();
+        let out = command
+            .current_dir(self.path())
+            .args(arguments)
+            .output()
+            .unwrap();
+        let text = |b: Vec<u8>| String::from_utf8(b).unwrap();
+        (
+            out.status.code().unwrap(),
+            text(out.stdout),
+            text(out.stderr),
+        )
+    }
+}
+
+fn stiff(modulus_pa: f64) -> Electrode {
+    Electrode {
+        modulus_pa,
+        ..Electrode::IDEAL
+    }
+}
+
+#[test]
+fn the_program_compares_electrodes_and_says_what_it_left_out() {
+    let f = Folder::new();
+    let day = |e: &'static str, d: &'static str| [("batch", e), ("electrode", e), ("day", d)];
+    f.record("a1", &day("A", "1"), stiff(0.0), 1)
+        .record("a3", &day("A", "3"), stiff(1.5e5), 2)
+        .record("a7", &day("A", "7"), stiff(3e5), 3)
+        .record("b1", &day("B", "1"), stiff(0.0), 4)
+        .record("b7", &day("B", "7"), stiff(0.0), 5);
+    let (code, json, error) = f.run(&[
+        "ageing", "a1", "a3", "a7", "b1", "b7", "-o", "out", "--json",
+    ]);
+    assert_eq!(code, 0, "{error}");
+    common::check("ageing", &json);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let a = &json["electrodes"]["A"];
+    assert_eq!(a.as_array().unwrap().len(), 3);
+    assert_eq!(a[2]["day"], 7.0);
+    assert!(a[2]["change_percent"]["value"].as_f64().unwrap() < -20.0);
+    assert_eq!(a[2]["significant"], true);
+    assert_eq!(a[2]["relevant"], true);
+    assert_eq!(json["electrodes"]["B"][1]["relevant"], false);
+    let cause = &json["causes"]["A"][0];
+    assert_eq!(cause["effect"], "electrode_stiffness");
+    let change = cause["by_day"][2]["change"]["value"].as_f64().unwrap();
+    assert!((change / 3e5 - 1.0).abs() < 0.1, "{change}");
+    for c in json["causes"]["B"].as_array().unwrap() {
+        assert_eq!(c["in_model"], false, "{c}");
+    }
+    // B has no day 3: the test is at day 7 alone.
+    assert_eq!(json["difference"]["all"].as_array().unwrap().len(), 1);
+    assert!(json["difference"]["p_value"].as_f64().unwrap() < 1e-6);
+    for file in [
+        "ageing.json",
+        "report.html",
+        "A-day-7/parameters.toml",
+        "B-day-1/parameters.toml",
+    ] {
+        assert!(f.path().join("out").join(file).is_file(), "{file}");
+    }
+    // The parameters of a day predict that day.
+    let (code, json, error) = f.run(&[
+        "validate",
+        "a7",
+        "--params",
+        "out/A-day-7/parameters.toml",
+        "-o",
+        "v",
+        "--json",
+    ]);
+    assert_eq!(code, 0, "{error}");
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let stroke = &json["recordings"][0]["stroke_mm"];
+    let (x, y) = (
+        stroke["recorded"].as_f64().unwrap(),
+        stroke["predicted"].as_f64().unwrap(),
+    );
+    assert!((x - y).abs() < 0.05, "{x} {y}");
+
+    // One day only; no electrode; no day; one electrode without a second day beside one with.
+    let (code, _, error) = f.run(&["ageing", "a1", "-o", "never"]);
+    assert_eq!(code, 1);
+    assert!(
+        error.contains("only") && error.contains("two days"),
+        "{error}"
+    );
+    let (code, _, error) = f.run(&["ageing", "a1", "a3", "b1", "-o", "some"]);
+    assert_eq!(code, 0, "{error}");
+    f.edit("a3/recording.toml", |t| {
+        t.replace("electrode = \"A\"\n", "")
+    });
+    let (code, _, error) = f.run(&["ageing", "a1", "a3", "-o", "never"]);
+    assert_eq!(code, 1);
+    assert!(error.contains("states no electrode"), "{error}");
+    f.edit("b7/recording.toml", |t| t.replace("day = 7\n", ""));
+    let (code, _, error) = f.run(&["ageing", "b1", "b7", "-o", "never"]);
+    assert_eq!(code, 1);
+    assert!(error.contains("states no day"), "{error}");
+    assert!(!f.path().join("never").exists());
+}
+
+#[test]
+fn short_broken_and_renamed_runs_are_handled() {
+    let f = Folder::new();
+    let day = |b: &'static str, d: &'static str| [("batch", b), ("electrode", "A"), ("day", d)];
+    f.record("d1", &day("one", "1"), stiff(0.0), 1)
+        .record("d3", &day("two", "3"), stiff(2e5), 2)
+        .record("d7", &day("three", "7"), stiff(4e5), 3);
+    // Day 3 ends after five cycles; from 13 s on the sample of day 7 hangs dead.
+    f.edit("d3/motion.csv", |t| {
+        t.lines().take(5 + 1650).collect::<Vec<_>>().join("\r\n") + "\r\n"
+    });
+    f.edit("d7/motion.csv", |t| {
+        let lines: Vec<&str> = t.lines().collect();
+        let dead = lines[5 + 1300].split_once(',').unwrap().1.to_owned();
+        lines
+            .iter()
+            .enumerate()
+            .map(|(i, l)| match i > 5 + 1300 {
+                true => format!("{},{dead}", l.split_once(',').unwrap().0),
+                false => (*l).to_string(),
+            })
+            .collect::<Vec<_>>()
+            .join("\r\n")
+            + "\r\n"
+    });
+    let (code, json, error) = f.run(&["ageing", "d1", "d3", "d7", "-o", "out", "--json"]);
+    assert_eq!(code, 0, "{error}");
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["cycles"]["A"], 4);
+    let remarks = json["remarks"].to_string();
+    assert!(remarks.contains("changed its name"), "{remarks}");
+    assert!(remarks.contains("fails in cycle 5"), "{remarks}");
+    assert!(remarks.contains("intact cycles"), "{remarks}");
+    let last = &json["electrodes"]["A"][2];
+    let (x, _) = motion(&film(1.0), stiff(4e5));
+    let (x0, _) = motion(&film(1.0), stiff(0.0));
+    let mean = |x: &[f64]| {
+        (0..4)
+            .map(|i| {
+                let own = &x[100 + 300 * i..=400 + 300 * i];
+                own.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                    - own.iter().copied().fold(f64::INFINITY, f64::min)
+            })
+            .sum::<f64>()
+    };
+    let truth = 100.0 * (mean(&x) / mean(&x0) - 1.0);
+    assert!(
+        (last["change_percent"]["value"].as_f64().unwrap() - truth).abs() < 1.0,
+        "{last} {truth}"
+    );
+    assert_eq!(json["causes"]["A"][0]["effect"], "electrode_stiffness");
+
+    // By batch the same recordings are three batches.
+    let (code, json, error) = f.run(&[
+        "ageing", "d1", "d3", "--by", "batch", "-o", "batch", "--json",
+    ]);
+    assert_eq!(code, 0, "{error}");
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["by"], "batch");
+    assert_eq!(json["electrodes"]["A"][1]["batch"], "two");
+    assert!(f.path().join("batch/A-two/parameters.toml").is_file());
+    // A voltage without cycles has no stroke.
+    f.edit("d1/voltage.csv", |t| {
+        t.lines()
+            .enumerate()
+            .map(|(i, l)| match i {
+                0 => l.to_string(),
+                _ => format!("{},3.0", l.split_once(',').unwrap().0),
+            })
+            .collect::<Vec<_>>()
+            .join("\n")
+            + "\n"
+    });
+    let (code, _, error) = f.run(&["ageing", "d1", "d3", "-o", "never"]);
+    assert_eq!(code, 1);
+    assert!(error.contains("day 3 only"), "{error}");
+}

@@ -558,6 +558,11 @@ fn candidates(
     {
         add(almost, 1, 0.02 * known, false);
     }
+    out.sort_by(|a, b| {
+        b.in_model
+            .cmp(&a.in_model)
+            .then(b.probability.total_cmp(&a.probability))
+    });
     out
 }
 

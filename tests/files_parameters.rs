@@ -98,6 +98,7 @@ prop_compose! {
                 recordings: vec![RecordingSum { id: "day/one".into(), files: vec![
                     FileSum { role: "motion".into(), file: "m.csv".into(), sha256: "cd".into() }; 3] }],
             },
+            series: Vec::new(),
             notes: Vec::new(),
         }
     }

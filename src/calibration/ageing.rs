@@ -781,7 +781,8 @@ fn trend(levels: &[LevelStroke], percent: f64) -> Option<Trend> {
     ];
     let longest = points.iter().map(|p| p.0).fold(0.0, f64::max);
     let mean_rate = points.iter().map(|p| p.1 / p.0).sum::<f64>() / n as f64;
-    let mut best: Option<(usize, Vec<f64>, DMatrix<f64>, f64, f64)> = None;
+    type Best = Option<(usize, Vec<f64>, DMatrix<f64>, f64, f64)>;
+    let mut best: Best = None;
     for (k, (_, names, law)) in laws.iter().enumerate() {
         if names.len() >= n {
             continue;

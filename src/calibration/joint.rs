@@ -400,7 +400,8 @@ pub(super) fn joint(
             .filter(|(_, p)| groups(p) > 1)
             .collect()
     };
-    let mut models: Vec<(Vec<(Cause, Partition)>, f64, usize)> = Vec::new();
+    type Weighed = (Vec<(Cause, Partition)>, f64, usize);
+    let mut models: Vec<Weighed> = Vec::new();
     for j in &judged {
         let k = key(j);
         // A set of which a cause came to rest is a smaller set, which was fitted itself.

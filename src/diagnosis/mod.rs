@@ -133,7 +133,7 @@ pub fn diagnose(
             let gained = first.fitted.cost() - best.fitted.cost();
             let better = gained > 150.0_f64.max(allowed)
                 && best.excess() * 1.35 < first.excess()
-                && !(best.holdout > first.holdout);
+                && (best.holdout.is_nan() || best.holdout <= first.holdout);
             if better {
                 pair = Some(best.clone());
             }

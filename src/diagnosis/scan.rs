@@ -436,7 +436,8 @@ pub(super) fn rivals(
 /// The effect with the largest standardised coefficient of the LASSO whose penalty has the smallest Bayesian information criterion.
 fn sparse(tangent: &Tangent, columns: &[(&'static str, DVector<f64>)]) -> Option<&'static str> {
     let r = &tangent.residual;
-    let mut list: Vec<(&'static str, f64, &DVector<f64>, DVector<f64>, f64)> = columns
+    type Column<'a> = (&'static str, f64, &'a DVector<f64>, DVector<f64>, f64);
+    let mut list: Vec<Column> = columns
         .iter()
         .filter_map(|(id, c)| {
             let along = tangent.columns.tr_mul(c);

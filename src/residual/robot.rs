@@ -64,6 +64,8 @@ impl Layout {
     }
 }
 
+/// A number for each chain and frame.
+type Chains = [Vec<f64>; 3];
 /// A number for each kept sample and chain.
 type Triples = Vec<[f64; 3]>;
 
@@ -642,7 +644,7 @@ impl<'a> RobotResidual<'a> {
         parameters: &Parameters,
         offset_s: f64,
         effects: &[Acting],
-    ) -> Result<([Vec<f64>; 3], [Vec<f64>; 3]), Locked> {
+    ) -> Result<(Chains, Chains), Locked> {
         let r = &self.recordings[recording];
         let mut needed: [Vec<f64>; 3] = Default::default();
         for (k, needed) in needed.iter_mut().enumerate() {
@@ -1154,7 +1156,7 @@ impl<'a> RobotResidual<'a> {
         let effects = self.effects(eta);
         let own = self.mechanics_with(recording, &effects)?;
         let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
-        let drawn: Cow<Vec<Option<Mechanics>>> = if r.drawn.is_empty() {
+        let drawn: Cow<[Option<Mechanics>]> = if r.drawn.is_empty() {
             Cow::Owned(self.draw(recording, &effects))
         } else {
             Cow::Borrowed(&*r.drawn)

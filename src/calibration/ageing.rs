@@ -1033,13 +1033,30 @@ fn difference(
     }
 }
 
-/// Causes of a joint fit that are named: in the model, and more likely than not.
+/// Causes of a joint fit that are named: in the model, more likely than not, and without a rival that could stand for them.
 #[must_use]
 pub fn named(joint: &Joint) -> Vec<Cause> {
+    let rivalled = |c: Cause| joint.confused.iter().any(|pair| pair[0] == c);
     let in_model = joint.causes.iter().filter(|c| c.in_model);
     in_model
-        .filter(|c| c.probability > 0.5)
+        .filter(|c| c.probability > 0.5 && !rivalled(c.cause))
         .map(|c| c.cause)
+        .collect()
+}
+
+/// Causes of the model that are not named, each with the rivals that could stand for it.
+#[must_use]
+pub fn open(joint: &Joint) -> Vec<Vec<Cause>> {
+    let sure = named(joint);
+    let in_model = joint.causes.iter().filter(|c| c.in_model);
+    in_model
+        .filter(|c| !sure.contains(&c.cause))
+        .map(|c| {
+            let rivals = joint.confused.iter().filter(|p| p[0] == c.cause);
+            std::iter::once(c.cause)
+                .chain(rivals.map(|p| p[1]))
+                .collect()
+        })
         .collect()
 }
 
@@ -1081,10 +1098,16 @@ fn verdict(electrodes: &[ElectrodeAgeing], request: &AgeingRequest) -> String {
             };
             if let Some((_, joint)) = e.main() {
                 let list: Vec<&str> = named(joint).into_iter().map(words).collect();
-                text += &match list.is_empty() {
+                let groups = open(joint);
+                text += &match list.is_empty() && groups.is_empty() {
                     true => ", no cause".to_string(),
+                    false if list.is_empty() => String::new(),
                     false => format!(", by {}", list.join(" and ")),
                 };
+                for group in groups {
+                    let names: Vec<&str> = group.into_iter().map(words).collect();
+                    text += &format!(", by {} (not told apart)", names.join(" or "));
+                }
             }
             text + "."
         })

@@ -418,7 +418,7 @@ pub(super) fn joint(
             .iter()
             .filter(|m| m.0.iter().any(|(c, _)| *c == cause))
             .map(weight)
-            .sum::<f64>()
+            .fold(0.0, |a, b| a + b)
             / sum
     };
     let nothing = models

@@ -16,7 +16,7 @@ mod stroke;
 
 pub use ageing::{
     ASSUMED_SCATTER, AgeingInput, AgeingOutcome, AgeingRequest, By, CYCLES, Difference,
-    ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, named, words,
+    ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, named, open, words,
 };
 pub use coupon::{
     CouponFit, CouponOutcome, CouponPlace, CouponRequest, CouponTotal, calibrate_coupons,

@@ -8,7 +8,7 @@
 //! E max(f + n) - max f = var(n')/(2 |f''|)      at an extremum inside the cycle, and alike for the minimum
 //! ```
 //!
-//! which is subtracted. The number of harmonics is the one of smallest AIC over all cycles of the recording. The mean over the cycles is a
+//! which is subtracted. The number of harmonics is the one of smallest AIC over all cycles of the recording, and two more. The mean over the cycles is a
 //! linear functional of the frames near the solution, so that its variance follows from the weights, frames that two windows share included.
 
 use nalgebra::{DMatrix, DVector};
@@ -276,9 +276,12 @@ pub fn strokes(
             _ => best = Some((k, value)),
         }
     }
-    let harmonics = best
+    let chosen = best
         .ok_or("a cycle has too few frames for a curve through it")?
         .0;
+    // AIC weighs the error of the whole curve; what it truncates would bias every cycle alike, so two more.
+    let more = windows.iter().all(|w| fit(w, chosen + 2).is_some());
+    let harmonics = if more { chosen + 2 } else { chosen };
     let curves: Vec<Curve> = windows.iter().filter_map(|w| fit(w, harmonics)).collect();
     let mean_square =
         |c: &Curve| c.residual.norm_squared() / (c.residual.len() - c.coefficients.len()) as f64;

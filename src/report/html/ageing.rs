@@ -7,7 +7,7 @@ use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, item, note, tile};
 use super::{Provenance, number, provenance};
-use crate::calibration::{AgeingInput, AgeingOutcome, By, ElectrodeAgeing, named, words};
+use crate::calibration::{AgeingInput, AgeingOutcome, By, ElectrodeAgeing, named, open, words};
 use crate::report::ageing_json::{AgeingJson, Measured};
 
 const TEMPLATE: &str = include_str!("ageing.html");
@@ -275,7 +275,16 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
                 }
             };
             let list: Vec<&str> = named(joint).into_iter().map(words).collect();
+            let groups = open(joint);
             let mut lines = vec![match list.is_empty() {
+                true if !groups.is_empty() => {
+                    let either = |g: &Vec<crate::calibration::Cause>| {
+                        let names: Vec<&str> = g.iter().map(|c| words(*c)).collect();
+                        names.join(" or ")
+                    };
+                    let all: Vec<String> = groups.iter().map(either).collect();
+                    format!("Something changed, not told apart: {}.", all.join("; "))
+                }
                 true => format!(
                     "No cause is named. Probability that nothing changed: {:.2}.",
                     joint.nothing

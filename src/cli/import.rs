@@ -7,7 +7,7 @@ use super::{Failure, Talk};
 use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
-use crate::recording::{Kind, Level, Recording, Rig, read_file, sha256};
+use crate::recording::{Kind, Level, Recording, Rig, sha256, survey_file};
 use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
 use crate::report::output::OutputSet;
 use crate::report::provenance::Provenance;
@@ -43,7 +43,8 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 &mut lines,
             )?);
         } else {
-            let capture = read_file(path)?;
+            let (capture, sum) = rayon::join(|| survey_file(path), || sha256(path));
+            let capture = capture?;
             lines.push(format!("{}: {}", path.display(), capture.format));
             for s in &capture.sections {
                 let rate = s.rate_hz.map_or(String::new(), |r| format!(", {r} Hz"));
@@ -56,7 +57,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                     .filter(|n| n.level == Level::Warning)
                     .map(|n| format!("  ! {}", n.text)),
             );
-            files.push(ImportFile::new(path, sha256(path)?, &capture));
+            files.push(ImportFile::new(path, sum?, &capture));
         }
         progress.stopped()?;
     }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::error::{Error, ErrorKind, quote, suggestion};
-use super::{delimited, nexus_csv, text};
+use super::{delimited, mcap, nexus_csv, text};
 
 /// How weighty a [`Note`] is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -91,6 +91,30 @@ pub struct Section {
     pub columns: Vec<Column>,
     /// The line of each row.
     pub lines: RowLines,
+    /// What was counted instead of kept, by a [survey](Importer::survey); the columns then hold no values.
+    pub counted: Option<Counted>,
+}
+
+/// Counts and ranges of a section whose values were not kept.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Counted {
+    /// Rows.
+    pub rows: usize,
+    /// First and last time, s.
+    pub time_s: Option<[f64; 2]>,
+    /// One a column.
+    pub columns: Vec<CountedColumn>,
+    /// One a group.
+    pub groups: Vec<Gaps>,
+}
+
+/// Count and range of a column whose values were not kept.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CountedColumn {
+    /// Rows without a value.
+    pub missing: usize,
+    /// Smallest and largest value.
+    pub range: Option<[f64; 2]>,
 }
 
 /// Columns under one name: a marker with X, Y, Z.
@@ -138,6 +162,15 @@ pub struct RowLines {
 }
 
 impl RowLines {
+    /// Rows of a file that has no lines.
+    #[must_use]
+    pub fn without(rows: usize) -> Self {
+        RowLines {
+            rows,
+            runs: Vec::new(),
+        }
+    }
+
     /// The next row stands in `line`.
     pub fn push(&mut self, line: u64) {
         if self.rows == 0 || self.line(self.rows - 1) + 1 != line {
@@ -182,6 +215,9 @@ impl Section {
     /// Number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
+        if let Some(counted) = &self.counted {
+            return counted.rows;
+        }
         self.columns
             .first()
             .map_or(self.frames.len(), |c| c.values.len())
@@ -356,6 +392,14 @@ pub trait Importer: Sync {
     /// # Errors
     /// The file does not follow the format, with line and column.
     fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error>;
+
+    /// What is in the file. An importer of files that may be larger than memory counts instead of keeping the values.
+    ///
+    /// # Errors
+    /// As [`Importer::read`].
+    fn survey(&self, path: &Path) -> Result<Capture, Error> {
+        self.read(path, &ReadOptions::default())
+    }
 }
 
 /// All importers; the first that recognises a file reads it.
@@ -364,6 +408,7 @@ pub fn importers() -> &'static [&'static dyn Importer] {
     &[
         &nexus_csv::NexusCsv,
         &nexus_csv::TrackerCsv,
+        &mcap::Mcap,
         &delimited::Delimited,
     ]
 }
@@ -390,7 +435,6 @@ const HINTS: &[(&[u8], &str)] = &[
         b"MATLAB 5.0",
         "this is a MATLAB file; write its variables to CSV",
     ),
-    (b"\x89MCAP0", "this is an MCAP file, which is not read here"),
     (
         b"Format Version",
         "this is an OptiTrack Motive export, which is not read here",
@@ -480,6 +524,14 @@ fn head(path: &Path) -> Result<Vec<u8>, Error> {
 /// See [`importer_for`] and [`Importer::read`].
 pub fn read_file(path: &Path) -> Result<Capture, Error> {
     read_file_as(path, None, &ReadOptions::default())
+}
+
+/// What is in one file of any known format, told by its content; see [`Importer::survey`].
+///
+/// # Errors
+/// See [`importer_for`] and [`Importer::read`].
+pub fn survey_file(path: &Path) -> Result<Capture, Error> {
+    importer_for(path, None)?.survey(path)
 }
 
 /// Reads one file with what a manifest says of it.

@@ -22,6 +22,7 @@ mod delimited;
 pub(crate) mod error;
 pub(crate) mod keys;
 mod manifest;
+pub mod mcap;
 mod nexus_csv;
 mod open;
 mod rig;
@@ -30,8 +31,8 @@ pub mod text;
 use std::path::PathBuf;
 
 pub use capture::{
-    Capture, Column, ColumnRef, Gaps, Group, Importer, Level, Note, ReadOptions, RowLines, Section,
-    importer_for, importers, read_file, read_file_as,
+    Capture, Column, ColumnRef, Counted, CountedColumn, Gaps, Group, Importer, Level, Note,
+    ReadOptions, RowLines, Section, importer_for, importers, read_file, read_file_as, survey_file,
 };
 pub use delimited::Delimited;
 pub use error::{Error, ErrorKind, nearest};

@@ -14,7 +14,7 @@ use crate::calibration::{
 };
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::film::InitialState;
-use crate::recording::{Capture, Level, Note, Payload, Recording, Section};
+use crate::recording::{Capture, Counted, Level, Note, Payload, Recording, Section};
 
 /// A number, or null where there is none.
 pub type Number = Option<f64>;
@@ -863,6 +863,9 @@ pub struct SectionJson {
 
 impl From<&Section> for SectionJson {
     fn from(s: &Section) -> Self {
+        if let Some(counted) = &s.counted {
+            return SectionJson::counted(s, counted);
+        }
         let times = s.times_s().unwrap_or_default();
         SectionJson {
             name: s.name.clone(),
@@ -895,6 +898,41 @@ impl From<&Section> for SectionJson {
                     number: c.number,
                     missing: c.values.iter().filter(|v| v.is_nan()).count(),
                     range: range(c.values.iter().copied()),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl SectionJson {
+    /// Of a section whose values were counted and not kept.
+    fn counted(s: &Section, counted: &Counted) -> Self {
+        let names = s.groups.iter().zip(&counted.groups);
+        let columns = s.columns.iter().zip(&counted.columns);
+        let mean_rate = counted
+            .time_s
+            .map(|[first, last]| (counted.rows.saturating_sub(1)) as f64 / (last - first));
+        SectionJson {
+            name: s.name.clone(),
+            line: s.line,
+            rows: counted.rows,
+            rate_hz: mean_rate.and_then(finite),
+            frames: None,
+            time_s: counted.time_s,
+            groups: names
+                .map(|(g, gaps)| GroupJson {
+                    name: g.name.clone(),
+                    missing: gaps.missing,
+                    gaps: gaps.runs,
+                })
+                .collect(),
+            columns: columns
+                .map(|(c, of)| ColumnJson {
+                    name: c.title(),
+                    unit: c.unit.clone(),
+                    number: c.number,
+                    missing: of.missing,
+                    range: of.range,
                 })
                 .collect(),
         }

@@ -309,8 +309,9 @@ fn tables_in_many_dresses() {
     );
     // words as units
     let capture = read("x-axis,1,2\nsecond,Volt,Volt\n-1E-03,+2E-03,0\n").unwrap();
+    assert_eq!(capture.format, "keysight-csv");
     assert_eq!(capture.sections[0].columns[1].unit, "V");
-    assert_eq!(capture.sections[0].columns[0].values, [-1e-3]);
+    assert_eq!(capture.sections[0].stamps_s, Some(vec![-1e-3]));
     // spaces
     let capture = read("t_s   u_V\n  0.0   1.0\n  0.1   2.0\n").unwrap();
     assert_eq!(values(&capture.sections[0], "", "u_V"), [1.0, 2.0]);
@@ -449,6 +450,11 @@ fn a_file_of_one_endless_line_is_refused_by_every_importer() {
         let error = importer
             .read(file.path(), &ReadOptions::default())
             .unwrap_err();
+        if matches!(importer.name(), "mcap" | "tdms") {
+            // these have no lines, and begin otherwise
+            assert_eq!(error.kind(), ErrorKind::Grammar, "{error}");
+            continue;
+        }
         assert_eq!(
             (error.kind(), error.line()),
             (ErrorKind::LineTooLong, Some(1)),

@@ -7,11 +7,15 @@ use clap::{Args, Subcommand};
 
 use super::progress::Progress;
 use super::{Failure, Talk, load};
-use crate::calibration::{predict_force, validate_robot};
+use crate::calibration::{RecordingOutcome, predict_force, validate_robot};
+use crate::dataset::Dataset;
 use crate::recording::Kind;
+use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::csv::{self, Missing};
 use crate::report::json::PredictionJson;
+use crate::report::mcap;
 use crate::report::output::write_atomic_with;
+use crate::report::provenance::Provenance;
 
 /// What to predict.
 #[derive(Subcommand)]
@@ -37,12 +41,16 @@ pub(super) struct Arguments {
     /// plan.toml of an earlier run, to make the same choices again
     #[arg(long)]
     plan: Option<PathBuf>,
-    /// File to write (default: standard output)
+    /// File to write (default: standard output). Voltages as .mcap, .mat (MATLAB) or .npz (NumPy) come with the aligned recording
+    /// and the residual
     #[arg(short, long)]
     output: Option<PathBuf>,
+    /// The aligned recording and the residual in the CSV too, every digit
+    #[arg(long)]
+    full: bool,
 }
 
-pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
+pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Failure> {
     let (Predict::Voltage(a) | Predict::Force(a)) = predict;
     let progress = Progress::new(talk);
     let recordings = load::recordings(
@@ -61,6 +69,11 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     let mut flags = csv::missing(r);
     drop(progress);
     match predict {
+        Predict::Voltage(_) if is_whole(a) => {
+            let path = a.output.as_deref().unwrap_or(Path::new(""));
+            let provenance = Provenance::of(command, &recordings);
+            write_whole(path, &datasets[0], r, &provenance)?;
+        }
         Predict::Voltage(_) => write(a.output.as_deref(), talk, |out| {
             csv::predicted_voltage(out, r)
         })?,
@@ -84,6 +97,36 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
     if a.output.is_some() {
         talk.say(&outcome.verdict);
     }
+    Ok(())
+}
+
+/// The extension of the file to write.
+fn extension(path: &Path) -> String {
+    path.extension()
+        .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase())
+}
+
+/// Whether recording, prediction and residual are asked for together.
+fn is_whole(a: &Arguments) -> bool {
+    let other = |p: &PathBuf| matches!(extension(p).as_str(), "mcap" | "mat" | "npz");
+    a.output.as_ref().is_some_and(|p| a.full || other(p))
+}
+
+/// Aligned recording, prediction and residual.
+fn write_whole(
+    path: &Path,
+    dataset: &Dataset,
+    r: &RecordingOutcome,
+    provenance: &Provenance,
+) -> Result<(), Failure> {
+    let extension = extension(path);
+    if extension == "mcap" {
+        write_atomic_with(path, |out| mcap::aligned(out, dataset, Some(r), provenance))?;
+        return Ok(());
+    }
+    let format = ArrayFormat::of_extension(&extension).unwrap_or(ArrayFormat::Csv);
+    let arrays = Arrays::of(dataset, Some(r));
+    write_atomic_with(path, |mut out| arrays.write(format, &mut out))?;
     Ok(())
 }
 

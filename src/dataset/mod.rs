@@ -5,12 +5,14 @@ mod coupon;
 mod plan;
 mod robot;
 pub mod smoother;
+mod sync;
 mod voltage;
 
 pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
-pub use plan::{Plan, SmoothingPlan};
+pub use plan::{Plan, SmoothingPlan, SyncPlan};
+pub use sync::{Clocks, Event};
 pub use voltage::Voltage;
 
 use rand::Rng;
@@ -41,6 +43,8 @@ pub struct Track {
 pub enum OffsetSource {
     /// Stated by the recording: fixed.
     Stated,
+    /// From events or a shared channel: fixed, with a standard error.
+    Measured,
     /// To be estimated: free in a fit.
     Free,
 }
@@ -201,9 +205,10 @@ impl Dataset {
             smoothing: axes.iter().map(|a| SmoothingPlan::of(&a.choice)).collect(),
             criterion: plan::CRITERION.into(),
             offset_s: match offset_source {
-                OffsetSource::Stated => Some(offset_s),
+                OffsetSource::Stated | OffsetSource::Measured => Some(offset_s),
                 OffsetSource::Free => None,
             },
+            sync: plan.and_then(|p| p.sync.clone()),
         };
         Ok(Dataset {
             id: parts.id,

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::error::{Error, ErrorKind, quote, suggestion};
-use super::{delimited, mcap, nexus_csv, text};
+use super::{delimited, lvm, mcap, nexus_csv, oscilloscope, tdms, text};
 
 /// How weighty a [`Note`] is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -409,20 +409,18 @@ pub fn importers() -> &'static [&'static dyn Importer] {
         &nexus_csv::NexusCsv,
         &nexus_csv::TrackerCsv,
         &mcap::Mcap,
+        &tdms::Tdms,
+        &lvm::Lvm,
+        &oscilloscope::Tektronix,
+        &oscilloscope::Keysight,
+        &oscilloscope::Rigol,
+        &oscilloscope::RohdeSchwarz,
         &delimited::Delimited,
     ]
 }
 
 /// Files that no importer reads, and what to do with them.
 const HINTS: &[(&[u8], &str)] = &[
-    (
-        b"LabVIEW Measurement",
-        "this is a LabVIEW measurement file; export it as a plain table",
-    ),
-    (
-        b"TDSm",
-        "this is a TDMS file; convert it to CSV (npTDMS, LabVIEW) first",
-    ),
     (
         b"PK\x03\x04",
         "this is a zip archive or a spreadsheet workbook; save it as CSV",

@@ -21,11 +21,14 @@ mod capture;
 mod delimited;
 pub(crate) mod error;
 pub(crate) mod keys;
+mod lvm;
 mod manifest;
 pub mod mcap;
 mod nexus_csv;
 mod open;
+mod oscilloscope;
 mod rig;
+mod tdms;
 pub mod text;
 
 use std::path::PathBuf;
@@ -36,14 +39,18 @@ pub use capture::{
 };
 pub use delimited::Delimited;
 pub use error::{Error, ErrorKind, nearest};
+pub use lvm::Lvm;
 pub use manifest::{
     AxisCoordinate, AxisInertia, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
     CouponManifest, CouponMode, FileRef, FilmState, Kind, Manifest, MonitorManifest,
-    MotionManifest, NumberOrEstimate, Payload, PayloadStep, Quantity, Start, VoltageManifest,
+    MotionManifest, NumberOrEstimate, Payload, PayloadStep, Quantity, SharedManifest, Start,
+    VoltageManifest,
 };
 pub use nexus_csv::{NexusCsv, TrackerCsv};
 pub use open::sha256;
+pub use oscilloscope::{Keysight, Rigol, RohdeSchwarz, Tektronix};
 pub use rig::{Actuator, Delta, FilmSampleRig, Rig, RobotFilm, RobotMass, RobotRig, Sam};
+pub use tdms::Tdms;
 
 use crate::units::Unit;
 
@@ -123,6 +130,21 @@ pub struct RawMotion {
     pub end_effector: Marker,
     /// The marker fixed to the frame.
     pub base: Option<Marker>,
+    /// The channel that tells the clock offset.
+    pub shared: Option<RawShared>,
+}
+
+/// A channel that was logged beside the motion and shows a voltage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawShared {
+    /// What the column is called.
+    pub label: String,
+    /// The chain whose voltage it shows, from 0.
+    pub chain: usize,
+    /// Time of every sample on the motion clock, s.
+    pub time_s: Vec<f64>,
+    /// Values in a unit that does not matter; NaN where a cell was empty.
+    pub values: Vec<f64>,
 }
 
 /// `[voltage]` as recorded.

@@ -12,13 +12,13 @@ use super::capture::{
 use super::error::{Error, ErrorKind, quote, suggestion};
 use super::manifest::{
     AxisCoordinate, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
-    CouponManifest, FileRef, Kind, Manifest, MonitorManifest, MotionManifest, VoltageManifest,
-    missing_rig,
+    CouponManifest, FileRef, Kind, Manifest, MonitorManifest, MotionManifest, SharedManifest,
+    VoltageManifest, missing_rig,
 };
 use super::rig::Rig;
 use super::{
     Marker, OpenOptions, RawAxis, RawBench, RawColumn, RawCoordinate, RawCoupon, RawElongation,
-    RawLoad, RawMonitor, RawMotion, RawVoltage, Recording, Role, Source,
+    RawLoad, RawMonitor, RawMotion, RawShared, RawVoltage, Recording, Role, Source,
 };
 use crate::units::{Dimension, Unit};
 
@@ -97,7 +97,7 @@ impl Recording {
         let motion = manifest
             .motion
             .as_ref()
-            .map(|m| reader.motion(m))
+            .map(|m| reader.motion(m, manifest.shared.as_ref()))
             .transpose()?;
         let voltage = manifest
             .voltage
@@ -593,18 +593,26 @@ impl Reader<'_> {
         })
     }
 
-    fn motion(&mut self, m: &MotionManifest) -> Result<RawMotion, Error> {
+    fn motion(
+        &mut self,
+        m: &MotionManifest,
+        shared: Option<&SharedManifest>,
+    ) -> Result<RawMotion, Error> {
         let (path, capture) = self.capture(&m.source, Role::Motion, None)?;
         let all = markers(&capture);
         let end = pick(&path, &all, &m.end_effector, None)?;
         let base = match &m.base {
-            Some(label) => Some(pick(&path, &all, label, Some(end.section))?),
+            // beside the end effector, or on a clock of its own: only its mean is used
+            Some(label) => Some(
+                pick(&path, &all, label, Some(end.section))
+                    .or_else(|near| pick(&path, &all, label, None).map_err(|_| near))?,
+            ),
             None => None,
         };
         let section = &capture.sections[end.section];
         let unit = positions_unit(&path, section, end, m.unit)?;
         if let Some(base) = base
-            && positions_unit(&path, section, base, m.unit)? != unit
+            && positions_unit(&path, &capture.sections[base.section], base, m.unit)? != unit
         {
             return Err(Error::new(
                 ErrorKind::WrongUnit,
@@ -628,7 +636,38 @@ impl Reader<'_> {
             }
         };
         let end_effector = gather(end);
-        let base = base.map(gather);
+        let base = base.map(|base| {
+            if base.section == end.section {
+                return gather(base);
+            }
+            let own = &capture.sections[base.section];
+            let row = |i: usize| base.columns.map(|c| own.columns[c].values[i]);
+            Marker {
+                label: base.label.clone(),
+                xyz: (0..own.rows()).map(row).collect(),
+            }
+        });
+        let shared = shared
+            .map(|s| -> Result<RawShared, Error> {
+                let (at, column) = capture.find_column(&path, &s.column)?;
+                let own = &capture.sections[at];
+                let time_s = own.times_s().ok_or_else(|| {
+                    Error::new(
+                        ErrorKind::MissingKey,
+                        &path,
+                        format!("column {} has no clock of its own", s.column),
+                    )
+                    .at_key("[sync] shared")
+                    .action("name a column of a section with a rate or with time stamps")
+                })?;
+                Ok(RawShared {
+                    label: own.columns[column].title(),
+                    chain: s.chain - 1,
+                    time_s,
+                    values: own.columns[column].values.clone(),
+                })
+            })
+            .transpose()?;
         for marker in std::iter::once(&end_effector).chain(&base) {
             self.check_marker(&path, marker)?;
         }
@@ -639,6 +678,7 @@ impl Reader<'_> {
             unit,
             end_effector,
             base,
+            shared,
         })
     }
 
@@ -839,7 +879,10 @@ fn markers(capture: &Capture) -> Vec<MarkerColumns> {
                     .find(|c| section.columns[*c].axis.eq_ignore_ascii_case(axis))
             };
             let trio = |x, y, z| Some([at(x)?, at(y)?, at(z)?]);
-            let Some(columns) = trio("X", "Y", "Z").or_else(|| trio("TX", "TY", "TZ")) else {
+            let Some(columns) = trio("X", "Y", "Z")
+                .or_else(|| trio("TX", "TY", "TZ"))
+                .or_else(|| trio("x_trans", "y_trans", "z_trans"))
+            else {
                 continue;
             };
             let unit = &section.columns[columns[0]].unit;

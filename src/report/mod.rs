@@ -1,5 +1,6 @@
 //! The room `report`: shows and writes. A number that is not in the outcome it does not invent.
 
+pub mod arrays;
 pub mod csv;
 pub mod export;
 pub mod html;

@@ -468,10 +468,8 @@ impl State {
                         place,
                     },
                     value,
-                ) => {
-                    if self.seen[*place] < *most {
-                        self.place(*kind, &value, *first, *place, at, tables);
-                    }
+                ) if self.seen[*place] < *most => {
+                    self.place(*kind, &value, *first, *place, at, tables);
                 }
                 (Use::Text, Wire::Bytes(bytes)) => tables.list[at].name(bytes),
                 (Use::Stamp, Wire::Bytes(bytes)) => self.stamp_ns = time(bytes)?,

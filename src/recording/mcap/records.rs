@@ -63,7 +63,9 @@ struct Window<R> {
     buffer: Vec<u8>,
     from: usize,
     to: usize,
+    /// Checksum of what was taken, up to `hashed`: small pieces are added together.
     hasher: Option<crc32fast::Hasher>,
+    hashed: usize,
 }
 
 impl<R: Read> Window<R> {
@@ -74,16 +76,38 @@ impl<R: Read> Window<R> {
             from: 0,
             to: 0,
             hasher: hash.then(crc32fast::Hasher::new),
+            hashed: 0,
         }
+    }
+
+    /// Begins a checksum here.
+    fn begin_checksum(&mut self) {
+        self.hasher = Some(crc32fast::Hasher::new());
+        self.hashed = self.from;
+    }
+
+    /// The checksum of what was taken since it began.
+    fn checksum(&mut self) -> Option<u32> {
+        self.hash();
+        self.hasher.take().map(crc32fast::Hasher::finalize)
+    }
+
+    fn hash(&mut self) {
+        if let Some(hasher) = &mut self.hasher {
+            hasher.update(&self.buffer[self.hashed..self.from]);
+        }
+        self.hashed = self.from;
     }
 
     /// Whether `count` bytes are there; reads until they are or nothing more comes.
     fn fill(&mut self, count: usize) -> io::Result<bool> {
         while self.to - self.from < count {
             if self.from > 0 && self.buffer.len() - self.from < count.max(BLOCK / 2) {
+                self.hash();
                 self.buffer.copy_within(self.from..self.to, 0);
                 self.to -= self.from;
                 self.from = 0;
+                self.hashed = 0;
             }
             if self.to == self.buffer.len() {
                 // what is full is doubled: bytes that arrived, not bytes that were promised
@@ -105,9 +129,6 @@ impl<R: Read> Window<R> {
     /// Takes bytes that [`Window::fill`] found.
     fn take(&mut self, count: usize) -> &[u8] {
         let bytes = &self.buffer[self.from..self.from + count];
-        if let Some(hasher) = &mut self.hasher {
-            hasher.update(bytes);
-        }
         self.from += count;
         bytes
     }
@@ -337,6 +358,7 @@ impl RecordReader {
         } else {
             self.file.from = 0;
             self.file.to = 0;
+            self.file.hashed = 0;
             self.file.inner.at = to.min(self.size);
         }
         self.at = to;
@@ -412,7 +434,7 @@ impl RecordReader {
             Source::Packed(_) => records,
         };
         if matches!(source, Source::Plain) && crc != 0 {
-            self.file.hasher = Some(crc32fast::Hasher::new());
+            self.file.begin_checksum();
         }
         self.chunk = Some(Chunk {
             source,
@@ -470,25 +492,25 @@ impl RecordReader {
         let Some(mut chunk) = self.chunk.take() else {
             return Ok(());
         };
-        let hasher = match &mut chunk.source {
+        let checksum = match &mut chunk.source {
             Source::Plain => {
                 let rest = usize::try_from(chunk.left).unwrap_or(0);
                 if self.file.fill(rest).map_err(|e| self.io(e))? {
                     self.file.take(rest);
                     self.at += rest as u64;
                 }
-                self.file.hasher.take()
+                self.file.checksum()
             }
             Source::Packed(window) => {
                 let _ = window.skip(chunk.left);
-                window.hasher.take()
+                window.checksum()
             }
         };
         if chunk.cut {
             self.stop(format!("the chunk at byte {} is cut", chunk.begin));
             return Ok(());
         }
-        if hasher.is_some_and(|h| chunk.crc != 0 && h.finalize() != chunk.crc) {
+        if chunk.crc != 0 && checksum.is_some_and(|c| c != chunk.crc) {
             return Err(self.damaged(chunk.begin, "its checksum is wrong"));
         }
         self.seek(chunk.end);

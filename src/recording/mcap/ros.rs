@@ -651,7 +651,7 @@ impl Layout {
 
 /// Seconds of a stamp; `None` where it is not set.
 pub(super) fn seconds(stamp_ns: i64) -> Option<f64> {
-    (stamp_ns != 0).then(|| stamp_ns as f64 * 1e-9)
+    (stamp_ns != 0).then_some(stamp_ns as f64 * 1e-9)
 }
 
 struct Cursor<'a> {

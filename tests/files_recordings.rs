@@ -375,6 +375,67 @@ fn the_mcap_reads_back() {
 }
 
 #[test]
+fn csv_mat_npz_and_mcap_hold_the_same_values() {
+    use deacal::report::arrays::{ArrayFormat, Arrays};
+    let d = dataset(400);
+    let outcome = outcome(&d);
+    let r = &outcome.recordings[0];
+    let arrays = Arrays::of(&d, Some(r));
+    let names: Vec<&str> = arrays.columns().iter().map(|c| c.0.as_str()).collect();
+    for name in [
+        "time_s",
+        "z_mm",
+        "phi3_V",
+        "phi1_predicted_V",
+        "phi2_residual_V",
+    ] {
+        assert!(names.contains(&name), "{name}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    for (extension, format) in [
+        ("csv", ArrayFormat::Csv),
+        ("mat", ArrayFormat::Mat),
+        ("npz", ArrayFormat::Npz),
+    ] {
+        assert_eq!(ArrayFormat::of_extension(extension), Some(format));
+        let mut bytes = Vec::new();
+        arrays.write(format, &mut bytes).unwrap();
+        let mut again = Vec::new();
+        arrays.write(format, &mut again).unwrap();
+        assert_eq!(bytes, again);
+        std::fs::write(dir.path().join("r").with_extension(extension), bytes).unwrap();
+    }
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let provenance = Provenance::new("deacal predict voltage day/one");
+    deacal::report::mcap::aligned(&mut bytes, &d, Some(r), &provenance).unwrap();
+    std::fs::write(dir.path().join("r.mcap"), bytes.into_inner()).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scripts/read_arrays.py");
+    let python = std::env::var("DEACAL_PYTHON").unwrap_or_else(|_| "python3".into());
+    let output = match Command::new(&python)
+        .arg(script)
+        .arg(dir.path())
+        .arg("r")
+        .output()
+    {
+        Ok(output) if output.status.code() != Some(77) => output,
+        _ => {
+            eprintln!(
+                "skipped: {python} with mcap, numpy and scipy is not there (DEACAL_PYTHON names one)"
+            );
+            return;
+        }
+    };
+    let said = String::from_utf8_lossy(&output.stdout);
+    eprintln!("{said}");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(said.contains("values agree"), "{said}");
+}
+
+#[test]
 fn fit_json_has_the_contracts_keys_and_no_nan() {
     let d = dataset(1000);
     let fit = FitJson::new(&outcome(&d), Provenance::new("deacal fit film day/one"));
@@ -532,6 +593,13 @@ fn plans_read_back_to_the_same_bits() {
             .to_vec(),
         criterion: "c \"q\"".into(),
         offset_s,
+        sync: offset_s.map(|_| deacal::dataset::SyncPlan {
+            method: "events".into(),
+            offset_std_error_s: Some(1e-4 / 3.0),
+            skew_ppm: -12.5,
+            skew_std_error_ppm: None,
+            middle_s: 30.0,
+        }),
     };
     let plans = vec![plan("a", None), plan("day/b", Some(-0.1))];
     let text = plan_to_toml(&plans);

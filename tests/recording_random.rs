@@ -18,6 +18,10 @@ const TRC: &[u8] = include_bytes!("data/recording/small.trc");
 const C3D: &[u8] = include_bytes!("../fuzz/corpus/c3d/intel-float.c3d");
 const C3D_DEC: &[u8] = include_bytes!("../fuzz/corpus/c3d/dec-whole.c3d");
 const GBK: &[u8] = include_bytes!("data/recording/gbk.csv");
+const MCAP: &[u8] = include_bytes!("data/recording/small.mcap");
+const TDMS: &[u8] = include_bytes!("data/recording/small.tdms");
+const LVM: &[u8] = include_bytes!("data/recording/two_segments.lvm");
+const SCOPE: &[u8] = b"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1,0.25\n0,1,2,\n1,3,4,\n";
 const MANIFEST: &[u8] = include_bytes!("data/recording/robot/recording.toml");
 const RIG: &[u8] = include_bytes!("data/recording/robot/rig.toml");
 
@@ -92,6 +96,10 @@ fn a_file() -> impl Strategy<Value = Vec<u8>> {
         damaged(TRC),
         damaged(C3D),
         damaged(C3D_DEC),
+        damaged(MCAP),
+        damaged(TDMS),
+        damaged(LVM),
+        damaged(SCOPE),
         proptest::collection::vec(any::<u8>(), 0..600),
         "[-+0-9.,;\t \n\"eE]{0,300}".prop_map(String::into_bytes),
     ]

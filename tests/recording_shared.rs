@@ -246,27 +246,6 @@ fn plain_tables() {
     compare_table("semicolon_decimalcomma_Resultaten.csv", None);
     compare_table("labview_tab_noheader_NAPN_1bar_first3000.csv", Some(7));
     compare_table("labview_semicolon_noheader_Aluminium.csv", Some(2));
-    compare_table("keysight_scope_0.csv", None);
-    compare_table("rigol_DS1054Z-A.csv", None);
-    compare_table("rigol_DS1102E-B.csv", None);
-    compare_table("rigol_DS1204B_first1000.csv", Some(5));
-}
-
-#[test]
-fn units_of_scopes() {
-    let Some(folder) = shared("datasets/formats/voltage") else {
-        return;
-    };
-    let capture = read_file(&folder.join("keysight_scope_0.csv")).unwrap();
-    let units: Vec<&str> = capture.sections[0]
-        .columns
-        .iter()
-        .map(|c| c.unit.as_str())
-        .collect();
-    assert_eq!(units, ["s", "V", "V", "V"]);
-    let error = read_file(&folder.join("lvm_short.lvm")).unwrap_err();
-    assert_eq!(error.kind(), ErrorKind::UnknownFormat);
-    assert!(error.to_string().contains("LabVIEW"), "{error}");
 }
 
 #[test]

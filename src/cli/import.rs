@@ -8,6 +8,7 @@ use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
 use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, sha256, survey_file};
+use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
 use crate::report::output::{OutputSet, write_atomic};
 use crate::report::provenance::Provenance;
@@ -25,6 +26,9 @@ pub(super) struct Arguments {
     /// Of bare files, write a recording.toml to start from, beside the first of them; none that is there is overwritten
     #[arg(long)]
     init: bool,
+    /// Also leave the aligned recording as mat (MATLAB) or npz (NumPy)
+    #[arg(long, value_name = "FORMAT", value_parser = ["mat", "npz"])]
+    also: Vec<String>,
 }
 
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
@@ -43,6 +47,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
             provenance.add(&recording);
             recordings.push(one(
                 &recording,
+                &a.also,
                 &mut set,
                 &provenance,
                 &progress,
@@ -118,6 +123,25 @@ fn init(target: &Path, surveys: &[(&PathBuf, Survey)]) -> Result<(), Failure> {
     Ok(write_atomic(target, survey::manifest(&files))?)
 }
 
+/// The clock offset and skew that events or a shared channel told.
+fn measured_offset(dataset: &Dataset) -> String {
+    let Some(sync) = &dataset.plan.sync else {
+        return String::new();
+    };
+    let error = |e: Option<f64>, scale: f64| match e {
+        Some(e) => format!("standard error {:.3}", e * scale),
+        None => "standard error unknown".to_owned(),
+    };
+    format!(
+        "  clock offset {:.3} ms, {} ms; skew {:.2} ppm, {} ppm (from {})",
+        dataset.offset_s * 1e3,
+        error(sync.offset_std_error_s, 1e3),
+        sync.skew_ppm,
+        error(sync.skew_std_error_ppm, 1.0),
+        sync.method
+    )
+}
+
 fn is_recording(path: &Path) -> bool {
     path.is_dir()
         || path.file_name().is_some_and(|n| n == "recording.toml")
@@ -127,6 +151,7 @@ fn is_recording(path: &Path) -> bool {
 /// One recording: aligned where it is a robot's, described in any case.
 fn one(
     recording: &Recording,
+    also: &[String],
     set: &mut OutputSet,
     provenance: &Provenance,
     progress: &Progress,
@@ -181,6 +206,7 @@ fn one(
             dataset.offset_s * 1e3,
             e * 1e3
         )),
+        None if dataset.plan.sync.is_some() => lines.push(measured_offset(&dataset)),
         None => lines.push(format!(
             "  clock offset {:.2} ms (stated)",
             dataset.offset_s * 1e3
@@ -194,6 +220,13 @@ fn one(
     set.write_with(&format!("{id}.mcap"), |out| {
         mcap::aligned(out, &dataset, prediction, provenance)
     })?;
+    for name in also {
+        if let Some(format) = ArrayFormat::of_extension(name) {
+            set.write_with(&format!("{id}.{name}"), |mut out| {
+                Arrays::of(&dataset, prediction).write(format, &mut out)
+            })?;
+        }
+    }
     let mut json = ImportRecording::new(recording, Some(&dataset));
     json.aligned = Some(AlignedJson::new(&dataset, error_s));
     Ok(json)

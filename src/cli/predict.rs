@@ -8,16 +8,20 @@ use clap::{Args, Subcommand};
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
 use crate::calibration::{
-    predict_command, predict_force, predict_sample_motion, validate_robot_with, validate_samples,
+    RecordingOutcome, predict_command, predict_force, predict_sample_motion, validate_robot_with,
+    validate_samples,
 };
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Site, When};
 use crate::model::{Parameters, Robot};
 use crate::recording::{Kind, Recording};
+use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::csv::{self, Missing};
 use crate::report::json::PredictionJson;
+use crate::report::mcap;
 use crate::report::output::write_atomic_with;
 use crate::report::parameter_file::ParameterFile;
+use crate::report::provenance::Provenance;
 use crate::residual::command_for_v;
 use crate::validation::predict_motion;
 
@@ -47,12 +51,16 @@ pub(super) struct Arguments {
     /// plan.toml of an earlier run, to make the same choices again
     #[arg(long)]
     plan: Option<PathBuf>,
-    /// File to write (default: standard output)
+    /// File to write (default: standard output). Voltages as .mcap, .mat (MATLAB) or .npz (NumPy) come with the aligned recording
+    /// and the residual
     #[arg(short, long)]
     output: Option<PathBuf>,
+    /// The aligned recording and the residual in the CSV too, every digit
+    #[arg(long)]
+    full: bool,
 }
 
-pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
+pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Failure> {
     let (Predict::Voltage(a) | Predict::Force(a) | Predict::Motion(a)) = predict;
     let progress = Progress::new(talk);
     let kinds: &[Kind] = match predict {
@@ -116,6 +124,15 @@ pub(super) fn run(predict: &Predict, talk: Talk) -> Result<(), Failure> {
         write(a.output.as_deref(), talk, |out| {
             csv::predicted_force(out, &r.time_s, &force, &flags)
         })?;
+    } else if is_whole(a) {
+        let path = a.output.as_deref().unwrap_or(Path::new(""));
+        let provenance = Provenance::of(command, &recordings);
+        // where the amplifier must be told another voltage than the film gets, that is compared with the command
+        let mut whole = r.clone();
+        if let Some(told) = command_v {
+            whole.predicted_v = told;
+        }
+        write_whole(path, &datasets[0], &whole, &provenance)?;
     } else {
         write(a.output.as_deref(), talk, |out| {
             csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
@@ -140,7 +157,7 @@ fn motion(
     talk: Talk,
 ) -> Result<(), Failure> {
     let offset_s = match dataset.offset_source {
-        OffsetSource::Stated => dataset.offset_s,
+        OffsetSource::Stated | OffsetSource::Measured => dataset.offset_s,
         OffsetSource::Free => {
             validate_robot_with(robot, &[dataset], parameters, effects, &[when])?.recordings[0]
                 .offset_s
@@ -225,6 +242,36 @@ fn sample(
         a.output.as_deref(),
         &flags,
     ));
+    Ok(())
+}
+
+/// The extension of the file to write.
+fn extension(path: &Path) -> String {
+    path.extension()
+        .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase())
+}
+
+/// Whether recording, prediction and residual are asked for together.
+fn is_whole(a: &Arguments) -> bool {
+    let other = |p: &PathBuf| matches!(extension(p).as_str(), "mcap" | "mat" | "npz");
+    a.output.as_ref().is_some_and(|p| a.full || other(p))
+}
+
+/// Aligned recording, prediction and residual.
+fn write_whole(
+    path: &Path,
+    dataset: &Dataset,
+    r: &RecordingOutcome,
+    provenance: &Provenance,
+) -> Result<(), Failure> {
+    let extension = extension(path);
+    if extension == "mcap" {
+        write_atomic_with(path, |out| mcap::aligned(out, dataset, Some(r), provenance))?;
+        return Ok(());
+    }
+    let format = ArrayFormat::of_extension(&extension).unwrap_or(ArrayFormat::Csv);
+    let arrays = Arrays::of(dataset, Some(r));
+    write_atomic_with(path, |mut out| arrays.write(format, &mut out))?;
     Ok(())
 }
 

@@ -8,6 +8,7 @@ mod plan;
 mod robot;
 mod sample;
 pub mod smoother;
+mod sync;
 mod voltage;
 
 pub use colour::Colour;
@@ -15,8 +16,9 @@ pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
 pub use cycles::{Cycles, cycles};
-pub use plan::{Plan, SmoothingPlan};
+pub use plan::{Plan, SmoothingPlan, SyncPlan};
 pub use sample::{HangingDataset, HangingParts};
+pub use sync::{Clocks, Event};
 pub use voltage::Voltage;
 
 use rand::Rng;
@@ -48,6 +50,8 @@ pub struct Track {
 pub enum OffsetSource {
     /// Stated by the recording: fixed.
     Stated,
+    /// From events or a shared channel: fixed, with a standard error.
+    Measured,
     /// To be estimated: free in a fit.
     Free,
 }
@@ -221,9 +225,10 @@ impl Dataset {
             smoothing: axes.iter().map(|a| SmoothingPlan::of(&a.choice)).collect(),
             criterion: plan::CRITERION.into(),
             offset_s: match offset_source {
-                OffsetSource::Stated => Some(offset_s),
+                OffsetSource::Stated | OffsetSource::Measured => Some(offset_s),
                 OffsetSource::Free => None,
             },
+            sync: plan.and_then(|p| p.sync.clone()),
         };
         Ok(Dataset {
             id: parts.id,

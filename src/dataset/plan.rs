@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::smoother::AxisChoice;
+use super::sync::Clocks;
 
 /// How order and cutoff are chosen where nobody fixed them.
 pub const CRITERION: &str =
@@ -22,6 +23,39 @@ pub struct Plan {
     /// Clock offset that is kept fixed, s (voltage clock minus motion clock); absent when it is estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset_s: Option<f64>,
+    /// How the offset was found, where not by a fit or by statement; and the skew of the clocks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sync: Option<SyncPlan>,
+}
+
+/// What offset and skew of the clocks were told from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SyncPlan {
+    /// `events` or `shared channel`.
+    pub method: String,
+    /// Standard error of the offset, s; absent where a single event tells it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset_std_error_s: Option<f64>,
+    /// How much faster the voltage clock runs, in millionths; 0 where that is not told from 0.
+    pub skew_ppm: f64,
+    /// Its standard error, in millionths.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skew_std_error_ppm: Option<f64>,
+    /// Where on the motion clock the offset is that, s; a skewed clock has another elsewhere.
+    pub middle_s: f64,
+}
+
+impl SyncPlan {
+    pub(super) fn of(method: &str, clocks: &Clocks) -> Self {
+        SyncPlan {
+            method: method.to_owned(),
+            offset_std_error_s: clocks.offset_std_error_s,
+            skew_ppm: clocks.skew * 1e6,
+            skew_std_error_ppm: clocks.skew_std_error.map(|e| e * 1e6),
+            middle_s: clocks.middle_s,
+        }
+    }
 }
 
 /// Smoothing of one axis.

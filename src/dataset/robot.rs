@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::{Dataset, Error, Parts, Plan, Voltage};
+use super::{Clocks, Dataset, Error, Event, OffsetSource, Parts, Plan, SyncPlan, Voltage};
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
 use crate::recording::{FilmState, NumberOrEstimate, RawMotion, RawVoltage, Recording};
@@ -112,8 +112,37 @@ impl Dataset {
             },
             initial,
         };
+        let mut parts = parts;
+        // a plan says what was found before; else events or a shared channel may tell
+        let found = match plan {
+            Some(plan) => plan
+                .sync
+                .clone()
+                .zip(plan.offset_s)
+                .map(|(sync, offset_s)| {
+                    let clocks = Clocks {
+                        offset_s,
+                        offset_std_error_s: sync.offset_std_error_s,
+                        skew: sync.skew_ppm * 1e-6,
+                        skew_std_error: sync.skew_std_error_ppm.map(|e| e * 1e-6),
+                        middle_s: sync.middle_s,
+                        events: 0,
+                        quantile: f64::NAN,
+                    };
+                    (sync, clocks)
+                }),
+            None => clocks(recording, &parts, &mut notes).map_err(unsuitable)?,
+        };
+        if let Some((_, clocks)) = &found {
+            parts.offset_s = Some(clocks.offset_s);
+            parts.voltage = clocks.without_skew(&parts.voltage);
+            parts.monitor = parts.monitor.as_ref().map(|m| clocks.without_skew(m));
+        }
         let mut dataset = Dataset::new(parts, plan)?;
-        if let Some(base) = &motion.base {
+        // a base marker on a clock of its own says nothing of the noise at these frames
+        if let Some(base) = &motion.base
+            && base.xyz.len() == motion.end_effector.xyz.len()
+        {
             dataset.colour_from(&base.xyz);
         }
         if let Some(c) = dataset.colour {
@@ -125,9 +154,56 @@ impl Dataset {
         }
         dataset.pivot_m = [0, 1, 2]
             .map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
+        if let Some((sync, _)) = found {
+            dataset.offset_source = OffsetSource::Measured;
+            dataset.plan.sync = Some(sync);
+        }
         dataset.notes.splice(0..0, notes);
         Ok(dataset)
     }
+}
+
+/// Offset and skew from events or a shared channel, where the recording has them.
+fn clocks(
+    recording: &Recording,
+    parts: &Parts,
+    notes: &mut Vec<String>,
+) -> Result<Option<(SyncPlan, Clocks)>, String> {
+    let events: Vec<Event> = recording
+        .manifest
+        .events
+        .iter()
+        .map(|[motion_s, voltage_s]| Event {
+            motion_s: *motion_s,
+            voltage_s: *voltage_s,
+            std_error_s: None,
+        })
+        .collect();
+    let shared = recording.motion.as_ref().and_then(|m| m.shared.as_ref());
+    let (method, found) = match shared {
+        _ if !events.is_empty() => ("events", Clocks::from_events(&events)),
+        Some(s) => {
+            let found = Clocks::from_shared(&s.time_s, &s.values, &parts.voltage, s.chain);
+            if found.is_none() {
+                return Err(format!(
+                    "channel {} resembles the voltage of chain {} nowhere within {} s: check [sync] shared and chain",
+                    s.label,
+                    s.chain + 1,
+                    super::OFFSET_SEARCH_S
+                ));
+            }
+            ("shared channel", found)
+        }
+        None => return Ok(None),
+    };
+    let Some(clocks) = found else { return Ok(None) };
+    if clocks.skew != 0.0 {
+        notes.push(format!(
+            "the voltage clock runs {:.1} ppm faster than the motion clock: its times are put right",
+            clocks.skew * 1e6
+        ));
+    }
+    Ok(Some((SyncPlan::of(method, &clocks), clocks)))
 }
 
 pub(super) fn mean(xyz: &[Vec3]) -> Vec3 {

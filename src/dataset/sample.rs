@@ -290,11 +290,12 @@ impl HangingDataset {
     /// The choices made for this recording, with `axis` from [`HangingDataset::smoothed`].
     pub fn plan(&self, axis: &SmoothedAxis) -> Plan {
         Plan {
+            sync: None,
             recording: self.id.clone(),
             smoothing: vec![SmoothingPlan::of(&axis.choice)],
             criterion: plan::CRITERION.into(),
             offset_s: match self.offset_source {
-                OffsetSource::Stated => Some(self.offset_s),
+                OffsetSource::Stated | OffsetSource::Measured => Some(self.offset_s),
                 OffsetSource::Free => None,
             },
         }

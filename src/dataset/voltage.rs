@@ -41,6 +41,16 @@ impl Voltage {
         }
     }
 
+    /// The same voltages at other times, which have to rise as well.
+    ///
+    /// # Panics
+    /// See [`Voltage::new`].
+    #[must_use]
+    pub fn retimed(&self, time: impl Fn(f64) -> f64) -> Self {
+        let time_s = self.time_s.iter().map(|t| time(*t)).collect();
+        Voltage::new(time_s, self.channels_v.clone(), self.hold_previous)
+    }
+
     /// Times of the samples, s.
     pub fn time_s(&self) -> &[f64] {
         &self.time_s

@@ -6,7 +6,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::error::{Error, ErrorKind, quote, suggestion};
-use super::{c3d, delimited, nexus_csv, optitrack_csv, qualisys_tsv, text, trc};
+use super::{
+    c3d, delimited, lvm, mcap, nexus_csv, optitrack_csv, oscilloscope, qualisys_tsv, tdms, text,
+    trc,
+};
 
 /// How weighty a [`Note`] is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -140,6 +143,15 @@ pub struct RowLines {
 }
 
 impl RowLines {
+    /// Rows of a file that has no lines.
+    #[must_use]
+    pub fn without(rows: usize) -> Self {
+        RowLines {
+            rows,
+            runs: Vec::new(),
+        }
+    }
+
     /// The next row stands in `line`.
     pub fn push(&mut self, line: u64) {
         if self.rows == 0 || self.line(self.rows - 1) + 1 != line {
@@ -552,20 +564,19 @@ pub fn importers() -> &'static [&'static dyn Importer] {
         &trc::Trc,
         &nexus_csv::NexusCsv,
         &nexus_csv::TrackerCsv,
+        &mcap::Mcap,
+        &tdms::Tdms,
+        &lvm::Lvm,
+        &oscilloscope::Tektronix,
+        &oscilloscope::Keysight,
+        &oscilloscope::Rigol,
+        &oscilloscope::RohdeSchwarz,
         &delimited::Delimited,
     ]
 }
 
 /// Files that no importer reads, and what to do with them.
 const HINTS: &[(&[u8], &str)] = &[
-    (
-        b"LabVIEW Measurement",
-        "this is a LabVIEW measurement file; export it as a plain table",
-    ),
-    (
-        b"TDSm",
-        "this is a TDMS file; convert it to CSV (npTDMS, LabVIEW) first",
-    ),
     (
         b"PK\x03\x04",
         "this is a zip archive or a spreadsheet workbook; save it as CSV",
@@ -578,7 +589,6 @@ const HINTS: &[(&[u8], &str)] = &[
         b"MATLAB 5.0",
         "this is a MATLAB file; write its variables to CSV",
     ),
-    (b"\x89MCAP0", "this is an MCAP file, which is not read here"),
 ];
 
 /// Whether a file is known to be of a kind that no importer reads.

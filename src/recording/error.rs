@@ -145,10 +145,10 @@ impl Error {
         e
     }
 
-    /// The line of the file, from 1.
+    /// The line of the file, from 1; 0 for a file without lines.
     #[must_use]
     pub fn at_line(mut self, line: u64) -> Self {
-        self.detail.line = Some(line);
+        self.detail.line = (line > 0).then_some(line);
         self
     }
 

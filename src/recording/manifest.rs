@@ -391,6 +391,15 @@ pub struct AxisManifest {
     pub stiffness: NumberOrEstimate,
 }
 
+/// A column of the motion file that shows a voltage channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SharedManifest {
+    /// The column.
+    pub column: ColumnRef,
+    /// The chain whose voltage it shows, from 1.
+    pub chain: usize,
+}
+
 /// A `recording.toml`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Manifest {
@@ -420,6 +429,10 @@ pub struct Manifest {
     pub humidity_percent: Option<f64>,
     /// Voltage clock minus motion clock, s. 0 where the manifest says nothing.
     pub offset_s: NumberOrEstimate,
+    /// Events on both clocks, (motion, voltage), s: they tell an offset that is to be estimated.
+    pub events: Vec<[f64; 2]>,
+    /// A column of the motion file that shows a voltage channel, by which the offset is estimated.
+    pub shared: Option<SharedManifest>,
     /// `[motion]`: robot and film sample.
     pub motion: Option<MotionManifest>,
     /// `[voltage]`: robot and film sample.
@@ -590,6 +603,8 @@ impl Manifest {
             temperature_c: t.get("temperature_C")?,
             humidity_percent: t.get("humidity_percent")?,
             offset_s: NumberOrEstimate::Number(0.0),
+            events: Vec::new(),
+            shared: None,
             motion: None,
             voltage: None,
             monitor: None,
@@ -638,10 +653,8 @@ impl Manifest {
                     manifest.monitor = Some(monitor(&t, &voltage, kind, chains)?);
                 }
                 manifest.voltage = Some(voltage);
-                if let Some(t) = top.table("sync", &["offset_s"])?
-                    && let Some(offset_s) = t.get("offset_s")?
-                {
-                    manifest.offset_s = offset_s;
+                if let Some(t) = top.table("sync", &["offset_s", "events", "shared", "chain"])? {
+                    sync(&t, chains, &mut manifest)?;
                 }
             }
             Kind::FilmCoupon => {
@@ -659,6 +672,48 @@ impl Manifest {
         }
         Ok(manifest)
     }
+}
+
+/// `[sync]`
+fn sync(t: &Keys<'_>, chains: usize, manifest: &mut Manifest) -> Result<(), Error> {
+    if let Some(offset_s) = t.get("offset_s")? {
+        manifest.offset_s = offset_s;
+    }
+    for (_, entry) in t.list("events")?.unwrap_or_default() {
+        let pair = super::keys::numbers(entry).and_then(|n| <[f64; 2]>::try_from(n).ok());
+        let Some(pair) = pair else {
+            return Err(t
+                .bad("events", "an event is no pair of numbers")
+                .expected("[[motion_s, voltage_s], ...]"));
+        };
+        manifest.events.push(pair);
+    }
+    let chain = t.get::<i64>("chain")?.unwrap_or(1);
+    let chain = usize::try_from(chain)
+        .ok()
+        .filter(|c| (1..=chains).contains(c))
+        .ok_or_else(|| {
+            t.bad("chain", format!("found {chain}"))
+                .expected(format!("1 to {chains}"))
+        })?;
+    manifest.shared = t
+        .get("shared")?
+        .map(|column| SharedManifest { column, chain });
+    if manifest.shared.is_some() && !manifest.events.is_empty() {
+        return Err(t
+            .bad(
+                "events",
+                "the offset is told by events and by a shared channel",
+            )
+            .expected("one of them"));
+    }
+    let stated = matches!(manifest.offset_s, NumberOrEstimate::Number(_));
+    if stated && (manifest.shared.is_some() || !manifest.events.is_empty()) {
+        return Err(t
+            .bad("offset_s", "the offset is stated")
+            .expected("offset_s = \"estimate\" where events or a shared channel tell it"));
+    }
+    Ok(())
 }
 
 /// The id becomes a path below the output folder: relative, without `..`.

@@ -22,15 +22,19 @@ mod capture;
 mod delimited;
 pub(crate) mod error;
 pub(crate) mod keys;
+mod lvm;
 mod manifest;
+pub mod mcap;
 mod nexus_csv;
 mod open;
 mod optitrack_csv;
+mod oscilloscope;
 mod pose;
 mod qualisys_tsv;
 mod rig;
 mod rows;
 mod survey;
+mod tdms;
 pub mod text;
 mod trc;
 
@@ -43,19 +47,24 @@ pub use capture::{
 };
 pub use delimited::Delimited;
 pub use error::{Error, ErrorKind, nearest, suggestion};
+pub use lvm::Lvm;
 pub use manifest::{
     AxisCoordinate, AxisInertia, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
     CouponManifest, CouponMode, FileRef, FilmState, Kind, Manifest, MonitorManifest,
-    MotionManifest, NumberOrEstimate, Payload, PayloadStep, Quantity, Start, VoltageManifest,
+    MotionManifest, NumberOrEstimate, Payload, PayloadStep, Quantity, SharedManifest, Start,
+    VoltageManifest,
 };
+pub use mcap::Mcap;
 pub use nexus_csv::{NexusCsv, TrackerCsv};
 pub use open::sha256;
 pub use optitrack_csv::OptitrackCsv;
+pub use oscilloscope::{Keysight, Rigol, RohdeSchwarz, Tektronix};
 pub use qualisys_tsv::QualisysTsv;
 pub use rig::{Actuator, Delta, FilmSampleRig, Rig, RobotFilm, RobotMass, RobotRig, Sam};
 pub use survey::{
     ColumnSurvey, Doubt, DoubtKind, GroupSurvey, MarkerSurvey, SectionSurvey, Survey, survey_file,
 };
+pub use tdms::Tdms;
 pub use trc::Trc;
 
 use crate::units::Unit;
@@ -139,6 +148,21 @@ pub struct RawMotion {
     pub end_effector: Marker,
     /// The marker fixed to the frame.
     pub base: Option<Marker>,
+    /// The channel that tells the clock offset.
+    pub shared: Option<RawShared>,
+}
+
+/// A channel that was logged beside the motion and shows a voltage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawShared {
+    /// What the column is called.
+    pub label: String,
+    /// The chain whose voltage it shows, from 0.
+    pub chain: usize,
+    /// Time of every sample on the motion clock, s.
+    pub time_s: Vec<f64>,
+    /// Values in a unit that does not matter; NaN where a cell was empty.
+    pub values: Vec<f64>,
 }
 
 /// `[voltage]` as recorded.

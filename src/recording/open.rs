@@ -13,14 +13,14 @@ use super::capture::{
 use super::error::{Error, ErrorKind, quote, suggestion};
 use super::manifest::{
     AxisCoordinate, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
-    CouponManifest, FileRef, Kind, Manifest, MonitorManifest, MotionManifest, VoltageManifest,
-    missing_rig,
+    CouponManifest, FileRef, Kind, Manifest, MonitorManifest, MotionManifest, SharedManifest,
+    VoltageManifest, missing_rig,
 };
 use super::pose::{largest_turn_deg, rotations};
 use super::rig::Rig;
 use super::{
     Marker, OpenOptions, RawAxis, RawBench, RawColumn, RawCoordinate, RawCoupon, RawElongation,
-    RawLoad, RawMonitor, RawMotion, RawVoltage, Recording, Role, Source,
+    RawLoad, RawMonitor, RawMotion, RawShared, RawVoltage, Recording, Role, Source,
 };
 use crate::units::{Dimension, Unit};
 
@@ -99,7 +99,7 @@ impl Recording {
         let motion = manifest
             .motion
             .as_ref()
-            .map(|m| reader.motion(m))
+            .map(|m| reader.motion(m, manifest.shared.as_ref()))
             .transpose()?;
         let voltage = manifest
             .voltage
@@ -595,7 +595,11 @@ impl Reader<'_> {
         })
     }
 
-    fn motion(&mut self, m: &MotionManifest) -> Result<RawMotion, Error> {
+    fn motion(
+        &mut self,
+        m: &MotionManifest,
+        shared: Option<&SharedManifest>,
+    ) -> Result<RawMotion, Error> {
         let (path, capture) = self.capture(&m.source, Role::Motion, None)?;
         let all = markers(&capture);
         let mut choose = |label: &str, near: Option<[f64; 3]>, section: Option<usize>| {
@@ -615,13 +619,17 @@ impl Reader<'_> {
         };
         let end = choose(&m.end_effector, m.end_effector_near_mm, None)?;
         let base = match &m.base {
-            Some(label) => Some(choose(label, m.base_near_mm, Some(end.section))?),
+            // beside the end effector, or on a clock of its own: only its mean is used
+            Some(label) => Some(
+                choose(label, m.base_near_mm, Some(end.section))
+                    .or_else(|near| choose(label, m.base_near_mm, None).map_err(|_| near))?,
+            ),
             None => None,
         };
         let section = &capture.sections[end.section];
         let unit = positions_unit(&path, section, end, m.unit)?;
         if let Some(base) = base
-            && positions_unit(&path, section, base, m.unit)? != unit
+            && positions_unit(&path, &capture.sections[base.section], base, m.unit)? != unit
         {
             return Err(Error::new(
                 ErrorKind::WrongUnit,
@@ -660,7 +668,39 @@ impl Reader<'_> {
             }
         };
         let end_effector = gather(end);
-        let base = base.map(gather);
+        let base = base.map(|base| {
+            if base.section == end.section {
+                return gather(base);
+            }
+            let own = &capture.sections[base.section];
+            let row = |i: usize| base.columns.map(|c| own.columns[c].values[i]);
+            Marker {
+                label: base.label.clone(),
+                xyz: (0..own.rows()).map(row).collect(),
+                rotation: None,
+            }
+        });
+        let shared = shared
+            .map(|s| -> Result<RawShared, Error> {
+                let (at, column) = capture.find_column(&path, &s.column)?;
+                let own = &capture.sections[at];
+                let time_s = own.times_s().ok_or_else(|| {
+                    Error::new(
+                        ErrorKind::MissingKey,
+                        &path,
+                        format!("column {} has no clock of its own", s.column),
+                    )
+                    .at_key("[sync] shared")
+                    .action("name a column of a section with a rate or with time stamps")
+                })?;
+                Ok(RawShared {
+                    label: own.columns[column].title(),
+                    chain: s.chain - 1,
+                    time_s,
+                    values: own.columns[column].values.clone(),
+                })
+            })
+            .transpose()?;
         for marker in std::iter::once(&end_effector).chain(&base) {
             self.check_marker(&path, marker)?;
         }
@@ -671,6 +711,7 @@ impl Reader<'_> {
             unit,
             end_effector,
             base,
+            shared,
         })
     }
 
@@ -889,7 +930,10 @@ pub(super) fn section_markers(s: usize, section: &Section) -> Vec<MarkerColumns>
                 .find(|c| section.columns[*c].axis.eq_ignore_ascii_case(axis))
         };
         let trio = |x, y, z| Some([at(x)?, at(y)?, at(z)?]);
-        let Some(columns) = trio("X", "Y", "Z").or_else(|| trio("TX", "TY", "TZ")) else {
+        let Some(columns) = trio("X", "Y", "Z")
+            .or_else(|| trio("TX", "TY", "TZ"))
+            .or_else(|| trio("x_trans", "y_trans", "z_trans"))
+        else {
             continue;
         };
         let unit = &section.columns[columns[0]].unit;

@@ -1264,7 +1264,7 @@ pub struct AlignedJson {
     pub offset_s: Number,
     /// Its standard error, s, where it was estimated by a fit.
     pub offset_std_error_s: Number,
-    /// `stated`, `coarse` (a first look: a fit refines it) or `estimated`.
+    /// `stated`, `coarse` (a first look: a fit refines it), `estimated`, `events` or `shared channel`.
     pub offset_source: String,
     /// Gaps of the capture.
     pub gaps: Vec<GapJson>,
@@ -1302,9 +1302,14 @@ impl AlignedJson {
             command_v: volts(&d.voltage),
             monitor_v: d.monitor.as_ref().map(volts),
             offset_s: finite(d.offset_s),
-            offset_std_error_s: offset_std_error_s.and_then(finite),
+            offset_std_error_s: offset_std_error_s
+                .or(d.plan.sync.as_ref().and_then(|s| s.offset_std_error_s))
+                .and_then(finite),
             offset_source: match (d.offset_source, offset_std_error_s) {
                 (OffsetSource::Stated, _) => "stated",
+                (OffsetSource::Measured, _) => {
+                    d.plan.sync.as_ref().map_or("measured", |s| &s.method)
+                }
                 (OffsetSource::Free, None) => "coarse",
                 (OffsetSource::Free, Some(_)) => "estimated",
             }

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::parameter_file::number;
-use crate::dataset::{Plan, SmoothingPlan};
+use crate::dataset::{Plan, SmoothingPlan, SyncPlan};
 use crate::recording::Error;
 use crate::recording::keys::{Document, Keys};
 
@@ -28,7 +28,8 @@ pub fn plan_to_toml(plans: &[Plan]) -> String {
     let mut out = String::from(
         "# Choices made for each recording. Given back, the same choices are made again.\n\
          # order: of the smoothing spline (3 quintic, 4 septic); cutoff_hz: half-power frequency; noise_mm: capture noise found;\n\
-         # offset_s: voltage clock minus motion clock where it is kept, else it is estimated.\n",
+         # offset_s: voltage clock minus motion clock where it is kept, else it is estimated;\n\
+         # sync: what told the offset and the skew of the clocks, where events or a shared channel did.\n",
     );
     for plan in plans {
         let _ = write!(
@@ -39,6 +40,22 @@ pub fn plan_to_toml(plans: &[Plan]) -> String {
         );
         if let Some(offset_s) = plan.offset_s {
             let _ = writeln!(out, "offset_s = {}", number(offset_s));
+        }
+        if let Some(sync) = &plan.sync {
+            let _ = write!(
+                out,
+                "sync = {{ method = {}, skew_ppm = {}, middle_s = {}",
+                string(&sync.method),
+                number(sync.skew_ppm),
+                number(sync.middle_s)
+            );
+            if let Some(e) = sync.offset_std_error_s {
+                let _ = write!(out, ", offset_std_error_s = {}", number(e));
+            }
+            if let Some(e) = sync.skew_std_error_ppm {
+                let _ = write!(out, ", skew_std_error_ppm = {}", number(e));
+            }
+            out.push_str(" }\n");
         }
         out.push_str("smoothing = [\n");
         for (s, axis) in plan.smoothing.iter().zip(["x", "y", "z"].iter().cycle()) {
@@ -77,7 +94,7 @@ fn read(document: &Document) -> Result<Vec<Plan>, Error> {
     let mut plans: Vec<Plan> = Vec::new();
     for t in top.tables(
         "recording",
-        &["recording", "criterion", "offset_s", "smoothing"],
+        &["recording", "criterion", "offset_s", "sync", "smoothing"],
     )? {
         let recording: String = t.need("recording")?;
         if plans.iter().any(|p| p.recording == recording) {
@@ -108,11 +125,33 @@ fn read(document: &Document) -> Result<Vec<Plan>, Error> {
                 noise_mm: axis.need_not_negative("noise_mm")?,
             });
         }
+        let sync = t
+            .table(
+                "sync",
+                &[
+                    "method",
+                    "skew_ppm",
+                    "middle_s",
+                    "offset_std_error_s",
+                    "skew_std_error_ppm",
+                ],
+            )?
+            .map(|s| -> Result<SyncPlan, Error> {
+                Ok(SyncPlan {
+                    method: s.need("method")?,
+                    offset_std_error_s: s.get("offset_std_error_s")?,
+                    skew_ppm: s.need("skew_ppm")?,
+                    skew_std_error_ppm: s.get("skew_std_error_ppm")?,
+                    middle_s: s.need("middle_s")?,
+                })
+            })
+            .transpose()?;
         plans.push(Plan {
             recording,
             smoothing,
             criterion: t.get("criterion")?.unwrap_or_default(),
             offset_s: t.get("offset_s")?,
+            sync,
         });
     }
     Ok(plans)

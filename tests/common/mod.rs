@@ -1,6 +1,8 @@
 //! What several test programs share.
 #![allow(dead_code)]
 
+pub mod recordings;
+
 use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};
 use serde_json::Value;
 

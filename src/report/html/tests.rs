@@ -63,6 +63,7 @@ fn recording(id: &str, frames: usize) -> RecordingOutcome {
             ],
             criterion: "largest likelihood".into(),
             offset_s: None,
+            sync: None,
         },
         position_mm: time_s
             .iter()

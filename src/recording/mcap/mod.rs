@@ -1,0 +1,477 @@
+//! MCAP: messages of ROS 2 (CDR), ROS 1, protobuf and JSON, read by the schemas that the file carries.
+//!
+//! A topic is a section; a message is a row, a number in it a column. The position of a pose is the group that is called
+//! as the topic (`end_effector = "/vicon/ee/pose"`), what else there is stands in groups `topic/orientation`. A topic with
+//! lists of named things (transforms, rigid bodies, markers) is a section a thing, and the group has the thing's name:
+//! `world:ee` for a transform, so that `ee` finds it. Lists of up to 64 numbers are columns `data[0]`, `data[1]`, ...
+//!
+//! The time of a row is the stamp in the message (`header.stamp`, `stamp`, `timestamp`) where that is set, else the log time; both
+//! as seconds since 1970 as far as the recorder's clock counts so. Rows are put in the order of time, because recorders need not
+//! write them so.
+//!
+//! The file is read in order and needs no index; one that was cut gives what stands before the cut. A chunk whose checksum
+//! is wrong is an error.
+
+mod json;
+mod protobuf;
+mod records;
+mod ros;
+mod table;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::capture::{Capture, Importer, Note, ReadOptions};
+use super::error::{Error, ErrorKind, quote};
+use super::text::decode;
+pub use records::{MAX_RECORD_BYTES, Record, RecordReader};
+use records::{op, u16_at, u32_at, u64_at};
+use table::{MAX_LEAVES, Tables};
+
+/// The importer of MCAP files.
+pub struct Mcap;
+
+impl Importer for Mcap {
+    fn name(&self) -> &'static str {
+        "mcap"
+    }
+
+    fn recognises(&self, head: &[u8], _path: &Path) -> bool {
+        head.starts_with(b"\x89MCAP0")
+    }
+
+    fn read(&self, path: &Path, _options: &ReadOptions) -> Result<Capture, Error> {
+        read(path)
+    }
+}
+
+struct Schema {
+    name: String,
+    encoding: String,
+    data: Vec<u8>,
+}
+
+enum Decoder {
+    Ros(ros::Layout),
+    Json(json::Layout),
+    Protobuf(protobuf::Layout),
+    /// Messages for people.
+    Log,
+    /// Why there is none.
+    None(String),
+}
+
+struct Channel {
+    topic: String,
+    unit: String,
+    decoder: Decoder,
+    tables: Tables,
+    messages: u64,
+    unread: u64,
+    why: String,
+}
+
+/// The most channels; a file may not make up more than these.
+const MAX_CHANNELS: usize = 1 << 16;
+
+/// Length-prefixed pieces of a record.
+struct Pieces<'a>(&'a [u8]);
+
+impl<'a> Pieces<'a> {
+    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        if count > self.0.len() {
+            return None;
+        }
+        let (here, rest) = self.0.split_at(count);
+        self.0 = rest;
+        Some(here)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.bytes(2).map(|b| u16_at(b, 0))
+    }
+
+    fn prefixed(&mut self) -> Option<&'a [u8]> {
+        let length = self.bytes(4).map(|b| u32_at(b, 0))?;
+        self.bytes(usize::try_from(length).ok()?)
+    }
+
+    fn text(&mut self) -> Option<String> {
+        self.prefixed().map(|b| decode(b).into_owned())
+    }
+}
+
+fn schema(body: &[u8]) -> Option<(u16, Schema)> {
+    let mut p = Pieces(body);
+    let id = p.u16()?;
+    let (name, encoding) = (p.text()?, p.text()?);
+    let data = p.prefixed()?.to_vec();
+    Some((
+        id,
+        Schema {
+            name,
+            encoding,
+            data,
+        },
+    ))
+}
+
+struct ChannelText {
+    id: u16,
+    schema: u16,
+    topic: String,
+    encoding: String,
+    unit: String,
+}
+
+fn channel(body: &[u8]) -> Option<ChannelText> {
+    let mut p = Pieces(body);
+    let (id, schema) = (p.u16()?, p.u16()?);
+    let (topic, encoding) = (p.text()?, p.text()?);
+    let mut metadata = Pieces(p.prefixed()?);
+    let mut unit = String::new();
+    while let (Some(key), Some(value)) = (metadata.text(), metadata.text()) {
+        if key == "unit" {
+            unit = value;
+        }
+    }
+    Some(ChannelText {
+        id,
+        schema,
+        topic,
+        encoding,
+        unit,
+    })
+}
+
+impl Channel {
+    fn new(c: ChannelText, schema: Option<&Schema>) -> Self {
+        let mut tables = Tables::new();
+        let decoder = match (c.encoding.as_str(), schema) {
+            (_, Some(s)) if table::is_log(&s.name) => Decoder::Log,
+            ("cdr", Some(s)) if matches!(s.encoding.as_str(), "ros2msg" | "ros2idl") => {
+                ros::Layout::new(&s.name, &s.encoding, &decode(&s.data), &mut tables)
+                    .map_or_else(Decoder::None, Decoder::Ros)
+            }
+            ("ros1", Some(s)) if s.encoding == "ros1msg" => {
+                ros::Layout::new(&s.name, &s.encoding, &decode(&s.data), &mut tables)
+                    .map_or_else(Decoder::None, Decoder::Ros)
+            }
+            ("protobuf", Some(s)) if s.encoding == "protobuf" => {
+                protobuf::Layout::new(&s.name, &s.data, &mut tables)
+                    .map_or_else(Decoder::None, Decoder::Protobuf)
+            }
+            ("json", s) => Decoder::Json(json::Layout::new(s.map_or("", |s| &s.name))),
+            (encoding, None) => {
+                Decoder::None(format!("messages in {} without a schema", quote(encoding)))
+            }
+            (encoding, Some(s)) => Decoder::None(format!(
+                "messages in {} with a schema in {}",
+                quote(encoding),
+                quote(&s.encoding)
+            )),
+        };
+        let mut why = String::new();
+        if let Decoder::None(reason) = &decoder {
+            why.clone_from(reason);
+            tables = Tables::new();
+        }
+        Channel {
+            topic: c.topic,
+            unit: c.unit,
+            decoder,
+            tables,
+            messages: 0,
+            unread: 0,
+            why,
+        }
+    }
+
+    fn message(&mut self, log_time: u64, data: &[u8]) {
+        self.messages += 1;
+        let log_s = log_time as f64 * 1e-9;
+        let read = match &mut self.decoder {
+            Decoder::Ros(layout) => layout
+                .read(data, log_s, &mut self.tables)
+                .map_err(str::to_owned),
+            Decoder::Json(layout) => layout.read(data, log_s, &mut self.tables),
+            Decoder::Protobuf(layout) => layout
+                .read(data, log_s, &mut self.tables)
+                .map_err(str::to_owned),
+            Decoder::Log | Decoder::None(_) => return,
+        };
+        if let Err(why) = read {
+            if self.unread == 0 {
+                self.why = why;
+            }
+            self.unread += 1;
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<Capture, Error> {
+    let mut reader = RecordReader::open(path)?;
+    let mut schemas: HashMap<u16, Schema> = HashMap::new();
+    let mut channels: Vec<Channel> = Vec::new();
+    let mut by_id: Vec<u32> = vec![u32::MAX; 1 << 16];
+    let mut unknown: u64 = 0;
+    let mut broken: u64 = 0;
+    let mut budget = table::MAX_VALUES;
+    while let Some(Record { opcode, body }) = reader.advance()? {
+        match opcode {
+            op::MESSAGE if body.len() >= 22 => {
+                let id = usize::from(u16_at(body, 0));
+                let Some(c) = channels.get_mut(by_id[id] as usize) else {
+                    unknown += 1;
+                    continue;
+                };
+                c.tables.budget = budget;
+                c.message(u64_at(body, 6), &body[22..]);
+                budget = c.tables.budget;
+                if c.tables.full {
+                    return Err(Error::new(
+                        ErrorKind::Grammar,
+                        path,
+                        format!(
+                            "the messages hold more than {} numbers, too many to keep",
+                            table::MAX_VALUES
+                        ),
+                    )
+                    .action(
+                        "write the topics that are needed to a file of their own (`mcap filter`)",
+                    ));
+                }
+            }
+            op::SCHEMA => match schema(body) {
+                Some((id, s)) => drop(schemas.entry(id).or_insert(s)),
+                None => broken += 1,
+            },
+            op::CHANNEL => match channel(body) {
+                Some(c) => {
+                    let id = usize::from(c.id);
+                    if by_id[id] == u32::MAX && channels.len() < MAX_CHANNELS {
+                        by_id[id] = u32::try_from(channels.len()).unwrap_or(u32::MAX);
+                        let schema = schemas.get(&c.schema);
+                        channels.push(Channel::new(c, schema));
+                    }
+                }
+                None => broken += 1,
+            },
+            op::MESSAGE => broken += 1,
+            // what follows is the summary: the same schemas and channels again
+            op::DATA_END => schemas.clear(),
+            _ => {}
+        }
+    }
+    capture(path, &reader, channels, unknown, broken)
+}
+
+/// A few of some names, for a sentence.
+fn some(names: &[&str]) -> String {
+    const MOST: usize = 6;
+    let shown: Vec<&str> = names.iter().take(MOST).copied().collect();
+    let more = if names.len() > MOST {
+        format!(" and {} more", names.len() - MOST)
+    } else {
+        String::new()
+    };
+    format!("{}{more}", shown.join(", "))
+}
+
+fn capture(
+    path: &Path,
+    reader: &RecordReader,
+    channels: Vec<Channel>,
+    unknown: u64,
+    broken: u64,
+) -> Result<Capture, Error> {
+    let mut notes = Vec::new();
+    let messages: u64 = channels.iter().map(|c| c.messages).sum();
+    if let Some(cut) = reader.cut() {
+        if messages == 0 {
+            return Err(Error::new(
+                ErrorKind::NoData,
+                path,
+                format!("the file was cut before its first message: {cut}"),
+            )
+            .action(
+                "the recorder did not come to write; take the recording again, or use another copy",
+            ));
+        }
+        notes.push(Note::warning(
+            path,
+            format!("the file was cut: {cut}; {messages} messages before that are read"),
+        ));
+    }
+    let unreadable: Vec<&Channel> = channels
+        .iter()
+        .filter(|c| c.messages > 0 && matches!(c.decoder, Decoder::None(_)))
+        .collect();
+    if !unreadable.is_empty()
+        && channels
+            .iter()
+            .all(|c| c.messages == 0 || matches!(c.decoder, Decoder::None(_)))
+    {
+        let topics: Vec<&str> = unreadable.iter().map(|c| c.topic.as_str()).collect();
+        return Err(Error::new(
+            ErrorKind::UnknownFormat,
+            path,
+            format!(
+                "no topic can be read: {} ({})",
+                some(&topics),
+                unreadable[0].why
+            ),
+        )
+        .expected("messages in cdr with ros2msg or ros2idl, ros1, protobuf or json")
+        .action("record with a serialisation that is read, or convert the file"));
+    }
+    for c in &unreadable {
+        notes.push(Note::warning(
+            path,
+            format!(
+                "topic {} is left out: {} ({} messages)",
+                c.topic, c.why, c.messages
+            ),
+        ));
+    }
+    let named = |wanted: &dyn Fn(&Channel) -> bool| -> Vec<&str> {
+        channels
+            .iter()
+            .filter(|c| wanted(c))
+            .map(|c| c.topic.as_str())
+            .collect()
+    };
+    let silent = named(&|c| c.messages == 0);
+    if !silent.is_empty() {
+        notes.push(Note::info(
+            path,
+            format!(
+                "{} topics without a message: {}",
+                silent.len(),
+                some(&silent)
+            ),
+        ));
+    }
+    let logs = named(&|c| c.messages > 0 && matches!(c.decoder, Decoder::Log));
+    if !logs.is_empty() {
+        notes.push(Note::info(
+            path,
+            format!(
+                "log messages are no measurement and are left out: {}",
+                some(&logs)
+            ),
+        ));
+    }
+    if unknown > 0 {
+        notes.push(Note::warning(
+            path,
+            format!("{unknown} messages are of channels that the file does not describe, and are left out"),
+        ));
+    }
+    if broken > 0 {
+        notes.push(Note::warning(
+            path,
+            format!("{broken} records are too short for what they are, and are left out"),
+        ));
+    }
+    if reader.passed_over() > 0 {
+        notes.push(Note::warning(
+            path,
+            format!(
+                "{} records longer than {} MiB are passed over",
+                reader.passed_over(),
+                MAX_RECORD_BYTES >> 20
+            ),
+        ));
+    }
+    let mut sections = Vec::new();
+    let mut empty: Vec<String> = Vec::new();
+    let mut number = 0;
+    for c in channels {
+        let Channel {
+            topic,
+            unit,
+            tables,
+            messages,
+            unread,
+            why,
+            decoder,
+        } = c;
+        if unread > 0 {
+            notes.push(Note::warning(
+                path,
+                format!("topic {topic}: {unread} of {messages} messages cannot be read: {why}"),
+            ));
+        }
+        let before = sections.len();
+        for (i, mut t) in tables.list.into_iter().enumerate() {
+            if t.left_out > 0 {
+                notes.push(Note::warning(
+                    path,
+                    format!(
+                        "topic {topic}: only {MAX_LEAVES} things are kept apart; {} rows are left out",
+                        t.left_out
+                    ),
+                ));
+            }
+            if t.leaves.len() >= MAX_LEAVES {
+                notes.push(Note::warning(
+                    path,
+                    format!("topic {topic}: only {MAX_LEAVES} numbers of a message are kept"),
+                ));
+            }
+            // one thing alone on a topic is called as the topic
+            if i == 0 && t.series.len() == 1 {
+                t.series[0].unname();
+            }
+            let leaves = std::mem::take(&mut t.leaves);
+            for series in t.series {
+                let back = series.back();
+                let rows = series.rows();
+                let section = series.section(&topic, (&t.path, &leaves), &unit, &mut number);
+                let Some(section) = section else { continue };
+                if back > 0 {
+                    notes.push(Note::info(
+                        path,
+                        format!(
+                            "{}: {back} of {rows} rows are earlier than the row before; sorted",
+                            section.name
+                        ),
+                    ));
+                }
+                sections.push(section);
+            }
+        }
+        if sections.len() == before
+            && messages > unread
+            && !matches!(decoder, Decoder::None(_) | Decoder::Log)
+        {
+            empty.push(topic);
+        }
+    }
+    if !empty.is_empty() {
+        let names: Vec<&str> = empty.iter().map(String::as_str).collect();
+        notes.push(Note::info(
+            path,
+            format!("{} topics hold no number: {}", empty.len(), some(&names)),
+        ));
+    }
+    if sections.is_empty() {
+        notes.push(Note::warning(
+            path,
+            "there is nothing to import in this file",
+        ));
+    }
+    notes.insert(
+        0,
+        Note::info(
+            path,
+            format!("{messages} messages in {} chunks", reader.chunks()),
+        ),
+    );
+    Ok(Capture {
+        format: "mcap",
+        sections,
+        notes,
+    })
+}

@@ -1,0 +1,455 @@
+//! Voltage logs: LVM, TDMS and oscilloscopes, real ones against what other readers found (in the folder that `DEACAL_SHARED`
+//! names; without it those tests say that they are skipped) and small ones made by hand.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use deacal::recording::{
+    Capture, ColumnRef, Error, ErrorKind, ReadOptions, read_file, read_file_as,
+};
+use serde_json::Value;
+
+fn shared() -> Option<PathBuf> {
+    let Some(root) = std::env::var_os("DEACAL_SHARED") else {
+        eprintln!("skipped: DEACAL_SHARED is not set");
+        return None;
+    };
+    let path = Path::new(&root).join("datasets/formats/voltage");
+    path.is_dir().then_some(path)
+}
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data/recording")
+        .join(name)
+}
+
+fn expectation(path: &Path) -> Value {
+    let text = std::fs::read_to_string(format!("{}.expect.json", path.display())).unwrap();
+    serde_json::from_str(&text.replace("NaN", "null")).unwrap()
+}
+
+/// Files of the folder whose name fits.
+fn named(folder: &Path, fits: impl Fn(&str) -> bool) -> Vec<PathBuf> {
+    let mut all: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .filter(|p| fits(&p.file_name().unwrap().to_string_lossy()))
+        .collect();
+    all.sort();
+    all
+}
+
+fn mean(values: &[f64]) -> f64 {
+    let seen: Vec<f64> = values.iter().copied().filter(|v| !v.is_nan()).collect();
+    seen.iter().sum::<f64>() / seen.len() as f64
+}
+
+#[track_caller]
+fn close(found: f64, wanted: f64, relative: f64) {
+    assert!(
+        (found - wanted).abs() <= relative * wanted.abs().max(1e-9),
+        "{found}, expected {wanted}"
+    );
+}
+
+fn read(bytes: impl AsRef<[u8]>) -> Result<Capture, Error> {
+    let mut file = tempfile::Builder::new().suffix(".csv").tempfile().unwrap();
+    file.write_all(bytes.as_ref()).unwrap();
+    read_file(file.path())
+}
+
+/// Time and values of every channel in the order of the file: (name, unit, times, values).
+fn channels(capture: &Capture) -> Vec<(usize, &str, &str, Option<&Vec<f64>>, &Vec<f64>)> {
+    let mut all: Vec<_> = capture
+        .sections
+        .iter()
+        .flat_map(|s| {
+            s.columns.iter().map(|c| {
+                let times = s.stamps_s.as_ref();
+                (c.number, c.axis.as_str(), c.unit.as_str(), times, &c.values)
+            })
+        })
+        .collect();
+    all.sort_by_key(|c| c.0);
+    all
+}
+
+#[test]
+fn every_lvm_file() {
+    let Some(folder) = shared() else { return };
+    let files = named(&folder, |n| n.ends_with(".lvm"));
+    assert!(files.len() >= 4);
+    for path in files {
+        let expected = expectation(&path);
+        let capture = read_file(&path).unwrap();
+        assert_eq!(capture.format, "lvm");
+        let found = channels(&capture);
+        let multi = expected["x_columns"] == "Multi";
+        let one = expected["x_columns"] == "One";
+        let names: Vec<&str> = expected["names"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|n| n.as_str().unwrap())
+            .filter(|n| !matches!(*n, "X_Value" | "Comment"))
+            .collect();
+        let own: Vec<&str> = found.iter().map(|c| c.1).collect();
+        assert_eq!(own.len(), names.len(), "{}", path.display());
+        for (own, name) in own.iter().zip(&names) {
+            // other letters than ASCII were dropped by the other reader
+            let ascii: String = own.chars().filter(char::is_ascii).collect();
+            let wanted: String = name.chars().filter(char::is_ascii).collect();
+            assert_eq!(ascii, wanted);
+        }
+        for (key, last) in [("first_row", false), ("last_row", true)] {
+            let row: Vec<f64> = expected[key]
+                .as_array()
+                .unwrap()
+                .iter()
+                .filter_map(Value::as_f64)
+                .collect();
+            let mut mine = Vec::new();
+            for (i, (_, _, _, times, values)) in found.iter().enumerate() {
+                assert_eq!(values.len() as u64, expected["rows"].as_u64().unwrap());
+                let at = if last { values.len() - 1 } else { 0 };
+                if multi || (one && i == 0) {
+                    mine.push(times.unwrap()[at]);
+                }
+                mine.push(values[at]);
+            }
+            assert_eq!(mine, row, "{} {key}", path.display());
+        }
+        if !one && !multi {
+            let times = found[0].3.unwrap();
+            close(
+                times[1] - times[0],
+                expected["delta_x"][0].as_f64().unwrap(),
+                1e-12,
+            );
+        }
+    }
+}
+
+#[test]
+fn every_tdms_file() {
+    let Some(folder) = shared() else { return };
+    let files = named(&folder, |n| n.ends_with(".tdms"));
+    assert!(files.len() >= 3);
+    for path in files {
+        let expected = expectation(&path);
+        let capture = read_file(&path).unwrap();
+        for c in expected["channels"].as_array().unwrap() {
+            let (group, name) = (c["group"].as_str().unwrap(), c["name"].as_str().unwrap());
+            let what = format!("{} {group}/{name}", path.display());
+            let section = capture
+                .sections
+                .iter()
+                .find(|s| s.column(group, name).is_some())
+                .unwrap_or_else(|| panic!("{what} is missing"));
+            let column = section.column(group, name).unwrap();
+            let number = |key: &str| -> f64 { c[key].as_str().unwrap().parse().unwrap() };
+            assert_eq!(
+                column.values.len() as u64,
+                c["n"].as_u64().unwrap(),
+                "{what}"
+            );
+            assert_eq!(column.values[0], number("first"), "{what}");
+            assert_eq!(*column.values.last().unwrap(), number("last"), "{what}");
+            let expected_mean = c["mean"].as_f64().unwrap();
+            assert!(
+                (mean(&column.values) - expected_mean).abs() < 1e-8 * expected_mean.abs().max(1e-3)
+            );
+            if let Some(step) = c["props"]["wf_increment"].as_str() {
+                let times = section.stamps_s.as_ref().unwrap();
+                close(times[1] - times[0], step.parse().unwrap(), 1e-9);
+            }
+            if let Some(unit) = c["props"]["unit_string"].as_str() {
+                assert_eq!(column.unit, unit);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_oscilloscope_file() {
+    let Some(folder) = shared() else { return };
+    let read = |name: &str| -> Option<(Capture, Value)> {
+        let path = folder.join(name);
+        path.is_file()
+            .then(|| (read_file(&path).unwrap(), expectation(&path)))
+    };
+    let mut files = 0;
+    if let Some((capture, expected)) = read("tek_TBS1052B_F0002CH1.CSV") {
+        files += 1;
+        let found = channels(&capture);
+        let (_, name, unit, times, values) = found[0];
+        assert_eq!((capture.format, name, unit), ("tektronix-csv", "CH1", "V"));
+        assert_eq!(values.len() as u64, expected["rows"].as_u64().unwrap());
+        for (key, at) in [("first", 0), ("last", values.len() - 1)] {
+            assert_eq!(times.unwrap()[at], expected[key][0].as_f64().unwrap());
+            assert_eq!(values[at], expected[key][1].as_f64().unwrap());
+        }
+        close(mean(values), expected["mean_V"].as_f64().unwrap(), 1e-8);
+    }
+    for (name, format) in [
+        ("keysight_scope_0.csv", "keysight-csv"),
+        ("rigol_DS1054Z-A.csv", "rigol-csv"),
+        ("rigol_DS1102E-B.csv", "rigol-csv"),
+        ("rigol_DS1204B_first1000.csv", "rigol-csv"),
+    ] {
+        let Some((capture, expected)) = read(name) else {
+            continue;
+        };
+        files += 1;
+        assert_eq!(capture.format, format);
+        let found = channels(&capture);
+        let rows = found[0].4.len();
+        assert_eq!(rows as u64, expected["rows"].as_u64().unwrap(), "{name}");
+        let start = expected["start"]
+            .as_f64()
+            .zip(expected["increment"].as_f64());
+        for (key, at) in [("first_row", 0), ("last_row", rows - 1)] {
+            let row = expected[key].as_array().unwrap();
+            let first = row[0].as_f64().unwrap();
+            let time = start.map_or(first, |(start, step)| start + first * step);
+            assert_eq!(found[0].3.unwrap()[at], time, "{name}");
+            assert_eq!(found.len(), row.len() - 1, "{name}");
+            for (c, wanted) in found.iter().zip(&row[1..]) {
+                assert_eq!((Some(c.4[at]), c.2), (wanted.as_f64(), "V"), "{name}");
+            }
+        }
+        for (c, wanted) in found
+            .iter()
+            .zip(&expected["means"].as_array().unwrap()[1..])
+        {
+            close(mean(c.4), wanted.as_f64().unwrap(), 1e-8);
+        }
+    }
+    if let Some((capture, expected)) = read("rs_rtp_01.Wfm.csv") {
+        files += 1;
+        let found = channels(&capture);
+        let values = found[0].4;
+        assert_eq!(capture.format, "rohde-schwarz-csv");
+        assert_eq!(values.len() as u64, expected["rows"].as_u64().unwrap());
+        assert_eq!(Some(values[0]), expected["first"].as_f64());
+        assert_eq!(values.last().copied(), expected["last"].as_f64());
+        assert_eq!(found[0].3, None);
+        assert!(
+            capture
+                .notes
+                .iter()
+                .any(|n| n.text.contains("rs_rtp_01.csv"))
+        );
+    }
+    // edited by a person: no header, three pairs side by side, empty columns between
+    let path = folder.join("tek_F0000CH1_edited_3traces.CSV");
+    if path.is_file() {
+        files += 1;
+        let expected = expectation(&path);
+        let e = read_file(&path).unwrap_err();
+        assert!(e.to_string().contains("no header row"), "{e}");
+        let options = ReadOptions {
+            columns: Some([1, 2, 4, 5, 7, 8].map(ColumnRef::Number).to_vec()),
+            ..ReadOptions::default()
+        };
+        let capture = read_file_as(&path, None, &options).unwrap();
+        for (c, i) in capture.sections[0].columns.iter().zip(0..) {
+            assert_eq!(c.values.len(), 2500);
+            assert_eq!(Some(c.values[0]), expected["first_row"][i].as_f64());
+            assert_eq!(Some(c.values[2499]), expected["last_row"][i].as_f64());
+            close(
+                mean(&c.values),
+                expected["means"][i].as_f64().unwrap(),
+                1e-8,
+            );
+        }
+    }
+    assert!(files >= 6, "{files}");
+}
+
+// Small files.
+
+#[test]
+fn lvm_segments_clocks_commas_and_comments() {
+    let capture = read_file(&data("two_segments.lvm")).unwrap();
+    let found = channels(&capture);
+    let names: Vec<(&str, &str)> = found.iter().map(|c| (c.1, c.2)).collect();
+    assert_eq!(
+        names,
+        [("monitor", "V"), ("weg \u{b5}m", "mm"), ("second", "V")]
+    );
+    assert_eq!(found[0].3.unwrap()[..], [0.0, 0.5, 1.0]);
+    assert_eq!(found[1].3.unwrap()[..], [0.0, 0.25, 0.5]);
+    assert_eq!(found[0].4[..], [1.5, 2.5, 3.5]);
+    assert!(found[1].4[1].is_nan());
+    assert_eq!(found[2].3.unwrap()[..], [10.0, 10.5]);
+    let said = |text: &str| capture.notes.iter().any(|n| n.text.contains(text));
+    assert!(said("Latin-1") && said("1 comments") && said("9 samples, 2 rows"));
+    let cut = std::fs::read(data("two_segments.lvm")).unwrap();
+    for length in 0..cut.len() {
+        let _ = read(&cut[..length]);
+    }
+    let e = read("LabVIEW Measurement\t\nSeparator\tTab\n").unwrap_err();
+    assert_eq!(e.kind(), ErrorKind::NoData);
+}
+
+#[test]
+fn tdms_segments_types_scales_and_texts() {
+    let capture = read_file(&data("small.tdms")).unwrap();
+    let found = channels(&capture);
+    let of = |name: &str| found.iter().find(|c| c.1 == name).unwrap();
+    assert_eq!(of("monitor").4[..], [0.5, 1.5, -2.5, 4.0]);
+    assert_eq!((of("monitor").2, of("monitor").3.unwrap()[1]), ("V", 0.51));
+    assert_eq!(of("counts").4[..], [1.0, -2.0, 300.0, 5.0]);
+    assert_eq!(of("scaled").4[..], [1.25, 1.5]);
+    assert!(
+        capture
+            .notes
+            .iter()
+            .any(|n| n.text.contains("left out: words"))
+    );
+    // monitor and counts share a clock
+    assert_eq!(capture.sections[0].columns.len(), 2);
+    let whole = std::fs::read(data("small.tdms")).unwrap();
+    let mut last = 0;
+    for length in 0..whole.len() {
+        if let Ok(c) = read(&whole[..length]) {
+            let rows: usize = c.sections.iter().map(|s| s.rows() * s.columns.len()).sum();
+            assert!(rows >= last, "{length}: {rows} values after {last}");
+            last = rows;
+        }
+    }
+    // every word as large as can be: no length is believed
+    for at in 0..whole.len() - 8 {
+        let mut bytes = whole.clone();
+        bytes[at..at + 8].fill(0xff);
+        let _ = read(&bytes);
+    }
+}
+
+/// A TDMS segment: contents, metadata, raw data.
+fn segment(contents: u32, big: bool, meta: &[u8], raw: &[u8]) -> Vec<u8> {
+    let long = |v: u64| {
+        if big {
+            v.to_be_bytes()
+        } else {
+            v.to_le_bytes()
+        }
+    };
+    let contents = contents | if big { 1 << 6 } else { 0 };
+    let version = 4713u32;
+    let mut out = b"TDSm".to_vec();
+    out.extend(contents.to_le_bytes());
+    out.extend(if big {
+        version.to_be_bytes()
+    } else {
+        version.to_le_bytes()
+    });
+    out.extend(long((meta.len() + raw.len()) as u64));
+    out.extend(long(meta.len() as u64));
+    out.extend(meta);
+    out.extend(raw);
+    out
+}
+
+#[test]
+fn tdms_interleaved_in_both_byte_orders_and_changed_lists() {
+    for big in [false, true] {
+        let int = |v: u32| {
+            if big {
+                v.to_be_bytes()
+            } else {
+                v.to_le_bytes()
+            }
+        };
+        let text = |t: &str| [&int(t.len() as u32)[..], t.as_bytes()].concat();
+        let object = |path: &str, kind: u32, count: u64| {
+            let mut o = text(path);
+            o.extend(int(20));
+            o.extend(int(kind));
+            o.extend(int(1));
+            o.extend(if big {
+                count.to_be_bytes()
+            } else {
+                count.to_le_bytes()
+            });
+            o.extend(int(0));
+            o
+        };
+        let mut meta = int(2).to_vec();
+        meta.extend(object("/'g'/'a'", 10, 2));
+        meta.extend(object("/'g'/'b'", 3, 2));
+        let row = |a: f64, b: i32| {
+            let (a, b) = if big {
+                (a.to_be_bytes(), b.to_be_bytes())
+            } else {
+                (a.to_le_bytes(), b.to_le_bytes())
+            };
+            [&a[..], &b].concat()
+        };
+        let (meta_bit, new_list, raw_bit, interleaved) = (2, 4, 8, 32);
+        let mut file = segment(
+            meta_bit | new_list | raw_bit | interleaved,
+            big,
+            &meta,
+            &[row(1.5, -1), row(2.5, -2)].concat(),
+        );
+        // no metadata: the same again; then `a` alone, as before, not interleaved
+        file.extend(segment(raw_bit | interleaved, big, &[], &row(3.5, -3)));
+        let mut only_a = int(1).to_vec();
+        only_a.extend(text("/'g'/'a'"));
+        only_a.extend(int(0));
+        only_a.extend(int(0));
+        let two = [row(4.5, 0)[..8].to_vec(), row(5.5, 0)[..8].to_vec()].concat();
+        file.extend(segment(meta_bit | new_list | raw_bit, big, &only_a, &two));
+        let capture = read(&file).unwrap();
+        let found = channels(&capture);
+        assert_eq!(found[0].4[..], [1.5, 2.5, 3.5, 4.5, 5.5], "{big}");
+        assert_eq!(found[1].4[..], [-1.0, -2.0, -3.0], "{big}");
+    }
+}
+
+#[test]
+fn oscilloscopes_by_hand() {
+    let tek =
+        "Record Length,2,,  0.5,  1.5,\r\nSample Interval,0.5,,  1.0,  -2.5,\r\nSource,CH2,,1.5\n";
+    // the third row lacks its value and is not the last
+    assert_eq!(read(format!("{tek}x")).unwrap_err().line(), Some(3));
+    let tek = "Record Length,3,,0.5,1.5,\nSample Interval,5,,1,-2.5,\nHorizontal Units,ms,,1.5,3,\nSource,CH2,,2,4,\n";
+    let capture = read(tek).unwrap();
+    let found = channels(&capture);
+    assert_eq!((found[0].1, found[0].3.unwrap()[0]), ("CH2", 0.5e-3));
+    assert!(
+        capture
+            .notes
+            .iter()
+            .any(|n| n.text.contains("3 samples, 4 are there"))
+    );
+    let rigol = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1,0.25\n0,1,2,\n1,3,4,\n3,5";
+    let capture = read(rigol).unwrap();
+    let found = channels(&capture);
+    assert_eq!(found[1].3.unwrap()[..], [-1.0, -0.75]);
+    assert_eq!(found[1].4[..], [2.0, 4.0]);
+    assert!(
+        capture
+            .notes
+            .iter()
+            .any(|n| n.text.contains("middle of a row"))
+    );
+    let e = read("X,CH1,Start,Increment,\nSequence,Volt,x,0.25\n0,1,\n").unwrap_err();
+    assert_eq!(e.kind(), ErrorKind::BadNumber);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.Wfm.csv");
+    std::fs::write(&path, "1\n2\n3\n4\n").unwrap();
+    assert_eq!(read_file(&path).unwrap().sections[0].stamps_s, None);
+    let header = dir.path().join("run.csv");
+    std::fs::write(&header, "XStart:-0.5:\nXStop:1.5:\n").unwrap();
+    let times = read_file(&path).unwrap().sections[0]
+        .stamps_s
+        .clone()
+        .unwrap();
+    assert_eq!(times, [-0.5, 0.0, 0.5, 1.0]);
+    std::fs::write(&header, "XStart:-0.5:\n").unwrap();
+    assert!(read_file(&path).unwrap_err().to_string().contains("XStop"));
+}

@@ -272,7 +272,11 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
         }];
         let text = ParameterFile::of_diagnosis(&one, series(), Provenance::new("t")).to_toml();
         let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
-        assert_eq!(file.acting(&number).unwrap(), std::slice::from_ref(&c.acting), "{text}");
+        assert_eq!(
+            file.acting(&number).unwrap(),
+            std::slice::from_ref(&c.acting),
+            "{text}"
+        );
     }
 }
 

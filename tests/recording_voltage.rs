@@ -60,7 +60,10 @@ fn read(bytes: impl AsRef<[u8]>) -> Result<Capture, Error> {
 }
 
 /// Time and values of every channel in the order of the file: (name, unit, times, values).
-fn channels(capture: &Capture) -> Vec<(usize, &str, &str, Option<&Vec<f64>>, &Vec<f64>)> {
+/// Number of the section, label, unit, times where it has its own, values.
+type Channel<'a> = (usize, &'a str, &'a str, Option<&'a Vec<f64>>, &'a Vec<f64>);
+
+fn channels(capture: &Capture) -> Vec<Channel<'_>> {
     let mut all: Vec<_> = capture
         .sections
         .iter()

@@ -1,9 +1,9 @@
-//! The colour of the capture's noise: whether it is white, or has a slow part besides, told from a marker that stands still, or
-//! else from what smoothing leaves well above the motion's frequencies.
+//! The colour of the capture's noise: whether it is white, or has a slow part besides, told from a marker that stands still.
+//! (What smoothing leaves of a moving one, well above the motion's frequencies, does not tell: the slow part is small there.)
 //!
 //! A slow part (a first-order autoregression) is larger within the motion's band than above it, so a floor that takes the noise
 //! for white is too low there. Its spectrum over that of the white part,
-//! rho (1 - a)^2/(1 - 2 a cos(w) + a^2) with a = e^(-step/tau), is fitted above the motion's band by Whittle's likelihood to
+//! rho (1 - a)^2/(1 - 2 a cos(w) + a^2) with a = e^(-step/tau), is fitted by Whittle's likelihood to
 //! averaged periodograms of half-overlapping pieces (Welch 1967), all three axes together.
 
 /// A slow part of the noise.
@@ -17,8 +17,6 @@ pub struct Colour {
 
 /// Length of a piece, samples.
 const PIECE: usize = 256;
-/// Lowest frequency that is looked at over the smoother's half-power frequency: above it smoothing leaves the noise as it is.
-pub(super) const ABOVE: f64 = 2.5;
 /// Correlation times that are tried, s.
 const TIMES_S: [f64; 7] = [0.015, 0.022, 0.032, 0.047, 0.068, 0.1, 0.15];
 /// Rise of the log likelihood from which a slow part is believed.
@@ -134,7 +132,7 @@ mod tests {
 
     #[test]
     fn white_noise_is_white_and_a_slow_part_is_found() {
-        let cutoff = [7.5; 3];
+        let cutoff = [0.4; 3];
         let white = (0..10).filter(|&s| colour(&noise(0.05, 0.0, s), &cutoff, 0.01).is_some());
         assert!(white.count() <= 1);
         for seed in 0..5 {

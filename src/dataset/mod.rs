@@ -85,7 +85,7 @@ pub struct Dataset {
     pub offset_source: OffsetSource,
     /// State of the films at the first sample.
     pub initial: InitialState,
-    /// The slow part of the capture's noise, where there is one.
+    /// The slow part of the capture's noise, where a marker that stands still tells of one.
     pub colour: Option<Colour>,
     /// The point about which wrongly rotated capture axes turn: the base marker less the offset of the end-effector marker, m.
     pub pivot_m: Vec3,
@@ -183,15 +183,6 @@ impl Dataset {
         let (x, (y, z)) = rayon::join(|| axis(0), || rayon::join(|| axis(1), || axis(2)));
         let axes = [x?, y?, z?];
         let mut notes = Vec::new();
-        let left: Vec<Vec<f64>> = (0..3)
-            .map(|k| {
-                let smooth = &axes[k].position;
-                let measured = parts.measured_m.iter().map(|p| p[k]);
-                measured.zip(smooth).map(|(m, s)| m - s).collect()
-            })
-            .collect();
-        let lowest_hz = [0, 1, 2].map(|k| (colour::ABOVE * axes[k].choice.cutoff_hz).max(5.0));
-        let colour = colour::colour(&left, &lowest_hz, parts.step_s);
         let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
         let (usable, film_unknown) = bridged(&observed, &axes, parts.step_s, &mut notes);
         let (offset_s, offset_source) = match (plan.and_then(|p| p.offset_s), parts.offset_s) {
@@ -244,7 +235,7 @@ impl Dataset {
             offset_s,
             offset_source,
             initial: parts.initial,
-            colour,
+            colour: None,
             pivot_m: [0.0; 3],
             plan,
             notes,

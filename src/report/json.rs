@@ -340,7 +340,7 @@ pub struct SampleJson {
     /// Length of the sample at rest by the model, mm.
     pub rest_length_mm: Number,
     /// Step of the integration, s.
-    pub step_s: Number,
+    pub step_s: f64,
 }
 
 impl From<&SampleFit> for RecordingFit {
@@ -357,7 +357,7 @@ impl From<&SampleFit> for RecordingFit {
                 max_error_x_mm: mm(r.max_error_m),
                 noise_mm: mm(r.noise_m),
                 rest_length_mm: mm(r.rest_length_m),
-                step_s: finite(r.step_s),
+                step_s: r.step_s,
             }),
             offset_s: finite(r.offset_s),
             offset_std_error_s: r.offset_std_error_s.and_then(finite),

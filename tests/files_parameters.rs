@@ -65,7 +65,6 @@ prop_compose! {
         let mut times = times[..mu.len() - 1].to_vec();
         times.sort_by(f64::total_cmp);
         ParameterFile {
-            series: Vec::new(),
             path: "parameters.toml".into(),
             film: Some(FilmEntry {
                 mu_pa: mu,

@@ -68,10 +68,10 @@ fn a_fit_with_the_film_free_finds_the_offset() {
     assert!(rms < 1e-3, "{rms}");
 }
 
-/// A drive of sines and steps, V.
+/// A drive of sines and jumps, V. The jumps fall anywhere between the samples of a log.
 fn drive(t: f64, stepped: bool) -> f64 {
     let smooth = 2500.0 + 1500.0 * (2.0 * t).sin() + 400.0 * (11.0 * t).cos();
-    if stepped && (t / 1.7).floor() as i64 % 2 == 0 {
+    if stepped && (t / 1.7031).floor() as i64 % 2 == 0 {
         500.0
     } else {
         smooth
@@ -91,7 +91,8 @@ fn a_shared_channel_tells_offset_and_skew() {
                 // the logger: 500 Hz on its own clock
                 let middle = 30.0;
                 let logger = |t: f64| t + offset + skew * (t - middle);
-                let true_times: Vec<f64> = (0..32_500).map(|i| -2.5 + i as f64 * 0.002).collect();
+                let start = -2.5 + 0.002 * generator.random::<f64>();
+                let true_times: Vec<f64> = (0..32_500).map(|i| start + i as f64 * 0.002).collect();
                 let voltage = Voltage::new(
                     true_times.iter().map(|t| logger(*t)).collect(),
                     vec![true_times.iter().map(|t| drive(*t, stepped)).collect()],

@@ -7,7 +7,8 @@
 //!
 //! The offset is that in the middle of the recording, where it is known best. A shared channel is cut into windows; in each the
 //! shift is sought at which gain and level times the voltage fit the channel best. The windows' shifts are then events, each with a
-//! weight. Standard errors come from how far the events scatter about the line, never from less than their own.
+//! weight. Standard errors come from how far the events scatter about the line, never from less than their own: that of the channel's
+//! noise and that of jumps, which a log that is linear between its samples knows to a sampling step only.
 
 use super::voltage::Voltage;
 
@@ -224,47 +225,140 @@ fn window_shift(
     if known.len() < MIN_WINDOW / 2 {
         return None;
     }
-    let cost = |shift: f64| left_over(&known, voltage, chain, shift).0;
-    // the lowest of a comb, then ever finer ones around it
-    let (mut at, mut step) = (coarse, 2e-3);
-    let mut reach = (REACH_S / step) as i64;
-    for _ in 0..5 {
-        let best = (-reach..=reach)
-            .map(|i| at + i as f64 * step)
-            .min_by(|a, b| cost(*a).total_cmp(&cost(*b)))?;
-        at = best;
-        step /= 4.0;
-        reach = 5;
-    }
-    if (at - coarse).abs() > 0.98 * REACH_S {
-        return None;
-    }
-    let (left, explained) = left_over(&known, voltage, chain, at);
-    if explained < 0.5 * (left + explained) {
-        return None;
-    }
-    // Gauss-Newton: the variance of a shift is that of the rest over the squared slope of the fitted drive
-    let n = known.len() as f64;
-    let (mut vv, mut ss) = (0.0, 0.0);
-    let mean = known
-        .iter()
-        .map(|(t, _)| voltage.at(chain, t + at))
-        .sum::<f64>()
-        / n;
-    for (t, _) in &known {
-        let v = |d: f64| voltage.at(chain, t + at + d);
-        vv += (v(0.0) - mean).powi(2);
-        ss += ((v(1e-3) - v(-1e-3)) / 2e-3).powi(2);
-    }
-    let gain_squared = explained / vv;
-    let variance = left.max(1e-12 * explained) / (n - 3.0) / (gain_squared * ss);
+    let whole = fitted_shift(&known, voltage, chain, coarse, REACH_S)?;
+    let jumps = jump_variance_s2(
+        voltage,
+        chain,
+        known[0].0 + whole.0,
+        known[known.len() - 1].0 + whole.0,
+    );
+    // beside the jumps the log is exact: where enough moves there, that part alone tells more
+    let smooth = beside_jumps(&known, voltage, chain, whole.0);
+    let still = (smooth.len() < known.len() && smooth.len() >= MIN_WINDOW / 2)
+        .then(|| fitted_shift(&smooth, voltage, chain, whole.0, 0.1 * REACH_S))
+        .flatten();
+    let (at, variance) = [Some((whole.0, whole.1 + jumps)), still]
+        .into_iter()
+        .flatten()
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
     let std_error = variance.sqrt();
-    let centre = known.iter().map(|(t, _)| t).sum::<f64>() / n;
+    let centre = known.iter().map(|(t, _)| t).sum::<f64>() / known.len() as f64;
     (std_error.is_finite() && std_error < 5e-3).then_some(Event {
         motion_s: centre,
         voltage_s: centre + at,
         std_error_s: Some(std_error.max(1e-7)),
     })
+}
+
+/// The shift within `reach` of `near` at which the voltage explains the samples best, s, and its variance from the noise that is
+/// left, s^2; `None` at the edge, and where less than half is explained.
+fn fitted_shift(
+    samples: &[(f64, f64)],
+    voltage: &Voltage,
+    chain: usize,
+    near: f64,
+    reach: f64,
+) -> Option<(f64, f64)> {
+    let cost = |shift: f64| left_over(samples, voltage, chain, shift).0;
+    // the lowest of a comb, then ever finer ones around it
+    let (mut at, mut step) = (near, 2e-3);
+    let mut teeth = (reach / step) as i64;
+    for _ in 0..5 {
+        let best = (-teeth..=teeth)
+            .map(|i| at + i as f64 * step)
+            .min_by(|a, b| cost(*a).total_cmp(&cost(*b)))?;
+        at = best;
+        step /= 4.0;
+        teeth = 5;
+    }
+    if (at - near).abs() > 0.98 * reach {
+        return None;
+    }
+    let (left, explained) = left_over(samples, voltage, chain, at);
+    if explained < 0.5 * (left + explained) {
+        return None;
+    }
+    // Gauss-Newton: the variance of a shift is that of the rest over the squared slope of the fitted drive
+    let n = samples.len() as f64;
+    let (mut vv, mut ss) = (0.0, 0.0);
+    let mean = samples
+        .iter()
+        .map(|(t, _)| voltage.at(chain, t + at))
+        .sum::<f64>()
+        / n;
+    for (t, _) in samples {
+        let v = |d: f64| voltage.at(chain, t + at + d);
+        vv += (v(0.0) - mean).powi(2);
+        ss += ((v(1e-3) - v(-1e-3)) / 2e-3).powi(2);
+    }
+    let gain_squared = explained / vv;
+    Some((
+        at,
+        left.max(1e-12 * explained) / (n - 3.0) / (gain_squared * ss),
+    ))
+}
+
+/// A change between two samples of the log is a jump when its square is this many times the median's.
+const JUMP: f64 = 100.0;
+
+/// The samples that lie farther than two samples of the log from any jump; all where nothing moves between the jumps.
+fn beside_jumps(
+    samples: &[(f64, f64)],
+    voltage: &Voltage,
+    chain: usize,
+    shift: f64,
+) -> Vec<(f64, f64)> {
+    let (times, values) = (voltage.time_s(), &voltage.channels_v()[chain]);
+    let from = times.partition_point(|t| *t < samples[0].0 + shift).max(1);
+    let to = times.partition_point(|t| *t <= samples[samples.len() - 1].0 + shift);
+    let changes: Vec<f64> = (from..to)
+        .map(|i| (values[i] - values[i - 1]).powi(2))
+        .collect();
+    if changes.is_empty() {
+        return samples.to_vec();
+    }
+    let mut sorted = changes.clone();
+    sorted.sort_by(f64::total_cmp);
+    let limit = JUMP * sorted[sorted.len() / 2];
+    let jumps: Vec<(f64, f64)> = changes
+        .iter()
+        .zip(from..)
+        .filter(|(c, _)| limit > 0.0 && **c > limit)
+        .map(|(_, i)| {
+            (
+                times[i.saturating_sub(3)],
+                times[(i + 2).min(times.len() - 1)],
+            )
+        })
+        .collect();
+    samples
+        .iter()
+        .filter(|(t, _)| !jumps.iter().any(|(a, b)| (*a..=*b).contains(&(t + shift))))
+        .copied()
+        .collect()
+}
+
+/// What the log's sampling leaves unknown of the shift, s^2: a jump lies anywhere between two samples, evenly, and as many of them
+/// count as carry the squared changes (their participation number). A smooth drive is carried by all its samples.
+fn jump_variance_s2(voltage: &Voltage, chain: usize, first: f64, last: f64) -> f64 {
+    if voltage.holds_previous() {
+        return 0.0;
+    }
+    let (times, values) = (voltage.time_s(), &voltage.channels_v()[chain]);
+    let from = times.partition_point(|t| *t < first);
+    let to = times.partition_point(|t| *t <= last);
+    let (mut second, mut fourth, mut weighted) = (0.0, 0.0, 0.0);
+    for i in from + 1..to {
+        let change = (values[i] - values[i - 1]).powi(2);
+        second += change;
+        fourth += change * change;
+        weighted += change * (times[i] - times[i - 1]).powi(2);
+    }
+    if second > 0.0 {
+        weighted / second / 12.0 * fourth / (second * second)
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]

@@ -44,7 +44,7 @@ fn candidate(
             };
             Value {
                 name: q.name,
-                unit: q.unit,
+                unit: q.unit.into(),
                 value,
                 word,
                 std_error,
@@ -69,7 +69,7 @@ fn place(dimension: &'static str) -> Place {
     Place {
         dimension,
         range: Some([1.2, 4.0]),
-        unit: "kV/s",
+        unit: "kV/s".into(),
         value: None,
         recording: None,
         actuators: vec![2],
@@ -176,13 +176,18 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
             hidden_share: 0.998,
             smallest_detectable: 4e4,
             name: "modulus",
-            unit: "Pa",
+            unit: "Pa".into(),
         }],
         train: Gain { before_v: 212.0, ..gain },
         holdout: (verdict != Verdict::Unexplained).then_some(gain),
         plain: parameters.clone(),
         parameters,
         eps_r: 2.8,
+        rig: deacal::diagnosis::RigKind::Robot,
+        values: Vec::new(),
+        unit: "V".into(),
+        basis: "above_1kV",
+        over: " above 1 kV",
         plain_mean_square: 31.0,
         plain_holdout_mean_square: 36.0,
         law: (verdict == Verdict::Unexplained).then(|| Law {

@@ -6,6 +6,7 @@
 mod ageing;
 mod coupon;
 mod joint;
+mod line;
 mod outcome;
 mod profile;
 mod robot;
@@ -23,6 +24,7 @@ pub use coupon::{
     validate_coupons,
 };
 pub use joint::{CauseFound, Joint};
+pub use line::{LineFit, LineOutcome, LineRequest, calibrate_lines};
 pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,

@@ -6,15 +6,17 @@ use super::progress::Progress;
 use super::series::{self, Series};
 use super::{Failure, Talk, load};
 use crate::dataset::Dataset;
-use crate::diagnosis::{Diagnosis, Entry, Error, Request, Verdict};
+use crate::diagnosis::{
+    Diagnosis, Entry, Error, LineEntry, Request, Verdict, diagnose_lines, in_unit,
+};
 use crate::effects::CATALOGUE;
 use crate::model::Robot;
-use crate::recording::{Kind, suggestion};
+use crate::recording::{Kind, Recording, suggestion};
 use crate::report::diagnosis_json::DiagnosisJson;
 use crate::report::html;
 use crate::report::json::to_text;
 use crate::report::output::OutputSet;
-use crate::report::parameter_file::ParameterFile;
+use crate::report::parameter_file::{ParameterFile, SeriesEntry};
 use crate::report::provenance::Provenance;
 
 /// What to diagnose.
@@ -44,7 +46,8 @@ pub(super) struct Arguments {
 }
 
 fn parse_id(text: &str) -> Result<String, String> {
-    let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
+    let mut ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
+    ids.extend(crate::effects::line::CATALOGUE.iter().map(|e| e.id()));
     if ids.contains(&text) {
         return Ok(text.to_owned());
     }
@@ -69,16 +72,22 @@ pub(super) type Search =
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> Result<(), Failure> {
     let progress = Progress::new(talk);
     let paths: Vec<PathBuf> = a.recordings.iter().chain(&a.holdout).cloned().collect();
-    let recordings = load::recordings(&paths, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let kinds = [Kind::Robot, Kind::Axis, Kind::HingeBench, Kind::FilmCoupon];
+    let recordings = load::recordings_of(&paths, a.rig.as_ref(), &kinds, &progress)?;
     let provenance = Provenance::of(command, &recordings);
-    let robot = load::robot(load::rig(&recordings)?, None)?;
-    let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
-    let series = series::order(&recordings, &datasets)?;
-    drop(recordings);
     let request = Request {
         false_alarm_rate: a.false_alarms,
         only: a.only.clone(),
     };
+    if recordings[0].manifest.kind != Kind::Robot {
+        let (diagnosis, series) =
+            judge_lines(&recordings, a.recordings.len(), &request, &progress)?;
+        return finish(a, &diagnosis, series, provenance, progress, talk);
+    }
+    let robot = load::robot(load::rig(&recordings)?, None)?;
+    let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
+    let series = series::order(&recordings, &datasets)?;
+    drop(recordings);
     let (diagnosis, series) = judge(
         &robot,
         &datasets,
@@ -88,17 +97,76 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
         &progress,
         search,
     )?;
+    finish(a, &diagnosis, series, provenance, progress, talk)
+}
+
+fn finish(
+    a: &Arguments,
+    diagnosis: &Diagnosis,
+    series: Vec<SeriesEntry>,
+    provenance: Provenance,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
     progress.stopped()?;
     progress.step("writing");
-    let json = write(&a.output, &diagnosis, series, provenance)?;
+    let json = write(&a.output, diagnosis, series, provenance)?;
     drop(progress);
     talk.result(&json);
-    say(&diagnosis, talk);
+    say(diagnosis, talk);
     talk.say(&format!(
         "Report: {}",
         a.output.join("report.html").display()
     ));
     Ok(())
+}
+
+/// Diagnoses the first `named` recordings of a bench, an axis or coupons; the others are held out.
+fn judge_lines(
+    recordings: &[Recording],
+    named: usize,
+    request: &Request,
+    progress: &Progress,
+) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
+    let lines = load::lines(recordings, progress)?;
+    let durations: Vec<f64> = lines
+        .iter()
+        .map(|l| l.step_s * l.samples() as f64)
+        .collect();
+    let Series {
+        entries,
+        mut remarks,
+    } = series::order_of(recordings, &durations)?;
+    // What is said of series is of robots that run on for minutes: a bench or a coupon begins anew each time.
+    remarks.clear();
+    let mut order: Vec<usize> = (0..lines.len()).collect();
+    order.sort_by_key(|&i| entries[i].number);
+    let (train, holdout) = split(&order, named);
+    if holdout.is_empty() {
+        remarks.push(format!(
+            "To judge on recordings that were not fitted, name some with --holdout, or give {ENOUGH} recordings or more."
+        ));
+    }
+    let entry = |&i: &usize| LineEntry {
+        line: &lines[i],
+        when: crate::effects::When {
+            recording: entries[i].number,
+            series_s: entries[i].begins_s,
+            start_s: lines[i].time_s.first().copied().unwrap_or(0.0),
+        },
+    };
+    let train: Vec<LineEntry> = train.iter().map(entry).collect();
+    let holdout: Vec<LineEntry> = holdout.iter().map(entry).collect();
+    let watch = |what: &str| {
+        progress.step(what);
+        progress.leave_if_stopped();
+    };
+    let mut diagnosis = diagnose_lines(&train, &holdout, request, &watch)?;
+    diagnosis.remarks.extend(remarks);
+    Ok((
+        diagnosis,
+        order.iter().map(|&i| entries[i].clone()).collect(),
+    ))
 }
 
 /// Diagnoses the first `named` datasets; the others are held out.
@@ -110,7 +178,7 @@ pub(super) fn judge(
     request: &Request,
     progress: &Progress,
     search: Search,
-) -> Result<(Diagnosis, Vec<crate::report::parameter_file::SeriesEntry>), Failure> {
+) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
     let Series {
         entries,
         mut remarks,
@@ -166,7 +234,7 @@ fn split(order: &[usize], named: usize) -> (Vec<usize>, Vec<usize>) {
 pub(super) fn write(
     output: &std::path::Path,
     diagnosis: &Diagnosis,
-    series: Vec<crate::report::parameter_file::SeriesEntry>,
+    series: Vec<SeriesEntry>,
     provenance: Provenance,
 ) -> Result<DiagnosisJson, Failure> {
     let json = DiagnosisJson::new(diagnosis, series.clone(), provenance.clone());
@@ -200,8 +268,11 @@ pub(super) fn say(d: &Diagnosis, talk: Talk) {
     }
     if let (Some(h), Verdict::MissingPhysics) = (d.holdout, d.verdict) {
         talk.say(&format!(
-            "On the held-out recordings: {:.1} V rms above 1 kV before, {:.1} V after, noise {:.1} V.",
-            h.before_v, h.after_v, h.noise_floor_v
+            "On the held-out recordings: {} rms{} before, {} after, noise {}.",
+            in_unit(h.before_v, &d.unit),
+            d.over,
+            in_unit(h.after_v, &d.unit),
+            in_unit(h.noise_floor_v, &d.unit)
         ));
     }
     if !d.next_experiment.is_empty() {

@@ -1,4 +1,4 @@
-//! `fit film|forearm|robot|sample|coupon`.
+//! `fit film|forearm|robot|sample|coupon|hinge|axis`.
 
 use std::path::PathBuf;
 
@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 use super::progress::Progress;
 use super::{Failure, Talk, load};
 use crate::calibration::{
-    CouponRequest, Outcome, Request, SampleRequest, Stage, calibrate_coupons, calibrate_robot,
-    calibrate_samples,
+    CouponRequest, LineRequest, Outcome, Request, SampleRequest, Stage, calibrate_coupons,
+    calibrate_lines, calibrate_robot, calibrate_samples,
 };
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
@@ -32,6 +32,10 @@ pub(super) enum Fit {
     Sample(Samples),
     /// Film parameters from tensile and relaxation tests
     Coupon(Coupons),
+    /// The torque curve of a flexure hinge from its bench, usable as the forearm's
+    Hinge(Lines),
+    /// Mass, damping, stiffness, gain of a single axis
+    Axis(Lines),
 }
 
 /// Options that every fit takes.
@@ -99,6 +103,23 @@ pub(super) struct Coupons {
     common: Common,
 }
 
+/// A fit to hinge benches or axes.
+#[derive(Args)]
+pub(super) struct Lines {
+    /// recording.toml files, or folders that have one
+    #[arg(required = true, value_name = "REC")]
+    recordings: Vec<PathBuf>,
+    /// Folder for the results (default: out/fit)
+    #[arg(short, long, default_value = "out/fit")]
+    output: PathBuf,
+    /// Holds a parameter: NAME=VALUE, in the unit of fit.json
+    #[arg(long, value_name = "NAME=VALUE", value_parser = parse_fix)]
+    fix: Vec<(String, f64)>,
+    /// Keeps a parameter within bounds: NAME=LOW..HIGH
+    #[arg(long, value_name = "NAME=LOW..HIGH", value_parser = parse_bound)]
+    bound: Vec<(String, [f64; 2])>,
+}
+
 fn parse_fix(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
     let value = value
@@ -123,6 +144,8 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
         Fit::Robot(a) => robot(Stage::Robot, a, command, talk),
         Fit::Sample(a) => sample(a, command, talk),
         Fit::Coupon(a) => coupon(a, command, talk),
+        Fit::Hinge(a) => line(a, Kind::HingeBench, command, talk),
+        Fit::Axis(a) => line(a, Kind::Axis, command, talk),
     }
 }
 
@@ -252,6 +275,41 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
     talk.say(&format!(
         "Report: {}",
         a.common.output.join("report.html").display()
+    ));
+    Ok(())
+}
+
+fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure> {
+    let progress = Progress::new(talk);
+    let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
+    let provenance = Provenance::of(command, &recordings);
+    let lines = load::lines(&recordings, &progress)?;
+    drop(recordings);
+    let request = LineRequest {
+        fix: a.fix.clone(),
+        bound: a.bound.clone(),
+    };
+    progress.step("fitting");
+    let outcome = calibrate_lines(&lines, &request)?;
+    progress.stopped()?;
+    let fit = FitJson::of_lines(&outcome, provenance.clone());
+    let mut set = OutputSet::new(&a.output)?;
+    set.write("report.html", html::render_lines(&outcome, &provenance))?;
+    set.write(
+        "parameters.toml",
+        ParameterFile::of_lines(&outcome, provenance).to_toml(),
+    )?;
+    set.write("fit.json", to_text(&fit))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&fit);
+    talk.say(&outcome.verdict);
+    for remark in &outcome.remarks {
+        talk.say(remark);
+    }
+    talk.say(&format!(
+        "Report: {}",
+        a.output.join("report.html").display()
     ));
     Ok(())
 }

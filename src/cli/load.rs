@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::Failure;
 use super::progress::Progress;
+use crate::dataset::line::Line;
 use crate::dataset::{Dataset, HangingDataset, Plan};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
@@ -84,6 +85,17 @@ pub(super) fn datasets(
     let all = recordings
         .par_iter()
         .map(|r| Dataset::from_recording(r, plans.iter().find(|p| p.recording == r.manifest.id)))
+        .collect::<Result<Vec<_>, _>>()?;
+    progress.stopped()?;
+    Ok(all)
+}
+
+/// Recordings of a bench, an axis or coupons, in SI units with their noise.
+pub(super) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>, Failure> {
+    progress.step("measuring noise and bandwidth");
+    let all = recordings
+        .par_iter()
+        .map(Line::from_recording)
         .collect::<Result<Vec<_>, _>>()?;
     progress.stopped()?;
     Ok(all)

@@ -36,16 +36,21 @@ pub(super) struct Series {
 /// Puts recordings in the order in which they were made. Numbers are the leading ones of the ids, otherwise the order of the stated
 /// beginnings, otherwise that of the command line.
 pub(super) fn order(recordings: &[Recording], datasets: &[Dataset]) -> Result<Series, Failure> {
+    let durations: Vec<f64> = datasets
+        .iter()
+        .map(|d| d.samples() as f64 * d.step_s)
+        .collect();
+    order_of(recordings, &durations)
+}
+
+/// The same from the lengths of the recordings, s.
+pub(super) fn order_of(recordings: &[Recording], durations: &[f64]) -> Result<Series, Failure> {
     let ids: Vec<&str> = recordings.iter().map(|r| r.manifest.id.as_str()).collect();
     let starts: Option<Vec<f64>> = recordings
         .iter()
         .map(|r| r.manifest.start.as_ref().map(|s| s.clock_s))
         .collect();
-    let durations: Vec<f64> = datasets
-        .iter()
-        .map(|d| d.samples() as f64 * d.step_s)
-        .collect();
-    arrange(&ids, starts.as_deref(), &durations)
+    arrange(&ids, starts.as_deref(), durations)
 }
 
 fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<Series, Failure> {

@@ -4,6 +4,7 @@
 mod colour;
 mod coupon;
 mod cycles;
+pub mod line;
 mod plan;
 mod robot;
 mod sample;

@@ -4,9 +4,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::Group;
+use super::subject::Subject;
 
 /// Share of the residuals that count as independent.
-const INDEPENDENT: f64 = 0.8;
+pub(super) const INDEPENDENT: f64 = 0.8;
 /// Weight of the held-out recordings in a score: a little, because drift and creep extrapolate badly from the right model.
 const HELD_OUT_WEIGHT: f64 = 0.1;
 /// Smallest weighted mean square that is believed.
@@ -28,16 +29,17 @@ pub(super) struct Judged {
 }
 
 impl Judged {
-    pub fn new(problem: &Problem, fitted: Fitted) -> Self {
+    pub fn new<S: Subject>(problem: &Problem<S>, fitted: Fitted) -> Self {
         let n = fitted.state.rows as f64;
+        let share = problem.independent;
         let mean_square = fitted.cost() / n;
         let free = fitted.free.len() + steps(&fitted);
         let mut score =
-            INDEPENDENT * n * mean_square.max(NOISE).ln() + free as f64 * (INDEPENDENT * n).ln();
+            share * n * mean_square.max(NOISE).ln() + free as f64 * (share * n).max(1.0).ln();
         let mut holdout = f64::NAN;
         if let Some((squares, rows)) = problem.held_out(&fitted) {
             holdout = squares / rows as f64;
-            score += HELD_OUT_WEIGHT * INDEPENDENT * rows as f64 * holdout.max(NOISE).ln();
+            score += HELD_OUT_WEIGHT * share * rows as f64 * holdout.max(NOISE).ln();
         }
         Judged {
             fitted,
@@ -83,18 +85,10 @@ pub(super) const WEAK: f64 = 6.0;
 /// Plain mean square above which a model is never adequate.
 pub(super) const NEVER_ADEQUATE: f64 = 1.6;
 
-/// Whether the best model leaves so much that something that is in no entry must be at work.
-pub(super) fn unexplained(plain: &Judged, best: &Judged) -> bool {
-    let left = best.excess();
-    let before = plain.excess().max(1e-9);
-    let (size, share) = (best.mean_square, left / before);
-    (size > 4.0 && share > 0.03) || (size > 1.8 && share > 0.08) || (size > 1.25 && share > 0.6)
-}
-
 /// Ids that the recordings cannot tell from the effect number `own` of a fitted model: the projected fingerprint of that effect lies
 /// in the span of theirs.
-pub(super) fn alike(
-    problem: &Problem,
+pub(super) fn alike<S: Subject>(
+    problem: &Problem<S>,
     fitted: &Fitted,
     own: usize,
     groups: &[Group],
@@ -141,8 +135,8 @@ pub(super) fn alike(
 }
 
 /// The tangent space without an effect, and the derivative with respect to that effect's first size.
-fn own_column(
-    problem: &Problem,
+fn own_column<S: Subject>(
+    problem: &Problem<S>,
     fitted: &Fitted,
     own: usize,
 ) -> Result<(Tangent, DVector<f64>), crate::film::Locked> {

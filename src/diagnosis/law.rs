@@ -3,8 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::Error;
-use super::outcome::{Entry, Law};
+use super::outcome::Law;
 use super::problem::{Fitted, Problem, Tangent};
+use super::subject::Subject;
 
 /// Terms of a law at most.
 const TERMS: usize = 4;
@@ -12,69 +13,25 @@ const TERMS: usize = 4;
 const WORTH: f64 = 0.03;
 
 /// Forward selection of terms over physical variables of each actuator, with everything projected out that a refit could absorb.
-pub(super) fn law(problem: &Problem, train: &[Entry], fitted: &Fitted) -> Result<Law, Error> {
+pub(super) fn law<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Law, Error> {
     let tangent = Tangent::new(problem, fitted)?;
-    let mut names: Vec<String> = Vec::new();
+    let mut names: Vec<&'static str> = Vec::new();
     let mut columns: Vec<Vec<f64>> = Vec::new();
-    for (number, entry) in train.iter().enumerate() {
-        let d = entry.dataset;
-        let m = problem.train.mechanics(number);
-        let mut largest = [0.0_f64; 3];
-        let mut at = 0;
-        for (&c, w) in problem
-            .train
-            .kept(number)
-            .iter()
-            .zip(problem.train.whitening(number))
-        {
-            let t = d.time_s(c);
-            let features: [Vec<(&str, f64)>; 3] = [0, 1, 2].map(|k| {
-                let [angle, rate, _] = m.chains[k].theta_b[c];
-                let v = d.voltage.at(k, t + d.offset_s) / 1e3;
-                let dv = (d.voltage.at(k, t + 0.02 + d.offset_s)
-                    - d.voltage.at(k, t - 0.02 + d.offset_s))
-                    / 40.0;
-                while at <= c {
-                    for (k, l) in largest.iter_mut().enumerate() {
-                        *l = l.max(m.chains[k].theta_dea_rad[at]);
-                    }
-                    at += 1;
-                }
-                let others: f64 = (0..3)
-                    .filter(|&j| j != k)
-                    .map(|j| d.voltage.at(j, t + d.offset_s).powi(2) / 1e6)
-                    .sum();
-                vec![
-                    ("voltage", v),
-                    ("voltage squared", v * v),
-                    ("voltage to the fourth", v.powi(4)),
-                    ("voltage rate", dv),
-                    ("voltage times its rate", v * dv),
-                    ("bicep rate", rate),
-                    ("direction of motion", (rate / 0.02).tanh()),
-                    ("bicep rate times its size", rate * rate.abs()),
-                    ("bicep angle", angle),
-                    ("bicep angle squared", (angle - 3.9).powi(2)),
-                    ("bicep angle cubed", (angle - 3.9).powi(3)),
-                    ("forearm swing", m.chains[k].theta_fa_rad[c]),
-                    ("time", t),
-                    ("time in the series", entry.when.series_s + t),
-                    ("largest lozenge angle so far", largest[k]),
-                    ("squared voltages of the other actuators", others),
-                    ("acceleration along Z", m.acceleration_m_s2[c][2]),
-                ]
-            });
-            if names.is_empty() {
-                names = features[0].iter().map(|f| f.0.to_string()).collect();
-                columns = vec![Vec::new(); names.len()];
-            }
-            for (f, column) in columns.iter_mut().enumerate() {
-                let x = [0, 1, 2].map(|k| features[k][f].1);
-                column.extend([
+    for number in 0..problem.train_when.len() {
+        let (own, values) = problem.train.features(number);
+        if names.is_empty() {
+            names = own;
+            columns = vec![Vec::new(); names.len()];
+        }
+        let whitening = problem.train.whitening(number);
+        for (column, values) in columns.iter_mut().zip(values) {
+            for (w, x) in whitening.iter().zip(values) {
+                let white = [
                     w[0] * x[0],
                     w[1] * x[0] + w[2] * x[1],
                     w[3] * x[0] + w[4] * x[1] + w[5] * x[2],
-                ]);
+                ];
+                column.extend(&white[..S::CHAINS]);
             }
         }
     }
@@ -126,7 +83,7 @@ pub(super) fn law(problem: &Problem, train: &[Entry], fitted: &Fitted) -> Result
         .map(|(place, &i)| {
             let alone = explains(&[i]).map_or(0.0, |e| e.0) / total;
             let c = coefficients.as_ref().map_or(0.0, |c| c[place]);
-            (names[i].clone(), c, alone.min(1.0))
+            (names[i].to_owned(), c, alone.min(1.0))
         })
         .collect();
     Ok(Law {

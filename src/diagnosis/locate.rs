@@ -2,9 +2,9 @@
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::outcome::{Entry, Place};
+use super::outcome::Place;
+use super::subject::{At, Coordinate, Whereabouts};
 use crate::effects::Acting;
-use crate::model::Mechanics;
 
 /// One kept residual of one actuator.
 #[derive(Clone, Copy)]
@@ -17,56 +17,12 @@ pub(super) struct Spot {
     pub before: f64,
     /// The same after; 1 where nothing was added.
     pub after: f64,
-    /// voltage V, voltage rate V/s, time s, height mm, bicep rate rad/s, largest area stretch so far, bicep angle deg.
-    pub at: [f64; 7],
+    /// Where it lies.
+    pub at: At,
 }
 
-/// Coordinates in which the excess is looked for: dimension, unit, place in [`Spot::at`], decimals.
-const RANGES: [(&str, &str, usize, f64); 5] = [
-    ("voltage", "V", 0, 1.0),
-    ("voltage_rate", "V/s", 1, 1.0),
-    ("height", "mm", 3, 100.0),
-    ("largest_stretch", "1", 5, 1e4),
-    ("position", "deg", 6, 100.0),
-];
 /// Bins of equal count into which a coordinate is cut.
 const BINS: usize = 16;
-
-/// Coordinates of the kept samples of a recording.
-pub(super) fn coordinates(
-    entry: &Entry,
-    mechanics: &Mechanics,
-    kept: &[usize],
-) -> Vec<[[f64; 7]; 3]> {
-    let d = entry.dataset;
-    let mut largest = [[0.0_f64; 1]; 3];
-    let mut so_far: Vec<[f64; 3]> = Vec::with_capacity(d.samples());
-    for i in 0..d.samples() {
-        so_far.push([0, 1, 2].map(|k| {
-            let [a, b] =
-                mechanics.robot.lozenges[k].stretches(mechanics.chains[k].theta_dea_rad[i]);
-            largest[k][0] = largest[k][0].max(a * b);
-            largest[k][0]
-        }));
-    }
-    kept.iter()
-        .map(|&c| {
-            [0, 1, 2].map(|k| {
-                let t = d.time_s(c);
-                let v = |t: f64| d.voltage.at(k, t + d.offset_s);
-                [
-                    v(t).abs(),
-                    (v(t + 0.02).abs() - v(t - 0.02).abs()) / 0.04,
-                    t,
-                    d.axes[2].position[c] * 1e3,
-                    mechanics.chains[k].theta_b[c][1],
-                    so_far[c][k],
-                    mechanics.chains[k].theta_b[c][0].to_degrees(),
-                ]
-            })
-        })
-        .collect()
-}
 
 /// The best contiguous run of bins: how much more excess a run holds than its share, as a log-likelihood ratio of two mean squares
 /// against one.
@@ -96,7 +52,13 @@ fn best_run(mean: &[f64], count: &[f64]) -> Option<(usize, usize, f64)> {
 }
 
 /// Where the excess lives, most telling first.
-pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec<Place> {
+pub(super) fn locate(
+    spots: &[Spot],
+    entries: &[Whereabouts],
+    coordinates: &[Coordinate],
+    chains: usize,
+    named: &[Acting],
+) -> Vec<Place> {
     let excess = |s: &Spot| s.before - s.after;
     let total: f64 = spots.iter().map(excess).sum::<f64>().max(1e-9);
     let n = spots.len() as f64;
@@ -142,7 +104,8 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
             push(&mut found, f64::INFINITY, p);
         }
     }
-    for (dimension, unit, at, rounding) in RANGES {
+    for c in coordinates {
+        let (dimension, unit, at, rounding) = (c.dimension, c.unit.as_str(), c.at, c.rounding);
         let mut order: Vec<usize> = (0..spots.len()).collect();
         order.sort_by(|&a, &b| spots[a].at[at].total_cmp(&spots[b].at[at]));
         let edge = |i: usize| spots[order[(i * spots.len() / BINS).min(spots.len() - 1)]].at[at];
@@ -160,6 +123,9 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
         };
         let round = |x: f64| (x * rounding).round() / rounding;
         let range = [round(edge(a)), round(edge(b + 1))];
+        if range[0] >= range[1] {
+            continue; // all at one value
+        }
         let inside = move |s: &Spot| (range[0]..=range[1]).contains(&s.at[at]);
         let (e, c) = share(&inside);
         push(
@@ -168,7 +134,7 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
             Place {
                 dimension,
                 range: Some(range),
-                unit,
+                unit: unit.to_owned(),
                 value: None,
                 recording: None,
                 actuators: Vec::new(),
@@ -187,7 +153,7 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
         );
     }
     // Words: actuator, direction, recording; and time within each recording.
-    for k in 0..3 {
+    for k in 0..if chains > 1 { chains } else { 0 } {
         let inside = move |s: &Spot| s.actuator == k;
         let ratio = ratio_of(&inside);
         let (e, c) = share(&inside);
@@ -224,7 +190,7 @@ pub(super) fn locate(spots: &[Spot], entries: &[Entry], named: &[Acting]) -> Vec
         );
     }
     for (r, entry) in entries.iter().enumerate() {
-        let id = entry.dataset.id.clone();
+        let id = entry.id.clone();
         let inside = move |s: &Spot| s.recording == r;
         let ratio = ratio_of(&inside);
         let (e, c) = share(&inside);
@@ -274,7 +240,7 @@ fn word(
     Place {
         dimension,
         range: None,
-        unit: "",
+        unit: String::new(),
         value: Some(value),
         recording,
         actuators,
@@ -288,7 +254,7 @@ fn word(
 type Inside = Box<dyn Fn(&Spot) -> bool>;
 
 /// The places that a named cause states by its own values: its actuator, its moment, its threshold.
-fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place, Inside)> {
+fn own_places(acting: &Acting, entries: &[Whereabouts], spots: &[Spot]) -> Vec<(Place, Inside)> {
     let mut out: Vec<(Place, Inside)> = Vec::new();
     let id = acting.effect.id();
     let value = |name: &str| {
@@ -300,10 +266,10 @@ fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place,
             .map(|i| acting.values[i])
     };
     let on = acting.on;
-    let blank = |dimension, range, unit, says: String| Place {
+    let blank = |dimension, range, unit: &str, says: String| Place {
         dimension,
         range,
-        unit,
+        unit: unit.to_owned(),
         value: None,
         recording: None,
         actuators: if on == [true; 3] {
@@ -332,9 +298,8 @@ fn own_places(acting: &Acting, entries: &[Entry], spots: &[Spot]) -> Vec<(Place,
             .iter()
             .position(|e| e.when.recording as f64 == number);
         let (name, from, to) = at.map_or((String::new(), time, time), |i| {
-            let d = entries[i].dataset;
-            let last = d.time_s(d.samples() - 1);
-            (d.id.clone(), time.max(d.start_s), last)
+            let e = &entries[i];
+            (e.id.clone(), time.max(e.span_s[0]), e.span_s[1])
         });
         let later: Vec<bool> = entries
             .iter()

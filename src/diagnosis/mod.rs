@@ -11,23 +11,26 @@
 
 mod judge;
 mod law;
+mod line;
 mod locate;
 mod outcome;
 mod problem;
+mod robot;
 mod scan;
+mod subject;
 
+pub use line::{COUPON_BRANCHES, LineEntry, diagnose_lines};
 pub use outcome::*;
+pub use robot::diagnose;
 
 use rayon::prelude::*;
 
-use crate::dataset::OffsetSource;
-use crate::effects::{Acting, CATALOGUE, Seen, When};
-use crate::model::{ForearmTorque, Robot};
-use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
-use judge::{Judged, NEVER_ADEQUATE, WEAK, alike, by_chance, only_where_fitted, unexplained};
-use locate::{Spot, coordinates, locate};
-use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
+use crate::effects::{Acting, Effect, When};
+use judge::{Judged, NEVER_ADEQUATE, WEAK, alike, by_chance, only_where_fitted};
+use locate::{Spot, locate};
+use problem::{Fitted, Problem, Tangent, value_errors};
 use scan::{Group, Scanned, fingerprints, promised_by_noise, rivals, scan};
+use subject::Subject;
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -45,25 +48,20 @@ const PAIR_ABOVE: f64 = 1.15;
 /// their face value.
 const TEMPERATURE: f64 = 12.0;
 
-/// Diagnoses `robot` on the recordings `train`, judged also on `holdout`. `watch` is told what is being done.
-///
-/// # Errors
-/// [`Error`].
-pub fn diagnose(
-    robot: &Robot,
-    train: &[Entry],
-    holdout: &[Entry],
+/// Doubts the plain model of `problem`. `watch` is told what is being done.
+fn doubt<S: Subject>(
+    mut problem: Problem<S>,
+    mut remarks: Vec<String>,
     request: &Request,
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
-    let mut remarks = Vec::new();
-    let (mut problem, seen) = open(robot, train, holdout, &mut remarks)?;
+    let words = problem.train.words();
     let wanted = |id: &str| request.only.is_empty() || request.only.iter().any(|o| o == id);
     watch("fitting the plain model");
     let mut plain = baseline(&mut problem)?;
     watch("scanning the catalogue");
     let tangent = Tangent::new(&problem, &plain)?;
-    let groups = fingerprints(&problem, &plain, &seen, &wanted);
+    let groups = fingerprints(&problem, &plain, &wanted);
     let scanned = scan(&problem, &plain, &tangent, &groups, &wanted)?;
     let by_noise = promised_by_noise(&problem, &tangent, &groups);
     let rivals = rivals(&tangent, &groups, &scanned);
@@ -97,6 +95,17 @@ pub fn diagnose(
             .into_par_iter()
             .map(|f| polish(&problem, f))
             .collect();
+    }
+    if S::CHAINS == 1 {
+        let best = fits
+            .iter()
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+            .unwrap_or(&plain);
+        let design = problem
+            .residual(best)
+            .design(&best.state.eta, &best.state.beta)?;
+        let residual = design.column(design.ncols() - 1);
+        problem.independent = problem.train.independent(residual.as_slice());
     }
     let plain = Judged::new(&problem, plain);
     let mut singles: Vec<Judged> = fits
@@ -139,11 +148,30 @@ pub fn diagnose(
             }
         }
         partners = both;
+        // Rigs that nobody simulated have more than two: as long as one more pays.
+        while let Some(base) = pair
+            .clone()
+            .filter(|p| p.fitted.effects.len() < S::MOST_EFFECTS && p.mean_square > PAIR_ABOVE)
+        {
+            let more = with_partner(&problem, &base, &groups, &wanted)?;
+            let next = more
+                .into_iter()
+                .min_by(|a, b| a.score.total_cmp(&b.score))
+                .filter(|n| {
+                    base.fitted.cost() - n.fitted.cost() > 150.0_f64.max(allowed)
+                        && n.excess() * 1.35 < base.excess()
+                        && (n.holdout.is_nan() || n.holdout <= base.holdout)
+                });
+            match next {
+                Some(n) => pair = Some(n),
+                None => break,
+            }
+        }
     }
     let best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
     let verdict = if adequate || singles.is_empty() {
         Verdict::Adequate
-    } else if unexplained(&plain, &best) {
+    } else if S::unexplained(plain.mean_square, best.mean_square) {
         Verdict::Unexplained
     } else {
         Verdict::MissingPhysics
@@ -170,13 +198,19 @@ pub fn diagnose(
     } else {
         Vec::new()
     };
-    let spots = spots(&problem, train, &plain.fitted, &augmented.fitted)?;
+    let spots = spots(&problem, &plain.fitted, &augmented.fitted)?;
     let named: &[Acting] = if in_model { &best.fitted.effects } else { &[] };
-    let places = locate(&spots, train, named);
+    let places = locate(
+        &spots,
+        &problem.train.whereabouts(),
+        &problem.train.coordinates(),
+        S::CHAINS,
+        named,
+    );
     let law = (verdict == Verdict::Unexplained)
-        .then(|| law::law(&problem, train, &best.fitted))
+        .then(|| law::law(&problem, &best.fitted))
         .transpose()?;
-    let hidden = hidden(&scanned, allowed);
+    let hidden = hidden(&problem, &scanned, allowed);
     let (train_gain, mut traces) = gain(
         &problem.train,
         &problem.train_when,
@@ -201,14 +235,18 @@ pub fn diagnose(
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
     let confidence = confidence(verdict, largest_drop, allowed, &plain, &best, &candidates);
-    let next_experiment = next_experiment(verdict, &groups_alike, &candidates);
+    let next_experiment = next_experiment(verdict, &groups_alike, &candidates, &words);
     let says = says(
         verdict,
         &candidates,
         &train_gain,
         holdout_gain.as_ref(),
         &places,
+        &words,
     );
+    let values = problem
+        .train
+        .values(&augmented.fitted.state.eta, &augmented.fitted.state.beta);
     let model = |j: &Judged| {
         problem
             .train
@@ -226,7 +264,12 @@ pub fn diagnose(
         holdout: holdout_gain,
         plain: rising(model(&plain)),
         parameters: rising(model(augmented)),
-        eps_r: robot.eps_r,
+        eps_r: f64::NAN,
+        rig: problem.train.rig(),
+        values,
+        unit: words.unit,
+        basis: words.basis,
+        over: words.over,
         plain_mean_square: plain.mean_square,
         plain_holdout_mean_square: plain.holdout,
         law,
@@ -260,94 +303,8 @@ fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
     p
 }
 
-fn open<'a>(
-    robot: &'a Robot,
-    train: &[Entry<'a>],
-    holdout: &[Entry<'a>],
-    remarks: &mut Vec<String>,
-) -> Result<(Problem<'a>, Seen), Error> {
-    if train.is_empty() {
-        return Err(Error::Nothing);
-    }
-    let forearm = ForearmTorque::zero();
-    let residual = |entries: &[Entry<'a>]| {
-        let list: Vec<&'a crate::dataset::Dataset> = entries.iter().map(|e| e.dataset).collect();
-        let mut r = RobotResidual::new(robot, &list, BRANCHES, &forearm).map_err(
-            |(number, sample, why)| Error::Unreachable {
-                recording: list[number].id.clone(),
-                time_s: list[number].time_s(sample),
-                why: why.to_string(),
-            },
-        )?;
-        r.keep_drawn(DRAWN);
-        Ok::<_, Error>(r)
-    };
-    let own = residual(train)?;
-    let mut seen = Seen {
-        voltage_v: 0.0,
-        rate_v_s: 0.0,
-        theta_b_rad: [f64::INFINITY, f64::NEG_INFINITY],
-        theta_dea_rad: [f64::INFINITY, f64::NEG_INFINITY],
-    };
-    for (number, e) in train.iter().enumerate() {
-        let (d, m) = (e.dataset, own.mechanics(number));
-        let mut span = 0.0_f64;
-        for k in 0..3 {
-            let first = d.command_v(k, 0, d.offset_s);
-            let mut before = first;
-            for i in 1..d.samples() {
-                let v = d.command_v(k, i, d.offset_s);
-                span = span.max((v - first).abs());
-                seen.voltage_v = seen.voltage_v.max(v.abs());
-                seen.rate_v_s = seen.rate_v_s.max((v - before).abs() / d.step_s);
-                before = v;
-            }
-            for i in (0..d.samples()).filter(|&i| d.usable[i]) {
-                let widen = |r: &mut [f64; 2], x: f64| *r = [r[0].min(x), r[1].max(x)];
-                widen(&mut seen.theta_b_rad, m.chains[k].theta_b[i][0]);
-                widen(&mut seen.theta_dea_rad, m.chains[k].theta_dea_rad[i]);
-            }
-        }
-        if span < 50.0 {
-            remarks.push(format!(
-                "{}: the voltages hardly change ({span:.0} V): it says next to nothing of the film or of any effect that depends on the drive.",
-                d.id
-            ));
-        }
-    }
-    if remarks.len() == train.len() {
-        let what = "no recording changes its voltages by more than 50 V: nothing moves, so nothing can be judged; record a sine, steps or a multisine";
-        return Err(Error::NothingExcited(what.into()));
-    }
-    if train.len() == 1 {
-        remarks.push("One recording only: effects that need a series (drift, creep, changes between recordings, payloads) can hardly be judged.".into());
-    }
-    let offsets: Vec<f64> = train
-        .iter()
-        .filter(|e| e.dataset.offset_source == OffsetSource::Free)
-        .map(|e| e.dataset.offset_s)
-        .collect();
-    if !offsets.is_empty() {
-        remarks.push("A clock offset is left to be estimated: it is free in every model, so a wrong clock cannot be named and a lag of the voltage is harder to see.".into());
-    }
-    let (nonlinear, linear) =
-        problem::unknowns(&offsets, forearm.nodes_rad().len(), OFFSET_REACH_S);
-    let when = |entries: &[Entry]| entries.iter().map(|e| e.when).collect::<Vec<When>>();
-    let problem = Problem {
-        train: own,
-        holdout: (!holdout.is_empty())
-            .then(|| residual(holdout))
-            .transpose()?,
-        train_when: when(train),
-        holdout_when: when(holdout),
-        nonlinear,
-        linear,
-    };
-    Ok((problem, seen))
-}
-
 /// The plain model: from the nominal film and from where equal weights lead.
-fn baseline(problem: &mut Problem) -> Result<Fitted, Error> {
+fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<Fitted, Error> {
     let rough = problem.nominal(&[], 25);
     if !rough.cost().is_finite() {
         return Err(Error::Baseline(rough.state.failure.unwrap_or_default()));
@@ -380,7 +337,12 @@ fn choose(scanned: &[Scanned], count: usize) -> Vec<&Scanned> {
 }
 
 /// Fits the hypotheses, each beside the effects that are there already, best first.
-fn refit(problem: &Problem, base: &Fitted, chosen: &[&Scanned], beside: &[Acting]) -> Vec<Fitted> {
+fn refit<S: Subject>(
+    problem: &Problem<S>,
+    base: &Fitted,
+    chosen: &[&Scanned],
+    beside: &[Acting],
+) -> Vec<Fitted> {
     let plain = problem.nonlinear.len();
     let mut fits: Vec<Fitted> = chosen
         .par_iter()
@@ -404,7 +366,7 @@ fn refit(problem: &Problem, base: &Fitted, chosen: &[&Scanned], beside: &[Acting
 }
 
 /// A fit carried on to its end, thresholds also from either side.
-fn polish(problem: &Problem, fitted: &Fitted) -> Fitted {
+fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitted {
     let plain = problem.nonlinear.len();
     let mut starts = vec![fitted.effects.clone()];
     for (e, a) in fitted.effects.iter().enumerate() {
@@ -433,17 +395,17 @@ fn polish(problem: &Problem, fitted: &Fitted) -> Fitted {
 }
 
 /// The best partners of an effect.
-fn with_partner(
-    problem: &Problem,
+fn with_partner<S: Subject>(
+    problem: &Problem<S>,
     first: &Judged,
     groups: &[Group],
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Vec<Judged>, Error> {
     let tangent = Tangent::new(problem, &first.fitted)?;
-    let own = &first.fitted.effects[0];
+    let own: Vec<&str> = first.fitted.effects.iter().map(|a| a.effect.id()).collect();
     let scanned: Vec<Scanned> = scan(problem, &first.fitted, &tangent, groups, wanted)?
         .into_iter()
-        .filter(|s| s.acting.effect.id() != own.effect.id())
+        .filter(|s| !own.contains(&s.acting.effect.id()))
         .collect();
     let count = if first.mean_square > 3.0 { 6 } else { 3 };
     let chosen: Vec<&Scanned> = choose(&scanned, count);
@@ -455,8 +417,8 @@ fn with_partner(
         .collect())
 }
 
-fn candidates(
-    problem: &Problem,
+fn candidates<S: Subject>(
+    problem: &Problem<S>,
     plain: &Judged,
     singles: &[Judged],
     pair: Option<&Judged>,
@@ -521,7 +483,7 @@ fn candidates(
                 .filter(|j| j.fitted.effects.iter().all(|a| a.effect.id() != id))
                 .map(|j| j.score)
                 .fold(f64::INFINITY, f64::min);
-            let odds = ((without - pair.score) / (2.0 * TEMPERATURE))
+            let odds = ((without - pair.score) / (2.0 * S::TEMPERATURE))
                 .clamp(-50.0, 50.0)
                 .exp();
             add(pair, own, known * odds / (1.0 + odds), in_model);
@@ -534,7 +496,7 @@ fn candidates(
             .iter()
             .any(|(k, _)| singles[*k].fitted.effects[0].effect.id() == id)
         {
-            by_effect.push((i, (-(j.score - best.score) / (2.0 * TEMPERATURE)).exp()));
+            by_effect.push((i, (-(j.score - best.score) / (2.0 * S::TEMPERATURE)).exp()));
         }
     }
     let sum: f64 = by_effect.iter().map(|b| b.1).sum();
@@ -566,15 +528,21 @@ fn candidates(
     out
 }
 
-fn values(problem: &Problem, fitted: &Fitted, own: usize, errors: &[f64]) -> Vec<Value> {
+fn values<S: Subject>(
+    problem: &Problem<S>,
+    fitted: &Fitted,
+    own: usize,
+    errors: &[f64],
+) -> Vec<Value> {
     let acting = &fitted.effects[own];
     let name_of = |number: f64| {
         problem
-            .train_when
-            .iter()
-            .zip(problem.train.datasets())
-            .find(|(w, _)| w.recording as f64 == number)
-            .map(|(_, d)| d.id.clone())
+            .train
+            .whereabouts()
+            .into_iter()
+            .zip(&problem.train_when)
+            .find(|(_, w)| w.recording as f64 == number)
+            .map(|(w, _)| w.id)
     };
     acting
         .effect
@@ -597,23 +565,25 @@ fn values(problem: &Problem, fitted: &Fitted, own: usize, errors: &[f64]) -> Vec
                     .map(|w| w.to_string()),
                 _ => None,
             };
+            let at_bound = std_error.is_nan() && (value <= q.lower || value >= q.upper);
+            let (factor, unit) = problem.train.unit_of(q.unit);
+            let (value, std_error) = (factor * value, factor * std_error);
             Value {
                 name: q.name,
-                unit: q.unit,
+                unit,
                 value,
                 word,
                 std_error,
                 ci95: [value - 1.96 * std_error, value + 1.96 * std_error],
-                at_bound: std_error.is_nan() && (value <= q.lower || value >= q.upper),
+                at_bound,
             }
         })
         .collect()
 }
 
 /// Torque error of the plain and the augmented model at every kept sample, in standard deviations of its own noise.
-fn spots(
-    problem: &Problem,
-    train: &[Entry],
+fn spots<S: Subject>(
+    problem: &Problem<S>,
     before: &Fitted,
     after: &Fitted,
 ) -> Result<Vec<Spot>, Error> {
@@ -627,13 +597,16 @@ fn spots(
     let same = after.effects.is_empty();
     let mut out = Vec::with_capacity(a.len());
     let mut row = 0;
-    for (number, entry) in train.iter().enumerate() {
-        let kept = problem.train.kept(number);
-        let places = coordinates(entry, problem.train.mechanics(number), kept);
+    for number in 0..problem.train_when.len() {
+        let places = problem.train.at(number);
         for (at, w) in places.iter().zip(problem.train.whitening(number)) {
-            let before = unwhiten(w, &a[row..row + 3]);
-            let after = unwhiten(w, &b[row..row + 3]);
-            for k in 0..3 {
+            let of = |e: &[f64]| {
+                let mut three = [0.0; 3];
+                three[..S::CHAINS].copy_from_slice(&e[row..row + S::CHAINS]);
+                unwhiten(&w, &three)
+            };
+            let (before, after) = (of(&a), of(&b));
+            for k in 0..S::CHAINS {
                 out.push(Spot {
                     recording: number,
                     actuator: k,
@@ -642,7 +615,7 @@ fn spots(
                     at: at[k],
                 });
             }
-            row += 3;
+            row += S::CHAINS;
         }
     }
     Ok(out)
@@ -670,9 +643,9 @@ fn unwhiten(w: &[f64; 6], e: &[f64]) -> [f64; 3] {
     [0, 1, 2].map(|k| r[k] * r[k] / v[k])
 }
 
-/// Errors in volts before and after, and the traces that show them.
-fn gain(
-    residual: &RobotResidual,
+/// Errors before and after, and the traces that show them.
+fn gain<S: Subject>(
+    residual: &S,
     when: &[When],
     before: &Fitted,
     after: &Fitted,
@@ -683,38 +656,34 @@ fn gain(
     let models =
         [before, after].map(|f| residual.with_effects(f.effects.clone(), Vec::new(), when));
     let fits = [before, after];
-    let mut sums = [[0.0; 2]; 3]; // before, after, floor: above 1 kV, all
+    let mut sums = [[0.0; 2]; 3]; // before, after, floor: of the basis, all
     let mut counts = [0.0; 2];
     let mut traces = Vec::new();
-    for (number, d) in residual.datasets().enumerate() {
-        let errors = [0, 1].map(|i| models[i].voltage_error(number, &eta[i], &fits[i].state.beta));
-        let [a, b] = errors;
+    for (number, place) in residual.whereabouts().into_iter().enumerate() {
+        let [a, b] = [0, 1].map(|i| models[i].errors(number, &eta[i], &fits[i].state.beta));
         let (a, b) = (a?, b?);
-        let n = d.samples();
+        let n = a.time_s.len();
         let mut trace = Traces {
-            id: d.id.clone(),
+            id: place.id,
             held_out,
-            time_s: (0..n).map(|i| d.time_s(i)).collect(),
-            command_v: a.command_v.clone(),
             before_v: vec![[f64::NAN; 3]; n],
             after_v: vec![[f64::NAN; 3]; n],
-            torque_before: kept_torque(&models[0], number, &eta[0], &fits[0].state.beta)?,
-            torque_after: kept_torque(&models[1], number, &eta[1], &fits[1].state.beta)?,
-            height_mm: d.axes[2].position.iter().map(|z| z * 1e3).collect(),
+            torque_before: models[0].kept_errors(number, &eta[0], &fits[0].state.beta)?,
+            torque_after: models[1].kept_errors(number, &eta[1], &fits[1].state.beta)?,
+            time_s: a.time_s,
+            command_v: a.command,
+            height_mm: a.height,
         };
         for i in 0..n {
-            for k in 0..3 {
+            for k in 0..S::CHAINS {
                 if !(a.counts[i] && b.counts[i]) {
                     continue;
                 }
-                let e = [&a, &b].map(|e| {
-                    let needed = root_v(e.predicted_squared_v2[i][k]);
-                    needed - e.command_v[i][k].abs()
-                });
+                let e = [a.error[i][k], b.error[i][k]];
                 trace.before_v[i][k] = e[0];
                 trace.after_v[i][k] = e[1];
-                let told = a.command_v[i][k].abs() > 1000.0;
-                let squares = [e[0] * e[0], e[1] * e[1], b.sd_v[i][k].powi(2)];
+                let told = a.basis[i][k];
+                let squares = [e[0] * e[0], e[1] * e[1], b.sd[i][k].powi(2)];
                 for (sum, square) in sums.iter_mut().zip(squares) {
                     sum[1] += square;
                     if told {
@@ -739,27 +708,22 @@ fn gain(
     ))
 }
 
-/// Filtered torque error at the kept samples: time, three chains, N m.
-fn kept_torque(
-    residual: &RobotResidual,
-    number: usize,
-    eta: &[f64],
-    beta: &[f64],
-) -> Result<Vec<[f64; 4]>, Error> {
-    let d = residual.datasets().nth(number).expect("its own recording");
-    let torque = residual.filtered_torque_error(number, eta, beta)?;
-    Ok(residual
-        .kept(number)
-        .iter()
-        .zip(torque)
-        .map(|(&c, t)| [d.time_s(c), t[0], t[1], t[2]])
-        .collect())
-}
-
 /// The smallest size of each effect that would have been found.
-fn hidden(scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
+fn hidden<S: Subject>(problem: &Problem<S>, scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
     let mut out: Vec<Hidden> = Vec::new();
-    for effect in CATALOGUE {
+    let mut effects: Vec<&'static dyn Effect> = Vec::new();
+    for (effect, _) in problem.train.starts() {
+        if effects.iter().all(|e| e.id() != effect.id()) {
+            effects.push(effect);
+        }
+    }
+    let moments = problem.train.moments().iter();
+    for effect in moments.filter_map(|id| crate::effects::by_id(id)) {
+        if effects.iter().all(|e| e.id() != effect.id()) {
+            effects.push(effect);
+        }
+    }
+    for effect in effects {
         let best = scanned
             .iter()
             .filter(|s| s.acting.effect.id() == effect.id() && s.strength.0 > 0.0)
@@ -775,12 +739,13 @@ fn hidden(scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
         else {
             continue;
         };
+        let (factor, unit) = problem.train.unit_of(q.unit);
         out.push(Hidden {
             effect: effect.id(),
             hidden_share: s.hidden_share,
-            smallest_detectable: (allowed / s.strength.0).sqrt() * s.strength.1 * q.spread,
+            smallest_detectable: factor * (allowed / s.strength.0).sqrt() * s.strength.1 * q.spread,
             name: q.name,
-            unit: q.unit,
+            unit,
         });
     }
     out.sort_by(|a, b| b.hidden_share.total_cmp(&a.hidden_share));
@@ -813,6 +778,7 @@ fn next_experiment(
     verdict: Verdict,
     groups: &[Vec<&'static str>],
     candidates: &[Candidate],
+    words: &subject::Words,
 ) -> String {
     let by = |id: &str| {
         crate::effects::by_id(id).map_or(String::new(), |e| e.brought_out_by().to_string())
@@ -830,16 +796,14 @@ fn next_experiment(
             candidates
                 .first()
                 .map_or(String::new(), |c| c.acting.effect.id().replace('_', " ")),
-            candidates
-                .first()
-                .map_or(String::new(), |c| c.acting.effect.brought_out_by().to_string())
+            candidates.first().map_or(String::new(), |c| c
+                .acting
+                .effect
+                .brought_out_by()
+                .to_string())
         ),
-        (Verdict::Unexplained, _) => {
-            "The same drive again, then one actuator at a time, with and without a known payload: what repeats with voltage, pose, direction or time says what it depends on.".into()
-        }
-        (Verdict::Adequate, _) => {
-            "To see what could hide here: three rates, holds, a staircase with repeats, a known payload on and off, and poses off the axis.".into()
-        }
+        (Verdict::Unexplained, _) => words.repeat.into(),
+        (Verdict::Adequate, _) => words.rich.into(),
     }
 }
 
@@ -849,17 +813,22 @@ fn says(
     train: &Gain,
     holdout: Option<&Gain>,
     places: &[Place],
+    words: &subject::Words,
 ) -> String {
+    let number = |x: f64| in_unit(x, &words.unit);
+    let over = words.over;
     let on_new = holdout.map_or(String::new(), |h| {
         format!(
-            " On recordings that were not fitted it goes from {:.1} V to {:.1} V (noise: {:.1} V).",
-            h.before_v, h.after_v, h.noise_floor_v
+            " On recordings that were not fitted it goes from {} to {} (noise: {}).",
+            number(h.before_v),
+            number(h.after_v),
+            number(h.noise_floor_v)
         )
     });
     match verdict {
         Verdict::Adequate => format!(
-            "The plain model suffices: what it leaves, {:.1} V above 1 kV, is what noise leaves, and no effect of the catalogue takes away more than chance would.",
-            train.before_v
+            "The plain model suffices: what it leaves, {}{over}, is what noise leaves, and no effect of the catalogue takes away more than chance would.",
+            number(train.before_v)
         ),
         Verdict::MissingPhysics => {
             let named: Vec<String> = candidates
@@ -867,21 +836,42 @@ fn says(
                 .filter(|c| c.in_model)
                 .map(|c| format!("{} ({})", c.acting.effect.id(), c.acting.effect.says()))
                 .collect();
+            let left = if train.after_v > STRUCTURE_LEFT * train.noise_floor_v {
+                " More than noise is still left: something else acts as well."
+            } else {
+                ""
+            };
             format!(
-                "Left out: {}. With it the error above 1 kV goes from {:.1} V to {:.1} V; noise alone makes {:.1} V.{on_new}",
+                "Left out: {}. With it the error{over} goes from {} to {}; noise alone makes {}.{on_new}{left}",
                 named.join("; "),
-                train.before_v,
-                train.after_v,
-                train.noise_floor_v
+                number(train.before_v),
+                number(train.after_v),
+                number(train.noise_floor_v)
             )
         }
         Verdict::Unexplained => format!(
-            "Model and recordings differ by more than noise ({:.1} V above 1 kV against {:.1} V), and no effect of the catalogue accounts for it.{}",
-            train.before_v,
-            train.noise_floor_v,
+            "Model and recordings differ by more than noise ({}{over} against {}), and no effect of the catalogue accounts for it.{}",
+            number(train.before_v),
+            number(train.noise_floor_v),
             places
                 .first()
                 .map_or(String::new(), |p| format!(" It lives here: {}.", p.says))
         ),
     }
+}
+
+/// Error over the noise's, from which on a report says that something else acts as well.
+const STRUCTURE_LEFT: f64 = 1.5;
+
+/// An error with its unit: volts with one decimal, others with three digits.
+pub fn in_unit(x: f64, unit: &str) -> String {
+    if unit == "V" && x.abs() >= 1.0 {
+        return format!("{x:.1} V");
+    }
+    let digits = if x == 0.0 || !x.is_finite() {
+        0
+    } else {
+        (2 - x.abs().log10().floor() as i32).clamp(0, 9) as usize
+    };
+    format!("{x:.digits$} {unit}")
 }

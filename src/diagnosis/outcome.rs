@@ -33,7 +33,7 @@ pub struct Place {
     /// From and to, in `unit`.
     pub range: Option<[f64; 2]>,
     /// Unit of the range.
-    pub unit: &'static str,
+    pub unit: String,
     /// A place that is a word.
     pub value: Option<String>,
     /// The recording, where it is in one only.
@@ -56,7 +56,7 @@ pub struct Value {
     /// Its name in the catalogue.
     pub name: &'static str,
     /// Its unit.
-    pub unit: &'static str,
+    pub unit: String,
     /// Its value; a word for what picks a form or names a recording.
     pub value: f64,
     /// The word, where the value stands for one.
@@ -102,7 +102,7 @@ pub struct Hidden {
     /// The size's name.
     pub name: &'static str,
     /// Its unit.
-    pub unit: &'static str,
+    pub unit: String,
 }
 
 /// Error of the predicted voltage, V, above 1 kV.
@@ -175,8 +175,18 @@ pub struct Diagnosis {
     pub plain: Parameters,
     /// Film and forearm of the augmented model (the plain one's where nothing was added).
     pub parameters: Parameters,
-    /// Relative permittivity used.
+    /// Relative permittivity used; NaN where there is none.
     pub eps_r: f64,
+    /// What was diagnosed, and so which of the parameters mean something.
+    pub rig: RigKind,
+    /// Numbers of the augmented model that is neither film nor forearm (an axis): name with its unit, value.
+    pub values: Vec<(String, f64)>,
+    /// Unit of the errors.
+    pub unit: String,
+    /// Samples over which the errors are taken, as files write it.
+    pub basis: &'static str,
+    /// The same in a sentence: " above 1 kV", or nothing.
+    pub over: &'static str,
     /// Weighted mean square of the plain model on the training recordings (1: noise).
     pub plain_mean_square: f64,
     /// The same on the held-out ones.
@@ -191,6 +201,19 @@ pub struct Diagnosis {
     pub says: String,
     /// What simpler methods say of the same recordings: their name, whether they see anything, and the effect that they name.
     pub rivals: Vec<(&'static str, bool, Option<&'static str>)>,
+}
+
+/// What can be diagnosed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RigKind {
+    /// The delta robot: film and forearms.
+    Robot,
+    /// A film coupon: a film.
+    Coupon,
+    /// A hinge bench: a torque curve.
+    Bench,
+    /// A single axis: values of its own.
+    Axis,
 }
 
 /// Why a diagnosis could not be done.

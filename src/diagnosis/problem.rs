@@ -4,15 +4,15 @@ use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::subject::Subject;
 use crate::effects::{Acting, Site, When};
 use crate::film::Locked;
 use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
-use crate::residual::RobotResidual;
 
 /// Branches of the plain model.
 pub(super) const BRANCHES: usize = 6;
 /// Where relaxation times begin, s: half a decade's spread each.
-const TIMES_S: [f64; 6] = [0.03, 0.15, 0.76, 3.9, 20.0, 100.0];
+pub(super) const TIMES_S: [f64; 6] = [0.03, 0.15, 0.76, 3.9, 20.0, 100.0];
 /// What is known of a relaxation time, in ln.
 const LOG_TIME_SD: f64 = 0.7;
 /// 1/J of elastomers that actuators are made of: J of 30 to 200 and above.
@@ -37,13 +37,15 @@ const NODE: Prior = Prior {
 };
 
 /// Training and held-out recordings with their weights, and the plain model's unknowns.
-pub(super) struct Problem<'a> {
-    pub train: RobotResidual<'a>,
-    pub holdout: Option<RobotResidual<'a>>,
+pub(super) struct Problem<S> {
+    pub train: S,
+    pub holdout: Option<S>,
     pub train_when: Vec<When>,
     pub holdout_when: Vec<When>,
     pub nonlinear: Vec<Unknown>,
     pub linear: Vec<Unknown>,
+    /// Share of the residuals that count as independent.
+    pub independent: f64,
 }
 
 /// A fitted model: the plain one when it has no effects.
@@ -146,7 +148,7 @@ pub(super) fn free_values(acting: &Acting) -> Vec<usize> {
         .collect()
 }
 
-impl Problem<'_> {
+impl<S: Subject> Problem<S> {
     /// Fits the plain model with `effects`, from the film at `eta` (plain unknowns) and `beta`.
     pub fn fit(&self, effects: &[Acting], eta: &[f64], beta: &[f64], evaluations: usize) -> Fitted {
         let free: Vec<(usize, usize)> = effects
@@ -219,14 +221,10 @@ impl Problem<'_> {
         )
     }
 
-    /// The plain unknowns of the held-out recordings: the fitted film, clock offsets as far as they are known.
+    /// The plain unknowns of the held-out recordings: the fitted model, clock offsets as far as they are known.
     pub fn holdout_eta(&self, fitted: &Fitted) -> Option<Vec<f64>> {
         let holdout = self.holdout.as_ref()?;
-        let mut eta = fitted.state.eta[..BRANCHES + 1].to_vec();
-        let layout = holdout.layout();
-        let datasets: Vec<_> = holdout.datasets().collect();
-        eta.extend(layout.free_offsets.iter().map(|&r| datasets[r].offset_s));
-        Some(eta)
+        Some(holdout.carried(&fitted.state.eta[..self.nonlinear.len()]))
     }
 
     /// Sum of squares of the held-out recordings under a fitted model, and their number of residuals.
@@ -247,25 +245,23 @@ impl Problem<'_> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn weigh(&mut self, fitted: &Fitted) -> Result<(), Locked> {
         let plain = self.nonlinear.len();
-        let none = |n: usize| vec![When::default(); n];
         let mut train =
             self.train
                 .with_effects(fitted.effects.clone(), Vec::new(), &self.train_when);
         train.weigh(&fitted.state.eta[..plain], &fitted.state.beta)?;
-        self.train = train.with_effects(Vec::new(), Vec::new(), &none(self.train_when.len()));
+        self.train = train.with_effects(Vec::new(), Vec::new(), &self.train_when);
         if let Some(holdout) = &self.holdout {
             let mut weighed =
                 holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
             let eta = self.holdout_eta(fitted).unwrap_or_default();
             weighed.weigh(&eta, &fitted.state.beta)?;
-            self.holdout =
-                Some(weighed.with_effects(Vec::new(), Vec::new(), &none(self.holdout_when.len())));
+            self.holdout = Some(weighed.with_effects(Vec::new(), Vec::new(), &self.holdout_when));
         }
         Ok(())
     }
 
     /// The residual of the training recordings with the effects of a fitted model.
-    pub fn residual(&self, fitted: &Fitted) -> RobotResidual<'_> {
+    pub fn residual(&self, fitted: &Fitted) -> S {
         self.train.with_effects(
             fitted.effects.clone(),
             fitted.free.clone(),
@@ -289,7 +285,7 @@ impl Tangent {
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
-    pub fn new(problem: &Problem, fitted: &Fitted) -> Result<Self, Locked> {
+    pub fn new<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Self, Locked> {
         let mut residual = problem.residual(fitted);
         residual.linearise(&fitted.state.eta, &fitted.state.beta)?;
         let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
@@ -347,7 +343,10 @@ impl Tangent {
 ///
 /// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under the noise of the capture.
 /// What a textbook form leaves beyond noise widens it by the root of the mean square.
-pub(super) fn value_errors(problem: &Problem, fitted: &Fitted) -> Result<Vec<f64>, Locked> {
+pub(super) fn value_errors<S: Subject>(
+    problem: &Problem<S>,
+    fitted: &Fitted,
+) -> Result<Vec<f64>, Locked> {
     let mut residual = problem.residual(fitted);
     residual.linearise(&fitted.state.eta, &fitted.state.beta)?;
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);

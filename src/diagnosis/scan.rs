@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::problem::{Fitted, Problem, Tangent};
-use crate::effects::{Acting, CATALOGUE, Effect, Reach, Seen, Site};
+use super::subject::Subject;
+use crate::effects::{Acting, Effect, Reach, Site};
 use crate::film::Locked;
 
 /// A hypothesis that was scanned: an effect with values near those that the data ask for.
@@ -49,21 +50,17 @@ impl Group {
 }
 
 /// All fingerprints at a fitted model, of the effects that are `wanted`.
-pub(super) fn fingerprints(
-    problem: &Problem,
+pub(super) fn fingerprints<S: Subject>(
+    problem: &Problem<S>,
     fitted: &Fitted,
-    seen: &Seen,
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Vec<Group> {
     let residual = problem.residual(fitted);
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
-    let starts: Vec<(&'static dyn Effect, Vec<Vec<f64>>)> = CATALOGUE
-        .iter()
-        .filter(|e| wanted(e.id()))
-        .flat_map(|e| e.starts(seen).into_iter().map(move |v| (*e, v)))
-        .collect();
+    let starts = problem.train.starts();
     starts
         .into_par_iter()
+        .filter(|(e, _)| wanted(e.id()))
         .filter_map(|(effect, values)| {
             let columns = values
                 .iter()
@@ -105,8 +102,8 @@ pub(super) fn fingerprints(
 }
 
 /// What every hypothesis promises at a fitted model, most promising first.
-pub(super) fn scan(
-    problem: &Problem,
+pub(super) fn scan<S: Subject>(
+    problem: &Problem<S>,
     fitted: &Fitted,
     tangent: &Tangent,
     groups: &[Group],
@@ -260,7 +257,11 @@ fn solve(
 }
 
 /// What the best hypothesis would promise on noise alone: the mean over the drawn tracks.
-pub(super) fn promised_by_noise(problem: &Problem, tangent: &Tangent, groups: &[Group]) -> f64 {
+pub(super) fn promised_by_noise<S: Subject>(
+    problem: &Problem<S>,
+    tangent: &Tangent,
+    groups: &[Group],
+) -> f64 {
     let draws = problem.train.noise_rows();
     let largest: Vec<f64> = draws
         .into_par_iter()
@@ -282,7 +283,14 @@ pub(super) fn promised_by_noise(problem: &Problem, tangent: &Tangent, groups: &[
 }
 
 /// Changes at a moment: an electrode that fails, a payload that comes or goes, at every kept sample of the series and between recordings.
-fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Scanned>, Locked> {
+fn steps<S: Subject>(
+    problem: &Problem<S>,
+    fitted: &Fitted,
+    tangent: &Tangent,
+) -> Result<Vec<Scanned>, Locked> {
+    if problem.train.moments().is_empty() {
+        return Ok(Vec::new());
+    }
     let residual = problem.residual(fitted);
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
     let failure = crate::effects::by_id("electrode_failure").expect("in the catalogue");
@@ -313,15 +321,10 @@ fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Sc
     // Rows in the order of the series, latest first.
     let mut rows: Vec<(f64, f64, usize, usize)> = Vec::new(); // recording, time, first row, recording number
     let mut at = 0;
-    for (number, (when, dataset)) in problem
-        .train_when
-        .iter()
-        .zip(problem.train.datasets())
-        .enumerate()
-    {
-        for &c in problem.train.kept(number) {
-            rows.push((when.recording as f64, dataset.time_s(c), at, number));
-            at += 3;
+    for (number, when) in problem.train_when.iter().enumerate() {
+        for t in problem.train.kept_times_s(number) {
+            rows.push((when.recording as f64, t, at, number));
+            at += S::CHAINS;
         }
     }
     rows.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
@@ -333,7 +336,7 @@ fn steps(problem: &Problem, fitted: &Fitted, tangent: &Tangent) -> Result<Vec<Sc
         let mut best: Option<(f64, f64, usize)> = None; // promised, coefficient, row
         let q = &acting.effect.parameters()[0];
         for (i, row) in rows.iter().enumerate() {
-            for a in row.2..row.2 + 3 {
+            for a in row.2..row.2 + S::CHAINS {
                 let m = column[a];
                 whole += m * m;
                 product += m * tangent.residual[a];

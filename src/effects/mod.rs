@@ -21,6 +21,7 @@ mod hinge_stiffness;
 mod joint_damping;
 mod joint_friction;
 mod leakage;
+pub mod line;
 mod link_length_error;
 mod loss_of_tension;
 mod marker_offset;
@@ -301,6 +302,8 @@ pub trait Effect: Sync + Send {
     fn capacitance(&self, _v: &[f64], _along: &Along, _half_slope: &mut [f64]) {}
     /// Multiplies the stress of [equilibrium spring, branches].
     fn stress(&self, _v: &[f64], _along: &Along, _film: &Film, _factor: &mut [[f64; 2]]) {}
+    /// Changes what is asked of, or given to, a single coordinate ([`line`]).
+    fn line(&self, _v: &[f64], _view: &line::View, _terms: &mut line::Terms) {}
     /// Adds the torque that acts on theta_DEA, N m, positive where it opens the lozenge.
     fn torque(&self, _v: &[f64], _along: &Along, _torque_n_m: &mut [f64]) {}
     /// Whether [`Effect::slack`] does something.

@@ -298,6 +298,11 @@ pub fn advance<P: SeparableResidual>(
         return;
     }
     let n = nonlinear.len();
+    if n == 0 {
+        // All is linear: the first evaluation solved it.
+        state.ended = Some(Ended::Converged);
+        return;
+    }
     let gram = state.gram();
     let (reduced, gradient) = reduced_system(&gram, state, nonlinear, linear);
     // An unknown at a bound that wants to go further out stays there.

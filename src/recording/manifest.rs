@@ -346,6 +346,8 @@ pub struct BenchManifest {
     pub angle: Quantity,
     /// Its torque.
     pub torque: Quantity,
+    /// Part of the recording that is used: s, or rows from 1 where the file has no time.
+    pub span: Option<[f64; 2]>,
 }
 
 /// What moves on a single axis.
@@ -389,6 +391,12 @@ pub struct AxisManifest {
     pub damping: NumberOrEstimate,
     /// N/m, or N m/rad.
     pub stiffness: NumberOrEstimate,
+    /// The input's own file and clock, where another instrument logged it.
+    pub input_source: Option<(FileRef, Clock)>,
+    /// Factors from the columns to `units`: coordinate, input, load.
+    pub scale: [f64; 3],
+    /// Part of the recording that is used, s.
+    pub span_s: Option<[f64; 2]>,
 }
 
 /// A column of the motion file that shows a voltage channel.
@@ -529,7 +537,7 @@ const COUPON: &[&str] = &[
     "thickness_mm",
 ];
 const BENCH: &[&str] = &[
-    "file", "format", "encoding", "angle", "torque", "time", "rate_hz", "units",
+    "file", "format", "encoding", "angle", "torque", "time", "rate_hz", "units", "span",
 ];
 const AXIS: &[&str] = &[
     "file",
@@ -542,6 +550,12 @@ const AXIS: &[&str] = &[
     "input",
     "load",
     "units",
+    "input_file",
+    "input_format",
+    "input_time",
+    "input_rate_hz",
+    "scale",
+    "span_s",
     "input_gain",
     "mass_kg",
     "inertia_kg_m2",
@@ -626,7 +640,7 @@ impl Manifest {
             }
             Kind::FilmCoupon => &["recording", "coupon"],
             Kind::HingeBench => &["recording", "bench"],
-            Kind::Axis => &["recording", "axis"],
+            Kind::Axis => &["recording", "axis", "sync"],
         };
         for table in TABLES {
             if top.has(table) && !belongs.contains(table) {
@@ -667,7 +681,24 @@ impl Manifest {
             }
             Kind::Axis => {
                 let t = top.need_table("axis", AXIS, "a single axis has [axis]")?;
-                manifest.axis = Some(axis(&t)?);
+                let axis = axis(&t)?;
+                let apart = axis.input_source.is_some();
+                manifest.axis = Some(axis);
+                if let Some(t) = top.table("sync", &["offset_s"])? {
+                    if let Some(offset_s) = t.get("offset_s")? {
+                        manifest.offset_s = offset_s;
+                    }
+                    if !apart && manifest.offset_s != NumberOrEstimate::Number(0.0) {
+                        return Err(t
+                            .bad(
+                                "offset_s",
+                                "position and input are in one file, on one clock",
+                            )
+                            .expected(
+                                "no [sync], or the input in a file of its own (`input_file`)",
+                            ));
+                    }
+                }
             }
         }
         Ok(manifest)
@@ -1026,11 +1057,71 @@ fn bench(t: &Keys<'_>) -> Result<BenchManifest, Error> {
             column: t.need("torque")?,
             unit: unit("torque", Dimension::Torque)?,
         },
+        span: span(t, "span")?,
     })
 }
 
+/// A pair of rising numbers.
+fn span(t: &Keys<'_>, key: &'static str) -> Result<Option<[f64; 2]>, Error> {
+    let expected = "[from, to], two rising numbers";
+    let read = |v: &DeValue<'_>| {
+        super::keys::numbers(v)
+            .and_then(|n| <[f64; 2]>::try_from(n).ok())
+            .filter(|[a, b]| a < b)
+    };
+    t.get_with(key, expected, read)
+}
+
+/// The file of the input, where it is another than the motion's.
+fn input_source(
+    t: &Keys<'_>,
+    time_unit: Option<&'static Unit>,
+    encoding: Option<String>,
+) -> Result<Option<(FileRef, Clock)>, Error> {
+    let column = t.get::<ColumnRef>("input_time")?;
+    let rate_hz = t.positive("input_rate_hz")?;
+    let format = t.get("input_format")?;
+    let Some(file) = t.get::<String>("input_file")? else {
+        return match (column.is_some(), rate_hz.is_some()) {
+            (false, false) => Ok(None),
+            _ => Err(t.missing(
+                "input_file",
+                "`input_time` and `input_rate_hz` are of an input in a file of its own: add `input_file = ...`",
+            )),
+        };
+    };
+    let clock = match (column, rate_hz) {
+        (Some(column), None) => Clock::Column {
+            column,
+            unit: time_unit,
+        },
+        (None, Some(rate_hz)) => Clock::Rate { rate_hz },
+        _ => {
+            return Err(t.missing(
+                "input_time",
+                "say when the rows of `input_file` were taken: `input_time = ...` (a column) or `input_rate_hz = ...`",
+            ));
+        }
+    };
+    Ok(Some((
+        FileRef {
+            file: file.into(),
+            format,
+            encoding,
+        },
+        clock,
+    )))
+}
+
 fn axis(t: &Keys<'_>) -> Result<AxisManifest, Error> {
-    let names: &[&str] = &["time", "position", "velocity", "input", "load"];
+    let names: &[&str] = &[
+        "time",
+        "position",
+        "velocity",
+        "input",
+        "load",
+        "input_time",
+    ];
     let units = t.table("units", names)?;
     let unit = |key, dimensions: &[Dimension]| match &units {
         Some(units) => unit_of(units, key, dimensions),
@@ -1067,8 +1158,29 @@ fn axis(t: &Keys<'_>) -> Result<AxisManifest, Error> {
         AxisInertia::InertiaKgM2(t.need("inertia_kg_m2")?)
     };
     let zero = NumberOrEstimate::Number(0.0);
+    let source = file_ref(t)?;
+    let time_unit = unit("time", &[Dimension::Time])?;
+    let input_unit = unit("input_time", &[Dimension::Time])?.or(time_unit);
+    let input_source = input_source(t, input_unit, source.encoding.clone())?;
+    let mut scale = [1.0; 3];
+    if let Some(table) = t.table("scale", &["position", "velocity", "input", "load"])? {
+        let keys = ["position", "velocity", "input", "load"];
+        for (key, place) in keys.into_iter().zip([0, 0, 1, 2]) {
+            if let Some(factor) = table.get::<f64>(key)? {
+                if factor == 0.0 || !factor.is_finite() {
+                    return Err(table
+                        .bad(key, format!("found {factor}"))
+                        .expected("a factor other than 0"));
+                }
+                scale[place] = factor;
+            }
+        }
+    }
     Ok(AxisManifest {
-        source: file_ref(t)?,
+        source,
+        input_source,
+        scale,
+        span_s: span(t, "span_s")?,
         clock,
         coordinate,
         input: t.need("input")?,

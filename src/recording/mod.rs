@@ -279,7 +279,9 @@ pub enum RawCoordinate {
 pub struct RawAxis {
     /// Time of every row, s; strictly rising.
     pub time_s: Vec<f64>,
-    /// Position or velocity.
+    /// Time of every row of the input on its own clock, s, where it has one.
+    pub input_time_s: Option<Vec<f64>>,
+    /// Position or velocity, times the manifest's scale.
     pub coordinate: RawCoordinate,
     /// What drives.
     pub input: RawColumn,

@@ -518,16 +518,28 @@ impl Reader<'_> {
         let moved = match &m.coordinate {
             AxisCoordinate::Position(q) | AxisCoordinate::Velocity(q) => q,
         };
-        let mut wanted = vec![&moved.column, &m.input];
+        let mut wanted = vec![&moved.column];
+        if m.input_source.is_none() {
+            wanted.push(&m.input);
+        }
         wanted.extend(m.load.as_ref().map(|l| &l.column));
         let mut table = self.table(&m.source, Role::Axis, &m.clock, &wanted)?;
         let time_s = rising_time(&table, Role::Axis)?;
         let path = table.path.clone();
-        let load = match (&m.load, table.columns.len()) {
-            (Some(load), 3) => table.columns.pop().map(|c| (load, c)),
-            _ => None,
+        let load = match &m.load {
+            Some(load) => table.columns.pop().map(|c| (load, c)),
+            None => None,
         };
-        let (coordinate, input) = pair(&path, table.columns)?;
+        let mut input_time_s = None;
+        if let Some((source, clock)) = &m.input_source {
+            let other = self.table(source, Role::Axis, clock, &[&m.input])?;
+            input_time_s = Some(rising_time(&other, Role::Axis)?);
+            table.columns.extend(other.columns);
+        }
+        let (mut coordinate, mut input) = pair(&path, table.columns)?;
+        for (column, factor) in [(&mut coordinate, m.scale[0]), (&mut input, m.scale[1])] {
+            column.values.iter_mut().for_each(|v| *v *= factor);
+        }
         // an axis may slide or turn: the unit says which
         let turns = |unit: Option<&Unit>, column: &Column, turning: Dimension| {
             unit.or_else(|| Unit::parse(&column.unit))
@@ -568,7 +580,8 @@ impl Reader<'_> {
             }
         };
         let load = match load {
-            Some((q, column)) => {
+            Some((q, mut column)) => {
+                column.values.iter_mut().for_each(|v| *v *= m.scale[2]);
                 let d = either(q.unit, &column, Dimension::Force, Dimension::Torque);
                 Some(raw(&path, column, q.unit, d, "units = { load = \"N\" }")?)
             }
@@ -584,6 +597,7 @@ impl Reader<'_> {
         let input_unit = m.input_unit.clone().unwrap_or_else(|| input.unit.clone());
         Ok(RawAxis {
             time_s,
+            input_time_s,
             coordinate,
             input: RawColumn {
                 label: input.title(),

@@ -36,6 +36,8 @@ pub struct DiagnosisJson {
     pub law: Option<LawJson>,
     /// Samples over which the errors are taken.
     pub rmse_basis: String,
+    /// Unit of the errors: V for a robot; for an axis that of its input, for a bench N m, for a coupon Pa.
+    pub rmse_unit: String,
     /// Errors on the recordings that were fitted.
     #[serde(rename = "train_rmse_V")]
     pub train: GainJson,
@@ -89,7 +91,7 @@ impl PlaceJson {
         PlaceJson {
             dimension: p.dimension.into(),
             range: p.range.filter(|r| r.iter().all(|v| v.is_finite())),
-            unit: p.unit.into(),
+            unit: p.unit.clone(),
             value: p.value.clone(),
             recording: p.recording.clone(),
             actuators: p.actuators.clone(),
@@ -160,7 +162,7 @@ impl CandidateJson {
                     }),
                     unit: match word(n.values[0], series) {
                         Some(_) => String::new(),
-                        None => n.values[0].unit.into(),
+                        None => n.values[0].unit.clone(),
                     },
                     std_error: each(&|v| number(v.std_error)),
                     ci95: each(&ends),
@@ -213,7 +215,7 @@ impl HiddenJson {
             smallest_detectable: SizeJson {
                 name: h.name.into(),
                 value: finite(h.smallest_detectable),
-                unit: h.unit.into(),
+                unit: h.unit.clone(),
             },
         }
     }
@@ -302,7 +304,8 @@ impl DiagnosisJson {
             next_experiment: d.next_experiment.clone(),
             hidden: d.hidden.iter().map(HiddenJson::of).collect(),
             law: d.law.as_ref().map(LawJson::of),
-            rmse_basis: "above_1kV".into(),
+            rmse_basis: d.basis.into(),
+            rmse_unit: d.unit.clone(),
             train: GainJson::of(&d.train),
             holdout: d.holdout.as_ref().map(GainJson::of),
             plain_mean_square: finite(d.plain_mean_square),

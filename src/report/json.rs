@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use super::provenance::{FileSum, Provenance};
 use crate::calibration::{
-    AtBound, ChainError, CouponFit, CouponOutcome, CouponPlace, CouponTotal, Estimate, Outcome,
-    RecordingOutcome, SampleFit, SampleOutcome, StartOutcome, WeakDirection,
+    AtBound, ChainError, CouponFit, CouponOutcome, CouponPlace, CouponTotal, Estimate, LineFit,
+    LineOutcome, Outcome, RecordingOutcome, SampleFit, SampleOutcome, StartOutcome, WeakDirection,
 };
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::film::InitialState;
@@ -682,6 +682,66 @@ impl FitJson {
 }
 
 impl FitJson {
+    /// Of a fit of hinge benches or axes: errors of the torque, or of the input.
+    #[must_use]
+    pub fn of_lines(outcome: &LineOutcome, provenance: Provenance) -> Self {
+        let errors = |(rmse, largest, n, noise): (f64, f64, usize, f64)| Errors {
+            rmse_v: finite(rmse),
+            max_error_v: finite(largest),
+            n_samples: n,
+            rmse_all_v: finite(rmse),
+            n_samples_all: n,
+            noise_floor_v: finite(noise),
+            n_negative: 0,
+        };
+        let recording = |r: &LineFit| {
+            let own = errors((r.rmse, r.max_error, r.n_samples, r.noise));
+            RecordingFit {
+                id: r.id.clone(),
+                errors: own,
+                chains: vec![own],
+                coupon: None,
+                sample: None,
+                offset_s: None,
+                offset_std_error_s: None,
+                gaps: Vec::new(),
+                n_unreachable: 0,
+                notes: r.notes.clone(),
+            }
+        };
+        FitJson {
+            job: outcome.job.to_owned(),
+            verdict: outcome.verdict.clone(),
+            errors: errors(outcome.total()),
+            nrmse_percent: None,
+            rmse_unit: outcome.unit.clone(),
+            rmse_basis: ALL.to_owned(),
+            converged: outcome.converged,
+            reason: outcome.reason.clone(),
+            evaluations: outcome.evaluations,
+            failed_evaluations: 0,
+            weighted_mean_square: finite(outcome.weighted_mean_square),
+            noise_mean_square: Some(1.0),
+            parameters: Named(
+                outcome
+                    .estimates
+                    .iter()
+                    .map(|e| (e.name.clone(), e.into()))
+                    .collect(),
+            ),
+            eps_r: None,
+            weak_directions: Vec::new(),
+            correlation: (&(Vec::new(), Vec::new())).into(),
+            recordings: outcome.recordings.iter().map(recording).collect(),
+            swing_range_deg: None,
+            worst: Vec::new(),
+            starts: Vec::new(),
+            plan: Vec::new(),
+            remarks: outcome.remarks.clone(),
+            provenance,
+        }
+    }
+
     /// Of a calibration on hanging samples.
     #[must_use]
     pub fn of_samples(outcome: &SampleOutcome, provenance: Provenance) -> Self {

@@ -20,8 +20,8 @@ use serde::Serialize;
 use toml::de::DeValue;
 
 use super::provenance::{FileSum, Provenance, RecordingSum};
-use crate::calibration::{CouponOutcome, Estimate, Outcome, SampleOutcome};
-use crate::diagnosis::Diagnosis;
+use crate::calibration::{CouponOutcome, Estimate, LineOutcome, Outcome, SampleOutcome};
+use crate::diagnosis::{Diagnosis, RigKind};
 use crate::film::Film;
 use crate::model::{Electrode, ForearmTorque, Parameters};
 use crate::recording::keys::{Document, Keys, Value, describe};
@@ -257,11 +257,26 @@ impl ParameterFile {
         provenance: Provenance,
     ) -> Self {
         let found = diagnosis.candidates.iter().filter(|c| c.in_model);
+        let eps_r = Some(diagnosis.eps_r).filter(|e| e.is_finite());
+        let mut plain = ParameterFile::of(&diagnosis.parameters, eps_r);
+        let (film, forearm) = match diagnosis.rig {
+            RigKind::Robot => (true, true),
+            RigKind::Coupon => (true, false),
+            RigKind::Bench => (false, true),
+            RigKind::Axis => (false, false),
+        };
+        plain.film = plain.film.filter(|_| film);
+        plain.forearm = plain.forearm.filter(|_| forearm);
+        plain.axis = diagnosis
+            .values
+            .iter()
+            .map(|(name, value)| (name.clone(), (*value).into()))
+            .collect();
         ParameterFile {
             effects: found.map(|c| Effect::of(c, &series)).collect(),
             series,
             provenance,
-            ..ParameterFile::of(&diagnosis.parameters, Some(diagnosis.eps_r))
+            ..plain
         }
     }
 
@@ -270,6 +285,31 @@ impl ParameterFile {
     pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
         ParameterFile {
             film: Some(FilmEntry::of(&outcome.film, None, &outcome.estimates)),
+            provenance,
+            ..ParameterFile::default()
+        }
+    }
+
+    /// The torque curve of a hinge, usable as the forearms', or the values of an axis.
+    #[must_use]
+    pub fn of_lines(outcome: &LineOutcome, provenance: Provenance) -> Self {
+        let forearm = outcome.curve.as_ref().map(|curve| ForearmEntry {
+            nodes_deg: curve.nodes_rad().iter().map(|&r| degrees(r)).collect(),
+            torque_n_m: curve
+                .torque_n_m
+                .iter()
+                .zip(&outcome.estimates)
+                .map(|(&t, e)| Quantity::of(t, Some(e)))
+                .collect(),
+        });
+        let axis = outcome
+            .values
+            .iter()
+            .map(|(name, value)| (name.clone(), (*value).into()))
+            .collect();
+        ParameterFile {
+            forearm,
+            axis,
             provenance,
             ..ParameterFile::default()
         }

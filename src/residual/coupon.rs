@@ -93,6 +93,11 @@ pub struct CouponResidual<'a> {
 
 /// The stretch history of a coupon, with the lever that turns stress into nominal stress.
 fn history(coupon: &Coupon) -> History {
+    stretch_history(coupon, &coupon.grid.stretch, &coupon.grid.mid_stretch)
+}
+
+/// The same for other stretches at the nodes of its grid, and in the middle of the steps that end there.
+pub(super) fn stretch_history(coupon: &Coupon, stretch: &[f64], middle: &[f64]) -> History {
     let node = |lambda: f64, middle: f64| {
         let square = |l: f64| coupon.stretches(l).map(|v| v * v);
         Node {
@@ -109,7 +114,7 @@ fn history(coupon: &Coupon) -> History {
         .iter()
         .map(|&(step_s, steps)| {
             let nodes = (from..from + steps)
-                .map(|k| node(grid.stretch[k], grid.mid_stretch[k]))
+                .map(|k| node(stretch[k], middle[k]))
                 .collect();
             from += steps;
             Segment {
@@ -121,7 +126,7 @@ fn history(coupon: &Coupon) -> History {
         .collect();
     History {
         initial: coupon.initial,
-        first: node(grid.stretch[0], grid.stretch[0]),
+        first: node(stretch[0], stretch[0]),
         segments,
     }
 }

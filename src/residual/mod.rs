@@ -8,6 +8,7 @@
 mod coupon;
 mod decimate;
 mod gram;
+pub mod line;
 mod normal;
 mod robot;
 mod sample;
@@ -21,3 +22,26 @@ pub use sample::{
     MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun, SampleTrouble,
     command_for_v, film_voltage_v, inverse_sample, run_sample,
 };
+
+/// Correlation length of residuals in a row, in residuals: 1 + 2 sum of their autocorrelation until that falls below 0.05. So many of them
+/// say as much as one that is independent.
+#[must_use]
+pub fn correlation_length(residual: &[f64]) -> f64 {
+    let n = residual.len();
+    let total: f64 = residual.iter().map(|r| r * r).sum();
+    let mut length = 1.0;
+    if total > 0.0 {
+        for lag in 1..n / 4 {
+            let rho: f64 = residual
+                .windows(lag + 1)
+                .map(|w| w[0] * w[lag])
+                .sum::<f64>()
+                / total;
+            if rho < 0.05 {
+                break;
+            }
+            length += 2.0 * rho;
+        }
+    }
+    length
+}

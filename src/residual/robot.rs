@@ -353,6 +353,16 @@ impl<'a> RobotResidual<'a> {
         self.recordings.iter().map(|r| r.dataset)
     }
 
+    /// A recording.
+    pub fn dataset(&self, recording: usize) -> &'a Dataset {
+        self.recordings[recording].dataset
+    }
+
+    /// When the recordings were made.
+    pub fn series(&self) -> Vec<When> {
+        self.recordings.iter().map(|r| r.when).collect()
+    }
+
     /// The balance along a recording.
     pub fn mechanics(&self, recording: usize) -> &Mechanics {
         &self.recordings[recording].mechanics

@@ -8,7 +8,7 @@ use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{item, note, remarks, tile};
 use super::{Provenance, provenance};
-use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, Traces, Verdict};
+use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, RigKind, Traces, Verdict};
 use crate::effects::by_id;
 use crate::report::effect_entries::{actuators, named};
 
@@ -91,19 +91,19 @@ fn tiles(d: &Diagnosis) -> Vec<Tile> {
     let mut out = vec![
         tile("Probability of this verdict", odds(d.confidence), ""),
         tile(
-            &format!("Plain model, {on}, rms above 1 kV"),
+            &format!("Plain model, {on}, rms{}", d.over),
             volt(gain.before_v),
-            "V",
+            &d.unit,
         ),
     ];
     if after {
         let label = format!("Augmented model, {on}");
-        out.push(tile(&label, volt(gain.after_v), "V"));
+        out.push(tile(&label, volt(gain.after_v), &d.unit));
     }
     out.push(tile(
         "Noise of the capture alone",
         volt(gain.noise_floor_v),
-        "V",
+        &d.unit,
     ));
     let count = |held: bool| number::count(d.traces.iter().filter(|t| t.held_out == held).count());
     out.push(tile("Recordings fitted", count(false), ""));
@@ -120,16 +120,23 @@ fn judged_on(d: &Diagnosis) -> (&Gain, &'static str) {
 }
 
 fn fits(d: &Diagnosis) -> Option<Note> {
+    let unit = &d.unit;
     let sentence = |on: &str, gain: &Gain, square: f64| {
         let mut text = format!(
-            "{} V rms above 1 kV, where the noise of the capture makes {} V: {} times as much.",
+            "{} {unit} rms{}, where the noise of the capture makes {} {unit}: {} times as much.",
             volt(gain.before_v),
+            d.over,
             volt(gain.noise_floor_v),
             number::significant(gain.before_v / gain.noise_floor_v, 2),
         );
         if square.is_finite() {
             text += &format!(
-                " In torque, weighted by the noise, the mean square is {} where noise alone makes 1.",
+                " {}eighted by the noise, the mean square is {} where noise alone makes 1.",
+                if d.rig == RigKind::Robot {
+                    "In torque, w"
+                } else {
+                    "W"
+                },
                 number::significant(square, 3)
             );
         }
@@ -242,7 +249,7 @@ fn values(c: &Candidate) -> String {
         .map(|n| {
             let list: Vec<String> = n.values.iter().map(|v| one(v)).collect();
             let first = n.values[0];
-            let unit = match (&first.word, first.unit) {
+            let unit = match (&first.word, first.unit.as_str()) {
                 (Some(_), _) | (_, "1") => String::new(),
                 (_, unit) => format!(" {unit}"),
             };
@@ -329,10 +336,12 @@ fn changed(d: &Diagnosis) -> Option<Note> {
     if d.verdict != Verdict::MissingPhysics {
         return None;
     }
+    let unit = &d.unit;
     let line = |on: &str, g: &Gain| {
         let mut text = format!(
-            "{} V rms above 1 kV before, {} V after; the noise makes {} V.",
+            "{} {unit} rms{} before, {} {unit} after; the noise makes {} {unit}.",
             volt(g.before_v),
+            d.over,
             volt(g.after_v),
             volt(g.noise_floor_v)
         );
@@ -387,8 +396,59 @@ fn unseen(d: &Diagnosis) -> Option<Note> {
     Some(note(UNSEEN, lead, Vec::new()))
 }
 
-/// Commands above which errors in volts are shown, V.
-const ABOVE_V: f64 = 1000.0;
+/// How the quantities of a kind of rig are drawn.
+struct Drawn {
+    /// Actuators.
+    channels: usize,
+    /// Commands above which errors are shown.
+    above: f64,
+    /// What drives, and the factor into the unit of the label.
+    command: (String, f64),
+    /// The coordinate that moves.
+    height: String,
+    /// The error at a kept sample, and the factor into its unit.
+    kept: (String, f64),
+    /// What the error is, in a sentence.
+    says: &'static str,
+}
+
+fn drawn(d: &Diagnosis) -> Drawn {
+    if d.rig == RigKind::Robot {
+        return Drawn {
+            channels: 3,
+            above: 1000.0,
+            command: ("command, kV".into(), 1e-3),
+            height: "height of the end effector, mm".into(),
+            kept: ("mN m".into(), 1e3),
+            says: "Voltage that the motion needs at the film minus the one that the command makes there, where the command exceeds 1 kV; below, the noise of the capture alone is worth hundreds of volts.",
+        };
+    }
+    let (command, height, says) = match d.rig {
+        RigKind::Axis => (
+            "input",
+            "position",
+            "Input that the model asks for to make the measured motion, minus the input that was given.",
+        ),
+        RigKind::Bench => (
+            "measured torque",
+            "angle, rad",
+            "Torque of the model minus measured torque.",
+        ),
+        _ => (
+            "measured nominal stress",
+            "stretch",
+            "Nominal stress of the model minus measured nominal stress.",
+        ),
+    };
+    Drawn {
+        channels: 1,
+        above: -1.0,
+        command: (format!("{command}, {}", d.unit), 1.0),
+        height: height.into(),
+        kept: (d.unit.clone(), 1.0),
+        says,
+    }
+}
 
 fn voltages(d: &Diagnosis) -> Option<Section> {
     if d.traces.is_empty() {
@@ -406,7 +466,7 @@ fn voltages(d: &Diagnosis) -> Option<Section> {
             let context = context! {
                 id => t.id.clone(),
                 lead => if t.held_out { "Held out: no step of the fit has read it." } else { "Fitted." },
-                figure => safe(errors_over_time(t, floor, after)),
+                figure => safe(errors_over_time(d, t, floor, after)),
             };
             context
         })
@@ -415,16 +475,21 @@ fn voltages(d: &Diagnosis) -> Option<Section> {
     let template = include_str!("diagnosis_voltages.html");
     Some(Section::new(
         "voltages",
-        "Voltage error before and after",
+        if d.rig == RigKind::Robot {
+            "Voltage error before and after"
+        } else {
+            "Error before and after"
+        },
         template,
         context,
     ))
 }
 
-fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
+fn errors_over_time(d: &Diagnosis, t: &Traces, floor_v: f64, after: bool) -> String {
+    let how = drawn(d);
     let shown = |rows: &[[f64; 3]], k: usize| -> Vec<[f64; 2]> {
         let row = |((t, c), v): ((&f64, &[f64; 3]), &[f64; 3])| {
-            let above = c[k].abs() > ABOVE_V;
+            let above = c[k].abs() > how.above;
             [*t, if above { v[k] } else { f64::NAN }]
         };
         t.time_s
@@ -434,11 +499,11 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
             .map(row)
             .collect()
     };
-    let all = (0..3).flat_map(|k| [shown(&t.before_v, k), shown(&t.after_v, k)]);
-    let most = all
-        .flatten()
-        .filter(|p| p[1].is_finite())
-        .fold(2.5 * floor_v.max(1.0), |m, p| m.max(p[1].abs()));
+    let all = (0..how.channels).flat_map(|k| [shown(&t.before_v, k), shown(&t.after_v, k)]);
+    let most = all.flatten().filter(|p| p[1].is_finite()).fold(
+        2.5 * floor_v.max(if how.channels == 3 { 1.0 } else { 0.0 }),
+        |m, p| m.max(p[1].abs()),
+    );
     let ends = plot::extent(t.time_s.iter().copied());
     let noise = |name: &str| Band {
         name: name.into(),
@@ -446,22 +511,24 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
         rows: ends.map(|x| [x, -2.0 * floor_v, 2.0 * floor_v]).to_vec(),
     };
     let command = Panel {
-        y: Axis::new("command, kV"),
+        y: Axis::new(how.command.0.clone()),
         height: 90.0,
         shades: Vec::new(),
         bands: Vec::new(),
         series: super::ACTUATORS
             .iter()
+            .take(how.channels)
             .enumerate()
             .map(|(k, (name, role))| {
                 let points = t.time_s.iter().zip(&t.command_v);
-                let points = points.map(|(t, c)| [*t, c[k] * 1e-3]).collect();
+                let points = points.map(|(t, c)| [*t, c[k] * how.command.1]).collect();
+                let name = if how.channels == 3 { name } else { "measured" };
                 curve(name, *role, Mark::Line, points)
             })
             .collect(),
     };
     let mut panels = vec![command];
-    for k in 0..3 {
+    for k in 0..how.channels {
         let mut series = vec![curve(
             "plain model",
             Role::Two,
@@ -474,7 +541,11 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
         }
         panels.push(Panel {
             y: Axis::over(
-                format!("error of actuator {}, V", k + 1),
+                if how.channels == 3 {
+                    format!("error of actuator {}, V", k + 1)
+                } else {
+                    format!("error, {}", d.unit)
+                },
                 [-1.1 * most, 1.1 * most],
             ),
             height: 110.0,
@@ -483,37 +554,43 @@ fn errors_over_time(t: &Traces, floor_v: f64, after: bool) -> String {
             series,
         });
     }
-    let label = format!("Voltage error over time in {}", t.id);
+    let label = format!("Error over time in {}", t.id);
     let drawing = plot::line_plot(&label, &Axis::new("time, s"), &panels, Width::Full);
-    plot::figure(
-        &[drawing],
-        &plot::legend(&panels),
-        "Voltage that the motion needs at the film minus the one that the command makes there, where the command exceeds 1 kV; below, the noise of the capture alone is worth hundreds of volts.",
-    )
+    plot::figure(&[drawing], &plot::legend(&panels), how.says)
 }
 
-/// What a torque error is drawn over: the axis, and its value at a frame of a chain.
-type Over = (&'static str, fn(&Traces, usize, usize) -> f64);
+/// The value of a trace at a frame of a chain that an error is drawn over.
+type Over = fn(&Traces, usize, usize) -> f64;
 
-/// The coordinate in which a place lies, as far as the traces have it.
-fn coordinate(dimension: &str) -> Over {
+/// The coordinate in which a place lies, as far as the traces have it: axis, value, factor into the axis's unit.
+fn coordinate(d: &Diagnosis, dimension: &str) -> (String, Over, f64) {
     fn rate(t: &Traces, i: usize, k: usize) -> f64 {
         let (a, b) = (i.saturating_sub(3), (i + 3).min(t.time_s.len() - 1));
-        (t.command_v[b][k] - t.command_v[a][k]) * 1e-3 / (t.time_s[b] - t.time_s[a])
+        (t.command_v[b][k] - t.command_v[a][k]) / (t.time_s[b] - t.time_s[a])
     }
+    let how = drawn(d);
+    let (command, factor) = how.command;
     match dimension {
-        "voltage" => ("command, kV", |t, i, k| t.command_v[i][k].abs() * 1e-3),
-        "voltage_rate" | "direction" | "frequency" => ("rate of the command, kV/s", rate),
-        "height" | "position" | "largest_stretch" => {
-            ("height of the end effector, mm", |t, i, _| t.height_mm[i])
+        "voltage" if how.channels == 3 => (command, |t, i, k| t.command_v[i][k].abs(), factor),
+        "voltage" => (command, |t, i, k| t.command_v[i][k], factor),
+        "voltage_rate" | "direction" | "frequency" if how.channels == 3 => {
+            ("rate of the command, kV/s".into(), rate, factor)
         }
-        _ => ("time in the recording, s", |t, i, _| t.time_s[i]),
+        "height" | "position" | "largest_stretch" | "direction" => {
+            (how.height, |t, i, _| t.height_mm[i], 1.0)
+        }
+        _ => (
+            "time in the recording, s".into(),
+            |t, i, _| t.time_s[i],
+            1.0,
+        ),
     }
 }
 
-/// Torque errors of the recordings `held_out` or not over a coordinate, mN m.
+/// Errors at the kept samples of the recordings `held_out` or not over a coordinate.
 fn scatter(d: &Diagnosis, p: &Place, held_out: bool, after: bool) -> Vec<[f64; 2]> {
-    let (_, over) = coordinate(p.dimension);
+    let (_, over, factor) = coordinate(d, p.dimension);
+    let how = drawn(d);
     let mut out = Vec::new();
     for t in d.traces.iter().filter(|t| t.held_out == held_out) {
         if !held_out && p.recording.as_ref().is_some_and(|r| *r != t.id) {
@@ -530,9 +607,9 @@ fn scatter(d: &Diagnosis, p: &Place, held_out: bool, after: bool) -> Vec<[f64; 2
             if i >= frames || frames < 2 {
                 continue;
             }
-            for k in 0..3 {
+            for k in 0..how.channels {
                 if p.actuators.is_empty() || p.actuators.contains(&(k + 1)) {
-                    out.push([over(t, i, k), row[k + 1] * 1e3]);
+                    out.push([factor * over(t, i, k), row[k + 1] * how.kept.1]);
                 }
             }
         }
@@ -567,9 +644,9 @@ fn located(d: &Diagnosis) -> Option<Section> {
                 points,
             };
             drawings.push(plot::loops(
-                &format!("Torque error of the {name}, {what}"),
-                &Axis::new(coordinate(p.dimension).0),
-                &Axis::over(format!("{name}, {what}, mN m"), range),
+                &format!("Error of the {name}, {what}"),
+                &Axis::new(coordinate(d, p.dimension).0),
+                &Axis::over(format!("{name}, {what}, {}", drawn(d).kept.0), range),
                 vec![series],
             ));
         }
@@ -583,7 +660,12 @@ fn located(d: &Diagnosis) -> Option<Section> {
         _ => String::new(),
     };
     let caption = format!(
-        "Torque that the motion needs minus torque that the command makes, in the coordinate in which the plain model fails most ({}).{of} A model that suffices leaves a level cloud around zero.",
+        "{}, in the coordinate in which the plain model fails most ({}).{of} A model that suffices leaves a level cloud around zero.",
+        if d.rig == RigKind::Robot {
+            "Torque that the motion needs minus torque that the command makes"
+        } else {
+            drawn(d).says.trim_end_matches('.')
+        },
         place(p)
     );
     let last = figures.len() - 1;
@@ -643,7 +725,7 @@ fn candidates(d: &Diagnosis) -> Option<Section> {
     ]
     .concat();
     let mut table = Table::new(
-        "Causes that were fitted in full, most probable first. Mean squares are of the torque error weighted by the noise of the capture, which alone makes 1.",
+        "Causes that were fitted in full, most probable first. Mean squares are of the error weighted by the noise of the capture, which alone makes 1.",
         head,
     );
     table.row_of(
@@ -661,11 +743,15 @@ fn candidates(d: &Diagnosis) -> Option<Section> {
     for c in &d.candidates {
         let says = number::words(&c.says);
         table.row(vec![
-            Cell::text(format!(
-                "{}, {}",
-                c.acting.effect.id(),
-                sits_in(&actuators(c.acting.on))
-            )),
+            Cell::text(if d.rig == RigKind::Robot {
+                format!(
+                    "{}, {}",
+                    c.acting.effect.id(),
+                    sits_in(&actuators(c.acting.on))
+                )
+            } else {
+                c.acting.effect.id().to_owned()
+            }),
             Cell::number(odds(c.probability)),
             Cell::number(number::significant(c.delta_bic, 3)),
             Cell::number(number::significant(c.mean_square, 3)),
@@ -696,7 +782,7 @@ fn law(d: &Diagnosis) -> Option<Section> {
     let law = d.law.as_ref()?;
     let mut table = Table::new(
         "Terms of the law, strongest first.",
-        ["share of excess alone", "mN m per standard deviation"]
+        ["share of excess alone", "per standard deviation"]
             .map(Cell::number)
             .into_iter()
             .fold(
@@ -744,7 +830,7 @@ fn hidden(d: &Diagnosis) -> Option<Section> {
         .concat(),
     );
     for h in &d.hidden {
-        let unit = if h.unit == "1" { "" } else { h.unit };
+        let unit = if h.unit == "1" { "" } else { &h.unit };
         let size = number::significant(h.smallest_detectable, 2);
         table.row(vec![
             Cell::text(h.effect),

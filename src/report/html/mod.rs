@@ -10,6 +10,7 @@ mod contributions;
 mod coupon;
 mod diagnosis;
 mod errors;
+mod line;
 pub mod number;
 pub mod page;
 mod parameters;
@@ -31,6 +32,7 @@ use page::Section;
 pub use ageing::render_ageing;
 pub use coupon::render_coupons;
 pub use diagnosis::render_diagnosis;
+pub use line::render_lines;
 pub use sample::render_samples;
 pub use validation::{render_validation, words as validation_words};
 

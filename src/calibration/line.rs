@@ -1,0 +1,537 @@
+//! The plain model of a single coordinate: a hinge's torque curve from a bench, and mass, damping, stiffness, gain of an axis.
+//!
+//! All is linear (but a clock offset), so that there is one minimum and no start to choose. What a plain model leaves out makes its
+//! residuals follow one another: standard errors count only as many residuals as their correlation length allows, and the misfit
+//! where it exceeds the noise.
+
+use std::ops::ControlFlow;
+
+use nalgebra::DMatrix;
+
+use super::{AtBound, Error, Estimate};
+use crate::dataset::line::{Constant, Line, Measured};
+use crate::fit::separable::{Options, State, Unknown, minimise};
+use crate::model::ForearmTorque;
+use crate::recording::nearest;
+use crate::residual::line::{AxisTerm, LineResidual, Plain, plain, scales};
+use crate::residual::{OFFSET_REACH_S, correlation_length};
+
+/// What a fit of one coordinate is asked to do.
+#[derive(Debug, Clone, Default)]
+pub struct LineRequest {
+    /// Parameters held at a value.
+    pub fix: Vec<(String, f64)>,
+    /// Bounds.
+    pub bound: Vec<(String, [f64; 2])>,
+}
+
+/// One recording against the model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LineFit {
+    /// Identity.
+    pub id: String,
+    /// Root mean square error: of the torque, or of the input.
+    pub rmse: f64,
+    /// Largest magnitude of the error.
+    pub max_error: f64,
+    /// Samples that count.
+    pub n_samples: usize,
+    /// What noise alone makes of the error.
+    pub noise: f64,
+    /// Time of each, s (or row numbers).
+    pub time_s: Vec<f64>,
+    /// Angle rad, or position.
+    pub coordinate: Vec<f64>,
+    /// Measured torque, or input.
+    pub measured: Vec<f64>,
+    /// What the model asks for.
+    pub predicted: Vec<f64>,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// Everything that a fit of one coordinate found.
+#[derive(Debug, Clone)]
+pub struct LineOutcome {
+    /// `hinge` or `axis`.
+    pub job: &'static str,
+    /// Does it fit, in one sentence.
+    pub verdict: String,
+    /// Unit of the errors.
+    pub unit: String,
+    /// Every parameter.
+    pub estimates: Vec<Estimate>,
+    /// The recordings.
+    pub recordings: Vec<LineFit>,
+    /// The torque curve of a hinge.
+    pub curve: Option<ForearmTorque>,
+    /// Values of an axis: name with its unit.
+    pub values: Vec<(String, f64)>,
+    /// Whether the fit converged, and why it stopped.
+    pub converged: bool,
+    /// See `converged`.
+    pub reason: String,
+    /// Evaluations.
+    pub evaluations: usize,
+    /// Weighted squares per residual; noise alone makes 1.
+    pub weighted_mean_square: f64,
+    /// Further sentences.
+    pub remarks: Vec<String>,
+}
+
+impl LineOutcome {
+    /// Root mean square error, largest error, samples and noise over all recordings.
+    #[must_use]
+    pub fn total(&self) -> (f64, f64, usize, f64) {
+        let n: usize = self.recordings.iter().map(|r| r.n_samples).sum();
+        let mean = |f: &dyn Fn(&LineFit) -> f64| {
+            let sum: f64 = self
+                .recordings
+                .iter()
+                .map(|r| r.n_samples as f64 * f(r).powi(2))
+                .sum();
+            (sum / n.max(1) as f64).sqrt()
+        };
+        let largest = self.recordings.iter().map(|r| r.max_error);
+        (
+            mean(&|r| r.rmse),
+            largest.fold(0.0, f64::max),
+            n,
+            mean(&|r| r.noise),
+        )
+    }
+}
+
+/// Error over noise up to which a plain model fits.
+const FITS: f64 = 1.5;
+/// Heavier, stiffer or stronger than any laboratory axis: more likely a wrong unit.
+const IMPLAUSIBLE: [(&str, f64, f64); 4] = [
+    ("mass", 1e-7, 1e5),
+    ("damping", 0.0, 1e7),
+    ("stiffness", 0.0, 1e9),
+    ("gain", 1e-9, 1e9),
+];
+
+/// Fits the plain model of hinge benches or axes, all of one rig.
+///
+/// # Errors
+/// [`Error`] for unknown names, impossible values, and recordings that determine nothing.
+pub fn calibrate_lines(lines: &[Line], request: &LineRequest) -> Result<LineOutcome, Error> {
+    let mut lines = lines.to_vec();
+    let bench = matches!(lines[0].measured, Measured::Torque(_));
+    if !bench {
+        hold(&mut lines, &request.fix)?;
+    }
+    let refs: Vec<&Line> = lines.iter().collect();
+    let scales = scales(&refs);
+    let mut residual = LineResidual::new(&refs, plain(&refs, 0), scales);
+    let names = names(residual.plain());
+    let unknown = |name: &String| Error::UnknownParameter {
+        name: name.clone(),
+        nearest: nearest(name, &names).map(Into::into),
+        known: names.join(", "),
+    };
+    let mut linear: Vec<Unknown> = names
+        .iter()
+        .map(|name| {
+            let physical = matches!(name.as_str(), "mass" | "damping" | "stiffness");
+            Unknown {
+                start: 0.0,
+                lower: if physical { 0.0 } else { f64::NEG_INFINITY },
+                upper: f64::INFINITY,
+                prior: None,
+            }
+        })
+        .collect();
+    let over_gain = matches!(
+        residual.plain(),
+        Plain::Axis {
+            over_gain: true,
+            ..
+        }
+    );
+    if bench {
+        for (name, value) in &request.fix {
+            let i = names
+                .iter()
+                .position(|n| n == name)
+                .ok_or_else(|| unknown(name))?;
+            linear[i] = Unknown::fixed(*value);
+        }
+    }
+    for (name, [low, high]) in &request.bound {
+        let i = names
+            .iter()
+            .position(|n| n == name)
+            .ok_or_else(|| unknown(name))?;
+        if over_gain {
+            return Err(Error::BadValue {
+                name: name.clone(),
+                what: "bounds need a known gain: what is found is each parameter over the gain"
+                    .into(),
+            });
+        }
+        (linear[i].lower, linear[i].upper) = (*low, *high);
+    }
+    let offsets = residual.free_offsets().len();
+    let nonlinear = vec![Unknown::free(0.0, -OFFSET_REACH_S, OFFSET_REACH_S); offsets];
+    if residual.rows() < 2 * linear.len() {
+        return Err(Error::NothingToFit(format!(
+            "{} samples are too few for {} parameters",
+            residual.rows(),
+            linear.len()
+        )));
+    }
+    let go = |_: &State| ControlFlow::Continue(());
+    let options = Options::default();
+    // a clock has many minima: from a comb of offsets
+    let starts: Vec<f64> = if offsets > 0 {
+        (-10..=10)
+            .map(|i| f64::from(i) * OFFSET_REACH_S / 10.0)
+            .collect()
+    } else {
+        vec![0.0]
+    };
+    let mut evaluations = 0;
+    let mut best: Option<State> = None;
+    for start in starts {
+        let state = minimise(
+            &residual,
+            &nonlinear,
+            &linear,
+            &vec![start; offsets],
+            &options,
+            go,
+        );
+        evaluations += state.evaluations;
+        if best.as_ref().is_none_or(|b| state.cost < b.cost) {
+            best = Some(state);
+        }
+    }
+    let first = best.ok_or_else(|| Error::NothingToFit("no start".into()))?;
+    residual.weigh(&first.beta);
+    for (u, b) in linear.iter_mut().zip(&first.beta) {
+        u.start = *b;
+    }
+    let state = minimise(&residual, &nonlinear, &linear, &first.eta, &options, go);
+    evaluations += state.evaluations;
+    outcome(&residual, &state, &linear, &names, evaluations)
+}
+
+/// `--fix` of an axis: what is held is known.
+fn hold(lines: &mut [Line], fix: &[(String, f64)]) -> Result<(), Error> {
+    for (name, value) in fix {
+        for line in lines.iter_mut() {
+            let Measured::Axis(a) = &mut line.measured else {
+                continue;
+            };
+            let known = Constant::Known(*value);
+            match name.as_str() {
+                "mass" | "inertia" => a.mass = known,
+                "damping" => a.damping = known,
+                "stiffness" => a.stiffness = known,
+                "gain" => a.gain = known,
+                "clock_offset" => a.offset_s = known,
+                _ => {
+                    let all =
+                        ["mass", "damping", "stiffness", "gain", "clock_offset"].map(String::from);
+                    return Err(Error::UnknownParameter {
+                        name: name.clone(),
+                        nearest: nearest(name, &all).map(Into::into),
+                        known: all.join(", "),
+                    });
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn names(plain: &Plain) -> Vec<String> {
+    match plain {
+        Plain::Bench(curve) => curve
+            .nodes_rad()
+            .iter()
+            .map(|n| format!("torque_{}deg", (n.to_degrees() * 1e6).round() / 1e6))
+            .collect(),
+        Plain::Axis { terms, .. } => terms
+            .iter()
+            .map(|t| {
+                match t {
+                    AxisTerm::Mass => "mass",
+                    AxisTerm::Damping => "damping",
+                    AxisTerm::Stiffness => "stiffness",
+                    AxisTerm::Bias => "bias",
+                    AxisTerm::Gain => "gain",
+                }
+                .to_owned()
+            })
+            .collect(),
+        Plain::Coupon { .. } => Vec::new(),
+    }
+}
+
+fn meaning(name: &str, turns: bool) -> (&'static str, &'static str) {
+    match (name, turns) {
+        ("mass", false) => ("mass that is moved", "kg"),
+        ("mass", true) => ("moment of inertia", "kg m^2"),
+        ("damping", false) => ("force per speed", "N s/m"),
+        ("damping", true) => ("torque per angular speed", "N m s"),
+        ("stiffness", false) => ("force per displacement", "N/m"),
+        ("stiffness", true) => ("torque per angle", "N m"),
+        ("bias", false) => ("force at rest, where position and input read zero", "N"),
+        ("bias", true) => ("torque at rest, where position and input read zero", "N m"),
+        ("gain", false) => ("force per unit of input", "N/unit"),
+        ("gain", true) => ("torque per unit of input", "N m/unit"),
+        ("clock_offset", _) => ("input clock minus motion clock", "s"),
+        _ => ("spring-back torque at this angle", "N m"),
+    }
+}
+
+#[allow(clippy::too_many_lines)]
+fn outcome(
+    residual: &LineResidual,
+    state: &State,
+    linear: &[Unknown],
+    names: &[String],
+    evaluations: usize,
+) -> Result<LineOutcome, Error> {
+    let (eta, beta) = (&state.eta, &state.beta);
+    let design = residual.design(eta, beta)?;
+    let width = design.ncols() - 1;
+    let errors = design.column(width);
+    let rows = errors.len() as f64;
+    let mean_square = errors.norm_squared() / rows;
+    let widen = mean_square.max(1.0) * correlation_length(errors.as_slice());
+    let x = design.columns(0, width);
+    let scale: Vec<f64> = (0..width)
+        .map(|i| 1.0 / x.column(i).norm().max(f64::MIN_POSITIVE))
+        .collect();
+    let held = |i: usize| i >= eta.len() && linear[i - eta.len()].is_fixed();
+    let gram = DMatrix::from_fn(width, width, |i, j| {
+        let g = scale[i] * scale[j] * x.column(i).dot(&x.column(j));
+        if i == j {
+            g + 1e-12 + if held(i) { 1e12 } else { 0.0 }
+        } else {
+            g
+        }
+    });
+    let inverse = gram.cholesky().map_or_else(
+        || DMatrix::from_element(width, width, f64::NAN),
+        |c| c.inverse(),
+    );
+    let covariance = DMatrix::from_fn(width, width, |i, j| {
+        widen * scale[i] * scale[j] * inverse[(i, j)]
+    });
+    let (over_gain, known, turns) = match (residual.plain(), residual.lines().next()) {
+        (
+            Plain::Axis {
+                known, over_gain, ..
+            },
+            Some(line),
+        ) => (
+            *over_gain,
+            Some(*known),
+            matches!(&line.measured, Measured::Axis(a) if a.turns),
+        ),
+        _ => (false, None, false),
+    };
+    let gain_at = names.iter().position(|n| n == "gain");
+    let (inverse_gain, gain_index) = match gain_at {
+        Some(i) if over_gain => (beta[i], eta.len() + i),
+        _ => (1.0, 0),
+    };
+    let mut estimates = Vec::new();
+    let mut push = |name: &str,
+                    value: f64,
+                    std_error: f64,
+                    fixed: bool,
+                    at_bound: Option<AtBound>| {
+        let (meaning, unit) = meaning(name, turns);
+        let identifiable = fixed || (std_error.is_finite() && 3.0 * std_error < value.abs());
+        let mut says = if fixed {
+            "held".to_owned()
+        } else if at_bound.is_some() {
+            "rests on its bound".to_owned()
+        } else if identifiable {
+            "determined".to_owned()
+        } else {
+            "not told from zero by these recordings".to_owned()
+        };
+        if let Some((_, low, high)) = IMPLAUSIBLE.iter().find(|i| i.0 == name)
+            && !fixed
+            && value != 0.0
+            && !(*low..=*high).contains(&value.abs())
+        {
+            says = format!(
+                "{value:.3e} {unit} is beyond all plausibility: look whether a column is in another unit, or two are swapped"
+            );
+        }
+        estimates.push(Estimate {
+            name: name.to_owned(),
+            meaning: meaning.to_owned(),
+            unit,
+            value,
+            std_error: if fixed { f64::NAN } else { std_error },
+            ci95: if fixed {
+                [value; 2]
+            } else {
+                [value - 1.96 * std_error, value + 1.96 * std_error]
+            },
+            at_bound,
+            identifiable,
+            fixed,
+            says,
+        });
+    };
+    let mut values = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        let at = eta.len() + i;
+        let variance = covariance[(at, at)];
+        let (value, std_error) = if !over_gain {
+            (beta[i], variance.sqrt())
+        } else if name == "gain" {
+            (1.0 / beta[i], variance.sqrt() / beta[i].powi(2))
+        } else {
+            // beta_i over 1/g: relative variances, and their covariance
+            let g = inverse_gain;
+            let (a, b) = (1.0 / g, -beta[i] / (g * g));
+            let v = a * a * variance
+                + 2.0 * a * b * covariance[(at, gain_index)]
+                + b * b * covariance[(gain_index, gain_index)];
+            (beta[i] / g, v.max(0.0).sqrt())
+        };
+        let at_bound = if linear[i].is_fixed() {
+            None
+        } else if beta[i] <= linear[i].lower {
+            Some(AtBound::Lower)
+        } else if beta[i] >= linear[i].upper {
+            Some(AtBound::Upper)
+        } else {
+            None
+        };
+        push(name, value, std_error, linear[i].is_fixed(), at_bound);
+        values.push((name.clone(), value));
+    }
+    if let Some(known) = known {
+        for (name, value) in ["gain", "mass", "damping", "stiffness"]
+            .into_iter()
+            .zip(known)
+        {
+            if !names.iter().any(|n| n == name) {
+                push(name, value, f64::NAN, true, None);
+                values.push((name.to_owned(), value));
+            }
+        }
+    }
+    if !eta.is_empty() {
+        push(
+            "clock_offset",
+            eta[0],
+            covariance[(0, 0)].sqrt(),
+            false,
+            None,
+        );
+        values.push(("clock_offset".into(), eta[0]));
+    }
+    let factor = residual.gain();
+    let scales = residual.scales();
+    let recordings = residual
+        .lines()
+        .enumerate()
+        .map(|(number, line)| {
+            let (asked, measured) = residual.sides(number, eta, beta)?;
+            let (time, xi, _) = residual.course(number);
+            let kept = residual.kept(number);
+            let errors: Vec<f64> = asked
+                .iter()
+                .zip(&measured)
+                .map(|(a, m)| (a - m) / factor)
+                .collect();
+            let n = errors.len();
+            Ok(LineFit {
+                id: line.id.clone(),
+                rmse: (errors.iter().map(|e| e * e).sum::<f64>() / n.max(1) as f64).sqrt(),
+                max_error: errors.iter().fold(0.0, |m: f64, e| m.max(e.abs())),
+                n_samples: n,
+                noise: (residual.noise(number) / factor).abs(),
+                time_s: kept.iter().map(|&c| time[c]).collect(),
+                coordinate: kept
+                    .iter()
+                    .map(|&c| scales.rest + scales.coordinate * xi[c])
+                    .collect(),
+                measured: measured.iter().map(|m| m / factor).collect(),
+                predicted: asked.iter().map(|a| a / factor).collect(),
+                notes: line.notes.clone(),
+            })
+        })
+        .collect::<Result<Vec<_>, Error>>()?;
+    let unit = match residual.lines().next().map(|l| &l.measured) {
+        Some(Measured::Axis(a)) => a.unit.clone(),
+        _ => "N m".to_owned(),
+    };
+    let with_units = values
+        .into_iter()
+        .map(|(name, value)| {
+            let unit = meaning(&name, turns).1;
+            let suffix = unit.split('/').next().unwrap_or(unit);
+            let suffix = match (name.as_str(), turns) {
+                ("damping", false) => "N_s_m",
+                ("damping", true) => "N_m_s",
+                ("stiffness", _) => "N_m",
+                ("gain" | "bias", true) => "N_m",
+                ("mass", true) => "kg_m2",
+                _ => suffix,
+            };
+            (format!("{name}_{suffix}"), value)
+        })
+        .collect();
+    let bench = matches!(residual.plain(), Plain::Bench(_));
+    let mut out = LineOutcome {
+        job: if bench { "hinge" } else { "axis" },
+        verdict: String::new(),
+        unit,
+        estimates,
+        recordings,
+        curve: bench.then(|| residual.curve(beta)),
+        values: if bench { Vec::new() } else { with_units },
+        converged: state
+            .ended
+            .is_some_and(crate::fit::separable::Ended::converged),
+        reason: state.ended.map_or("", |e| e.words()).to_owned(),
+        evaluations,
+        weighted_mean_square: mean_square,
+        remarks: Vec::new(),
+    };
+    let (rmse, _, n, noise) = out.total();
+    let what = if bench { "torque" } else { "input" };
+    out.verdict = if rmse < FITS * noise {
+        format!(
+            "The plain model fits: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}.",
+            out.unit
+        )
+    } else {
+        format!(
+            "The plain model leaves {:.1} times the noise: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}; `deacal diagnose` looks for what it leaves out.",
+            rmse / noise,
+            out.unit
+        )
+    };
+    for r in &out.recordings {
+        out.remarks
+            .extend(r.notes.iter().map(|n| format!("{}: {n}.", r.id)));
+    }
+    if let Plain::Axis {
+        known,
+        over_gain: false,
+        ..
+    } = residual.plain()
+        && known[0] == 1.0
+        && residual
+            .lines()
+            .any(|l| matches!(&l.measured, Measured::Axis(a) if a.gain == Constant::Free))
+    {
+        out.remarks.push("Nothing sets the scale of the force (no load, no known mass, damping or stiffness): the gain is taken as 1, and the others are per unit of input.".into());
+    }
+    Ok(out)
+}

@@ -1,0 +1,616 @@
+//! One coordinate against one measured quantity: a hinge bench (angle, torque), a single axis (position or velocity, input), a film
+//! coupon (stretch, stress). SI units, a mask, the noise, and for an axis the band in which its motion stands above the noise.
+//!
+//! # Band of an axis
+//! The balance of an axis needs an acceleration, and noise grows with the square of the frequency. Motion, input and load go through one
+//! and the same low-pass, flat up to f and zero from 1.3 f on; the derivatives are part of it (a finite kernel each), so that nothing is
+//! differentiated that was not measured. f is where the spectrum of the coordinate falls to four times its floor, read from the data.
+
+use super::{Coupon, CouponError};
+use crate::recording::{
+    AxisInertia, CouponMode, NumberOrEstimate, RawBench, RawCoordinate, Recording,
+};
+
+/// What was measured along the coordinate.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Measured {
+    /// Torque of a hinge, N m.
+    Torque(Vec<f64>),
+    /// Input and load of an axis.
+    Axis(AxisLine),
+    /// Stress of a coupon.
+    Coupon(Box<Coupon>),
+}
+
+/// A constant of an axis: stated, or to be found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Constant {
+    /// Stated.
+    Known(f64),
+    /// To be found.
+    Free,
+}
+
+impl Constant {
+    fn of(value: NumberOrEstimate) -> Self {
+        match value {
+            NumberOrEstimate::Number(v) => Constant::Known(v),
+            NumberOrEstimate::Estimate => Constant::Free,
+        }
+    }
+}
+
+/// What drives an axis, and what is known of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AxisLine {
+    /// Whether the coordinate was measured as a velocity.
+    pub velocity: bool,
+    /// Whether it turns: units with rad instead of m.
+    pub turns: bool,
+    /// Times of the input on its own clock, s.
+    pub input_time_s: Vec<f64>,
+    /// The input, in its unit.
+    pub input: Vec<f64>,
+    /// Unit of the input.
+    pub unit: String,
+    /// External force along +position at the samples, N or N m; empty where there is none.
+    pub load: Vec<f64>,
+    /// Input clock minus motion clock, s; `Free`: to be found.
+    pub offset_s: Constant,
+    /// N (or N m) per unit of input.
+    pub gain: Constant,
+    /// kg (or kg m^2).
+    pub mass: Constant,
+    /// N s/m.
+    pub damping: Constant,
+    /// N/m.
+    pub stiffness: Constant,
+    /// Frequency up to which the motion stands above its noise, Hz.
+    pub band_hz: f64,
+    /// Standard deviation of the input's noise.
+    pub input_noise: f64,
+}
+
+/// A recording of one coordinate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// Identity.
+    pub id: String,
+    /// Time of every sample, s; the row number where the file has no time.
+    pub time_s: Vec<f64>,
+    /// Whether it has a time.
+    pub timed: bool,
+    /// Distance of the samples, s (axis: all alike).
+    pub step_s: f64,
+    /// Angle rad, position m, velocity m/s, stretch.
+    pub x: Vec<f64>,
+    /// Standard deviation of its noise (axis).
+    pub x_noise: f64,
+    /// Samples that count.
+    pub usable: Vec<bool>,
+    /// What was measured.
+    pub measured: Measured,
+    /// Standard deviation of the noise of torque, N m, or stress, Pa.
+    pub noise: f64,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// A recording that cannot become a line.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LineError {
+    /// Of another kind.
+    #[error("recording `{0}` is no hinge bench, axis or film coupon")]
+    Kind(String),
+    /// Too few samples.
+    #[error(
+        "recording `{id}`: {usable} of {samples} samples have both values; at least {FEWEST} are needed"
+    )]
+    TooShort {
+        /// Recording.
+        id: String,
+        /// Usable samples.
+        usable: usize,
+        /// All.
+        samples: usize,
+    },
+    /// Nothing moves.
+    #[error("recording `{id}`: the {what} is {value} throughout: nothing can be learned from it")]
+    Flat {
+        /// Recording.
+        id: String,
+        /// Column.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A coupon that cannot be used.
+    #[error(transparent)]
+    Coupon(#[from] CouponError),
+}
+
+/// Fewest samples of a recording.
+pub const FEWEST: usize = 16;
+/// Equal values in a row at the end of a range, from which on a sensor is at its rail.
+const RAIL: usize = 4;
+/// Times closer than this share of a step to an even clock are taken to be on it.
+const JITTER: f64 = 0.25;
+
+impl Line {
+    /// The line of a recording of a hinge bench, an axis or a film coupon.
+    ///
+    /// # Errors
+    /// [`LineError`].
+    pub fn from_recording(recording: &Recording) -> Result<Self, LineError> {
+        let m = &recording.manifest;
+        if let Some(raw) = &recording.bench {
+            let span = m.bench.as_ref().and_then(|b| b.span);
+            return bench(&m.id, raw, span);
+        }
+        if recording.axis.is_some() {
+            return axis(recording);
+        }
+        if recording.coupon.is_some() {
+            let coupon = Coupon::from_recording(recording)?;
+            return Ok(Line {
+                id: coupon.id.clone(),
+                time_s: coupon.time_s.clone(),
+                timed: coupon.timed,
+                step_s: coupon.step_s,
+                x: coupon.stretch.clone(),
+                x_noise: 0.0,
+                usable: coupon.usable.clone(),
+                noise: coupon.noise_pa,
+                notes: coupon.notes.clone(),
+                measured: Measured::Coupon(Box::new(coupon)),
+            });
+        }
+        Err(LineError::Kind(m.id.clone()))
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Mode of a coupon.
+    #[must_use]
+    pub fn mode(&self) -> Option<CouponMode> {
+        match &self.measured {
+            Measured::Coupon(c) => Some(c.mode),
+            _ => None,
+        }
+    }
+}
+
+fn check(id: &str, usable: &[bool], columns: &[(&'static str, &[f64])]) -> Result<(), LineError> {
+    let count = usable.iter().filter(|u| **u).count();
+    if count < FEWEST {
+        return Err(LineError::TooShort {
+            id: id.into(),
+            usable: count,
+            samples: usable.len(),
+        });
+    }
+    for (what, values) in columns {
+        let mut seen = values.iter().filter(|v| v.is_finite());
+        let first = seen.next().copied().unwrap_or(f64::NAN);
+        if seen.all(|v| *v == first) {
+            return Err(LineError::Flat {
+                id: id.into(),
+                what,
+                value: first,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Samples at the rail of a sensor: the largest or smallest value, many times in a row, while another quantity goes on changing by
+/// more than its noise.
+fn at_rail(x: &[f64], other: &[f64], noise: f64) -> Vec<bool> {
+    let mut out = vec![false; x.len()];
+    let finite = || x.iter().copied().filter(|v| v.is_finite());
+    let (low, high) = (
+        finite().fold(f64::INFINITY, f64::min),
+        finite().fold(f64::NEG_INFINITY, f64::max),
+    );
+    let mut from = 0;
+    while from < x.len() {
+        let mut to = from + 1;
+        while to < x.len() && x[to] == x[from] {
+            to += 1;
+        }
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        for y in other[from..to].iter().filter(|y| y.is_finite()) {
+            least = least.min(*y);
+            most = most.max(*y);
+        }
+        if to - from >= RAIL && (x[from] == low || x[from] == high) && most - least > 10.0 * noise {
+            out[from..to].fill(true);
+        }
+        from = to;
+    }
+    out
+}
+
+/// The noise of evenly taken samples: the median magnitude of their third differences, which a smooth course does not touch.
+fn noise_of(values: &[f64]) -> f64 {
+    let mut d: Vec<f64> = values
+        .windows(4)
+        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs())
+        .filter(|d| d.is_finite())
+        .collect();
+    if d.is_empty() {
+        return 0.0;
+    }
+    d.sort_by(f64::total_cmp);
+    // the variance of a third difference is 20 times that of a value; the median magnitude of a normal variable 0.6745 deviations
+    d[d.len() / 2] / 0.6745 / 20.0_f64.sqrt()
+}
+
+fn range(values: &[f64]) -> f64 {
+    let finite = || values.iter().copied().filter(|v| v.is_finite());
+    finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min)
+}
+
+fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineError> {
+    let si = |c: &crate::recording::RawColumn| -> Vec<f64> {
+        let factor = c.unit.map_or(1.0, |u| u.to_si);
+        c.values.iter().map(|v| v * factor).collect()
+    };
+    let (x, torque) = (si(&raw.angle), si(&raw.torque));
+    let n = x.len().min(torque.len());
+    let timed = raw.time_s.is_some();
+    let time_s = raw
+        .time_s
+        .clone()
+        .unwrap_or_else(|| (0..n).map(|i| 1.0 + i as f64).collect());
+    let mut notes = Vec::new();
+    if !timed {
+        notes.push("the file has no time: what depends on a rate cannot be told".to_owned());
+    }
+    let noise = noise_of(&torque).max(1e-9 * range(&torque).max(f64::MIN_POSITIVE));
+    let rail = at_rail(&x, &torque, noise);
+    let count = rail.iter().filter(|r| **r).count();
+    if count > 0 {
+        let first = rail.iter().position(|r| *r).unwrap_or(0);
+        notes.push(format!(
+            "the angle stands at {:.4} rad for {count} rows from row {} on while the torque goes on changing: the sensor is at its rail, or something holds the angle; these rows are left out",
+            x[first],
+            first + 1
+        ));
+    }
+    let usable: Vec<bool> = (0..n)
+        .map(|i| {
+            x[i].is_finite()
+                && torque[i].is_finite()
+                && !rail[i]
+                && span.is_none_or(|[a, b]| (a..=b).contains(&time_s[i]))
+        })
+        .collect();
+    check(id, &usable, &[("angle", &x), ("torque", &torque)])?;
+    Ok(Line {
+        id: id.into(),
+        step_s: median_step(&time_s),
+        time_s,
+        timed,
+        x,
+        x_noise: 0.0,
+        usable,
+        measured: Measured::Torque(torque),
+        noise,
+        notes,
+    })
+}
+
+fn median_step(time_s: &[f64]) -> f64 {
+    let mut d: Vec<f64> = time_s.windows(2).map(|w| w[1] - w[0]).collect();
+    d.sort_by(f64::total_cmp);
+    d.get(d.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// Values at other times, linear between samples.
+#[must_use]
+pub fn interpolate(time_s: &[f64], values: &[f64], t: f64) -> f64 {
+    let last = time_s.len() - 1;
+    let i = time_s.partition_point(|x| *x <= t);
+    if i == 0 {
+        return values[0];
+    }
+    if i > last {
+        return values[last];
+    }
+    let f = (t - time_s[i - 1]) / (time_s[i] - time_s[i - 1]);
+    values[i - 1] + f * (values[i] - values[i - 1])
+}
+
+fn axis(recording: &Recording) -> Result<Line, LineError> {
+    let id = recording.manifest.id.as_str();
+    let (Some(raw), Some(m)) = (&recording.axis, &recording.manifest.axis) else {
+        return Err(LineError::Kind(id.into()));
+    };
+    let mut notes = Vec::new();
+    let (column, velocity) = match &raw.coordinate {
+        RawCoordinate::Position(c) => (c, false),
+        RawCoordinate::Velocity(c) => (c, true),
+    };
+    let factor = column.unit.map_or(1.0, |u| u.to_si);
+    let turns = matches!(m.inertia, AxisInertia::InertiaKgM2(_));
+    let mut times = raw.time_s.clone();
+    let mut x: Vec<f64> = column.values.iter().map(|v| v * factor).collect();
+    let load_factor = raw
+        .load
+        .as_ref()
+        .and_then(|l| l.unit)
+        .map_or(1.0, |u| u.to_si);
+    let mut load: Vec<f64> = raw
+        .load
+        .iter()
+        .flat_map(|l| l.values.iter().map(|v| v * load_factor))
+        .collect();
+    let mut input_time_s = raw.input_time_s.clone().unwrap_or_else(|| times.clone());
+    let mut input = raw.input.values.clone();
+    let rest = if raw.input_time_s.is_none() {
+        noise_at_rest(&x, &input)
+    } else {
+        None
+    };
+    // what is used
+    if let Some([a, b]) = m.span_s {
+        let from = times.partition_point(|t| *t < a);
+        let to = times.partition_point(|t| *t <= b);
+        times = times[from..to].to_vec();
+        x = x[from..to].to_vec();
+        if !load.is_empty() {
+            load = load[from..to].to_vec();
+        }
+        if raw.input_time_s.is_none() {
+            input_time_s.clone_from(&times);
+            input = input[from..to].to_vec();
+        }
+    }
+    // an even clock
+    let step_s = median_step(&times);
+    let n = times.len();
+    let even = |i: usize| times[0] + (times[n - 1] - times[0]) * i as f64 / (n.max(2) - 1) as f64;
+    let worst = (0..n)
+        .map(|i| (times[i] - even(i)).abs())
+        .fold(0.0, f64::max);
+    let known: Vec<usize> = (0..n).filter(|&i| x[i].is_finite()).collect();
+    if known.len() < FEWEST {
+        return Err(LineError::TooShort {
+            id: id.into(),
+            usable: known.len(),
+            samples: n,
+        });
+    }
+    let known_t: Vec<f64> = known.iter().map(|&i| times[i]).collect();
+    let known_x: Vec<f64> = known.iter().map(|&i| x[i]).collect();
+    let (grid, step_s) = if worst < JITTER * step_s {
+        (
+            (0..n).map(even).collect::<Vec<f64>>(),
+            (even(n - 1) - even(0)) / (n - 1) as f64,
+        )
+    } else {
+        let count = ((times[n - 1] - times[0]) / step_s).floor() as usize + 1;
+        notes.push(format!(
+            "the samples are not evenly spaced (up to {worst:.3e} s off): values were interpolated every {step_s:.6} s"
+        ));
+        (
+            (0..count).map(|i| times[0] + step_s * i as f64).collect(),
+            step_s,
+        )
+    };
+    let regular = grid.len() == n && worst < JITTER * step_s;
+    let at = |values: &[f64], i: usize| {
+        if regular && values[i].is_finite() {
+            values[i]
+        } else {
+            interpolate(&known_t, &known_x, grid[i])
+        }
+    };
+    let gaps: Vec<bool> = grid
+        .iter()
+        .map(|t| {
+            let i = known_t.partition_point(|k| k < t);
+            let near = |i: usize| known_t.get(i).is_some_and(|k| (k - t).abs() < 1.5 * step_s);
+            near(i) || (i > 0 && near(i - 1))
+        })
+        .collect();
+    let x: Vec<f64> = (0..grid.len()).map(|i| at(&x, i)).collect();
+    let finite_pairs = |values: &[f64]| -> (Vec<f64>, Vec<f64>) {
+        times
+            .iter()
+            .zip(values)
+            .filter(|(_, v)| v.is_finite())
+            .map(|(t, v)| (*t, *v))
+            .unzip()
+    };
+    if !load.is_empty() {
+        let (t, v) = finite_pairs(&load);
+        load = if v.is_empty() {
+            Vec::new()
+        } else {
+            grid.iter().map(|g| interpolate(&t, &v, *g)).collect()
+        };
+    }
+    let (input_time_s, input): (Vec<f64>, Vec<f64>) = input_time_s
+        .iter()
+        .zip(&input)
+        .filter(|(_, v)| v.is_finite())
+        .map(|(t, v)| (*t, *v))
+        .unzip();
+    check(id, &gaps, &[("coordinate", &x), ("input", &input)])?;
+    let rail = at_rail(&x, &input, f64::INFINITY.min(10.0 * noise_of(&input)));
+    let stuck = rail.iter().filter(|r| **r).count();
+    if stuck > x.len() / 20 {
+        notes.push(format!(
+            "the coordinate stands at the end of its range in {stuck} samples while the input changes: look whether its sensor is at its rail"
+        ));
+    }
+    let (floor, band_hz) = band(&x, step_s);
+    let (input_floor, _) = band(&input, median_step(&input_time_s));
+    let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
+    let si = |c: NumberOrEstimate| Constant::of(c);
+    Ok(Line {
+        id: id.into(),
+        time_s: grid,
+        timed: true,
+        step_s,
+        x_noise: floor.sqrt().max(rest_x).max(1e-12 * range(&x)),
+        x,
+        usable: gaps,
+        noise: 0.0,
+        notes,
+        measured: Measured::Axis(AxisLine {
+            velocity,
+            turns,
+            input_noise: input_floor.sqrt().max(rest_input).max(1e-9 * range(&input)),
+            input_time_s,
+            input,
+            unit: raw.input_unit.clone(),
+            load,
+            offset_s: match recording.manifest.offset_s {
+                NumberOrEstimate::Number(v) => Constant::Known(v),
+                NumberOrEstimate::Estimate => Constant::Free,
+            },
+            gain: si(m.input_gain),
+            mass: match m.inertia {
+                AxisInertia::MassKg(v) | AxisInertia::InertiaKgM2(v) => si(v),
+            },
+            damping: si(m.damping),
+            stiffness: si(m.stiffness),
+            band_hz,
+        }),
+    })
+}
+
+/// Samples of a rest, and the spread of the input over its whole spread up to which it is one.
+const REST: usize = 64;
+const AT_REST: f64 = 0.02;
+
+/// Standard deviations of coordinate and input where the recording rests: the noise that an instrument has in its band, which the floor
+/// of a spectrum hides behind an anti-aliasing filter. `None` where nothing rests.
+fn noise_at_rest(x: &[f64], input: &[f64]) -> Option<(f64, f64)> {
+    let spread = |values: &[f64]| {
+        let n = values.len() as f64;
+        // about its own line: a slow drift is no noise
+        let middle = 0.5 * (n - 1.0);
+        let mean = values.iter().sum::<f64>() / n;
+        let slope = values
+            .iter()
+            .enumerate()
+            .map(|(i, v)| (i as f64 - middle) * (v - mean))
+            .sum::<f64>()
+            / (n * (n * n - 1.0) / 12.0);
+        let left = |(i, v): (usize, &f64)| (v - mean - slope * (i as f64 - middle)).powi(2);
+        (values.iter().enumerate().map(left).sum::<f64>() / (n - 2.0)).sqrt()
+    };
+    let whole = spread(input);
+    let mut rests: Vec<(f64, f64)> = x
+        .chunks_exact(REST)
+        .zip(input.chunks_exact(REST))
+        .map(|(x, u)| (spread(x), spread(u)))
+        .filter(|(x, u)| x.is_finite() && *u < AT_REST * whole)
+        .collect();
+    // ringing after the drive ended is no rest: the quieter half of the rests
+    rests.sort_by(|a, b| a.0.total_cmp(&b.0));
+    rests.get(rests.len() / 4).copied()
+}
+
+/// Samples of a piece of the spectrum, and pieces at most.
+const PIECE: usize = 512;
+const PIECES: usize = 48;
+/// How far above its floor a spectrum is signal.
+const ABOVE_FLOOR: f64 = 4.0;
+/// The band never reaches further than this share of the sampling rate.
+const WIDEST: f64 = 0.36;
+
+/// Variance of the white floor of a signal, and the frequency up to which it stands above that floor, Hz (Welch's averaged
+/// periodogram, Hann window).
+fn band(values: &[f64], step_s: f64) -> (f64, f64) {
+    let size = PIECE.min(values.len() / 2 * 2).max(8);
+    let count = (2 * values.len() / size).saturating_sub(1).clamp(1, PIECES);
+    let stride = if count > 1 {
+        (values.len() - size) / (count - 1)
+    } else {
+        0
+    };
+    let window: Vec<f64> = (0..size)
+        .map(|i| 0.5 - 0.5 * (std::f64::consts::TAU * (i as f64 + 0.5) / size as f64).cos())
+        .collect();
+    let energy: f64 = window.iter().map(|w| w * w).sum();
+    let bins = size / 2;
+    let mut power = vec![0.0; bins];
+    for piece in 0..count {
+        let part = &values[piece * stride..piece * stride + size];
+        // without its line: a slope would leak over all frequencies
+        let (a, b) = (part[0], part[size - 1]);
+        let flat: Vec<f64> = part
+            .iter()
+            .enumerate()
+            .map(|(i, v)| window[i] * (v - a - (b - a) * i as f64 / (size - 1) as f64))
+            .collect();
+        for (k, p) in power.iter_mut().enumerate() {
+            let (s, c) = (std::f64::consts::TAU * k as f64 / size as f64).sin_cos();
+            let (mut re, mut im) = (1.0, 0.0);
+            let (mut x, mut y) = (0.0, 0.0);
+            for v in &flat {
+                x += v * re;
+                y += v * im;
+                (re, im) = (re * c - im * s, re * s + im * c);
+            }
+            *p += (x * x + y * y) / energy / count as f64;
+        }
+    }
+    let mut top: Vec<f64> = power[bins * 85 / 100..].to_vec();
+    top.sort_by(f64::total_cmp);
+    let floor = top[top.len() / 2];
+    let smooth = |k: usize| {
+        let (a, b) = (k.saturating_sub(3), (k + 4).min(bins));
+        power[a..b].iter().sum::<f64>() / (b - a) as f64
+    };
+    let peak = (1..bins)
+        .max_by(|&a, &b| smooth(a).total_cmp(&smooth(b)))
+        .unwrap_or(1);
+    let end = (peak..bins)
+        .find(|&k| smooth(k) < ABOVE_FLOOR * floor)
+        .unwrap_or(bins)
+        .max(6);
+    let highest = (WIDEST * size as f64) as usize;
+    (floor, end.min(highest) as f64 / (size as f64 * step_s))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_band_ends_where_the_signal_does() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut generator = rand_chacha::ChaCha12Rng::seed_from_u64(3);
+        let values: Vec<f64> = (0..8000)
+            .map(|i| {
+                let t = i as f64 * 0.01;
+                let z: f64 = StandardNormal.sample(&mut generator);
+                (6.0 * t).sin() + 0.5 * (60.0 * t).sin() + 0.01 * z
+            })
+            .collect();
+        let (floor, f) = band(&values, 0.01);
+        // the fastest sine is at 9.5 Hz
+        assert!((9.0..12.5).contains(&f), "{f}");
+        assert!((floor.sqrt() / 0.01 - 1.0).abs() < 0.15, "{}", floor.sqrt());
+    }
+
+    #[test]
+    fn a_sensor_at_its_rail_is_seen() {
+        let x: Vec<f64> = (0..40).map(|i| f64::from(i).min(30.0)).collect();
+        let y: Vec<f64> = (0..40).map(|i| 2.0 * f64::from(i)).collect();
+        let rail = at_rail(&x, &y, 0.01);
+        assert_eq!(rail.iter().filter(|r| **r).count(), 10);
+        assert!(rail[30] && !rail[29]);
+    }
+}

@@ -1,0 +1,149 @@
+//! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie, and the words of the kind.
+
+use nalgebra::DMatrix;
+
+use super::RigKind;
+use crate::effects::{Acting, Effect, When};
+use crate::film::Locked;
+use crate::model::Parameters;
+use crate::residual::SeparableResidual;
+
+/// Where a kept residual lies: voltage (or input), its rate, time s, height, rate, largest stretch (or swing) so far, angle (or
+/// position).
+pub(super) type At = [f64; 7];
+
+/// A coordinate in which the excess is looked for.
+#[derive(Clone)]
+pub(super) struct Coordinate {
+    pub dimension: &'static str,
+    pub unit: String,
+    /// Its place in [`At`].
+    pub at: usize,
+    /// A range is rounded to one over this.
+    pub rounding: f64,
+}
+
+/// A recording, as places name it.
+pub(super) struct Whereabouts {
+    pub id: String,
+    pub when: When,
+    /// First and last sample on its own clock, s.
+    pub span_s: [f64; 2],
+}
+
+/// Error of the driven quantity at every sample of a recording: what the motion needs minus what the command makes.
+pub(super) struct Errors {
+    pub time_s: Vec<f64>,
+    pub command: Vec<[f64; 3]>,
+    pub error: Vec<[f64; 3]>,
+    /// Standard deviation that noise alone makes.
+    pub sd: Vec<[f64; 3]>,
+    pub counts: Vec<bool>,
+    /// Whether the sample belongs to the basis of the error that is named first (above 1 kV for a robot).
+    pub basis: Vec<[bool; 3]>,
+    /// A coordinate to draw the error against.
+    pub height: Vec<f64>,
+}
+
+/// Words of a kind of rig.
+#[derive(Clone)]
+pub(super) struct Words {
+    /// Unit of the error.
+    pub unit: String,
+    /// Samples over which the error is taken, as files write it.
+    pub basis: &'static str,
+    /// The same in a sentence: " above 1 kV", or nothing.
+    pub over: &'static str,
+    /// What to record to see what could hide.
+    pub rich: &'static str,
+    /// What to record where nothing explains what is left.
+    pub repeat: &'static str,
+}
+
+/// Recordings of one rig under its plain model, which effects can join.
+pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Sized {
+    /// Residuals of one kept sample: one for each actuator.
+    const CHAINS: usize;
+
+    /// The effects that make sense here, and where a scan looks for each: values near off, one group a start.
+    fn starts(&self) -> Vec<(&'static dyn Effect, Vec<Vec<f64>>)>;
+    /// Ids of those among them that begin at a moment, which a search over all moments finds.
+    fn moments(&self) -> &'static [&'static str];
+    /// Its kind.
+    fn rig(&self) -> RigKind;
+    /// The words of the kind.
+    fn words(&self) -> Words;
+    /// The recordings.
+    fn whereabouts(&self) -> Vec<Whereabouts>;
+    /// Times of the kept samples of a recording, s.
+    fn kept_times_s(&self, recording: usize) -> Vec<f64>;
+    /// Coordinates in which the excess is looked for.
+    fn coordinates(&self) -> Vec<Coordinate>;
+    /// Where the kept samples of a recording lie, for each actuator.
+    fn at(&self, recording: usize) -> Vec<[At; 3]>;
+    /// Lower triangles of the whitening of the kept samples of a recording (row by row; with one chain the first counts alone).
+    fn whitening(&self, recording: usize) -> Vec<[f64; 6]>;
+    /// Physical variables for a law over what is left: names, and values at the kept samples for each actuator.
+    fn features(&self, recording: usize) -> (Vec<&'static str>, Vec<Vec<[f64; 3]>>);
+    /// The same recordings and weights with `effects` at work; `free` are those of their values that are unknowns.
+    fn with_effects(
+        &self,
+        effects: Vec<Acting>,
+        free: Vec<(usize, usize)>,
+        series: &[When],
+    ) -> Self;
+    /// The effects at eta.
+    fn effects(&self, eta: &[f64]) -> Vec<Acting>;
+    /// Works out what is linear in some values of effects until called again.
+    fn linearise(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked>;
+    /// Sets the weights to what noise makes of the residual at a model.
+    fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked>;
+    /// The whitened design: d r/d eta, B, residual.
+    fn design(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked>;
+    /// Whitened change of the residual when an effect joins.
+    fn fingerprint(&self, eta: &[f64], beta: &[f64], acting: &Acting) -> Result<Vec<f64>, Locked>;
+    /// The same on each actuator alone.
+    fn fingerprint_by_actuator(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        effect: &'static dyn Effect,
+        v: &[f64],
+    ) -> Result<[Vec<f64>; 3], Locked>;
+    /// What drawn noise makes of the whitened residual.
+    fn noise_rows(&self) -> Vec<Vec<f64>>;
+    /// Covariance of the scores X'e under the noise.
+    fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked>;
+    /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.
+    fn carried(&self, plain: &[f64]) -> Vec<f64>;
+    /// The plain model as physics.
+    fn parameters(&self, eta: &[f64], beta: &[f64]) -> Parameters;
+    /// Numbers of a model that is neither film nor forearm: name (with its unit), value.
+    fn values(&self, _eta: &[f64], _beta: &[f64]) -> Vec<(String, f64)> {
+        Vec::new()
+    }
+    /// Errors at every sample of a recording.
+    fn errors(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Errors, Locked>;
+    /// Errors at the kept samples of a recording: time, each actuator.
+    fn kept_errors(
+        &self,
+        recording: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<[f64; 4]>, Locked>;
+    /// A quantity of an effect in the units of these recordings: factor and unit.
+    fn unit_of(&self, unit: &'static str) -> (f64, String) {
+        (1.0, unit.into())
+    }
+    /// Share of the residuals that count as independent, from those of the best model.
+    fn independent(&self, _residual: &[f64]) -> f64 {
+        super::judge::INDEPENDENT
+    }
+    /// Score differences of this size make odds of e to 1 in probabilities.
+    const TEMPERATURE: f64 = super::TEMPERATURE;
+    /// Effects at once at most.
+    const MOST_EFFECTS: usize = 2;
+    /// Whether what the best model leaves must be something that is in no entry, from the mean squares of the plain and the best
+    /// model.
+    fn unexplained(plain: f64, best: f64) -> bool;
+}

@@ -1,0 +1,64 @@
+//! One more Maxwell branch:  force k (x - q), q' = (x - q)/T.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct Creep;
+
+impl LineEffect for Creep {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Bench, Kind::Axis, Kind::Coupon]
+    }
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        if view.timed {
+            [0.01, 0.05, 0.3]
+                .iter()
+                .map(|&x| vec![vec![0.05, x * view.duration_s]])
+                .collect()
+        } else {
+            Vec::new()
+        }
+    }
+}
+
+impl Effect for Creep {
+    fn id(&self) -> &'static str {
+        "slow_creep"
+    }
+    fn says(&self) -> &'static str {
+        "a part of the resistance gives way slowly: creep that the plain model does not have"
+    }
+    fn source(&self) -> &'static str {
+        "Maxwell branch"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                size("stiffness", "force/coordinate", 0.0, 5.0, 0.1),
+                shape("time_constant", "s", 10.0, 1e-3, 1e5, 20.0),
+            ]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "a step, a long hold, and a long rest"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        let mut q = view.xi.first().copied().unwrap_or(0.0);
+        for i in 0..view.xi.len() {
+            if i > 0 {
+                let share = 1.0 - (-(view.time_s[i] - view.time_s[i - 1]) / v[1]).exp();
+                q += share * (0.5 * (view.xi[i] + view.xi[i - 1]) - q);
+            }
+            terms.force[i] += v[0] * (view.xi[i] - q);
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! A dead band:  u = 0 below the threshold, u_c above it.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct Deadband;
+
+impl LineEffect for Deadband {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
+        [0.03, 0.1, 0.3].iter().map(|&x| vec![vec![x]]).collect()
+    }
+}
+
+impl Effect for Deadband {
+    fn id(&self) -> &'static str {
+        "amplifier_deadband"
+    }
+    fn says(&self) -> &'static str {
+        "below a threshold the input does nothing"
+    }
+    fn source(&self) -> &'static str {
+        "dead zone"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const { &[size("threshold", "input", 0.0, 0.8, 0.05)] }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "a slow triangle through zero"
+    }
+    fn line(&self, v: &[f64], _: &View, terms: &mut Terms) {
+        let w = 0.05 * v[0] + 1e-9;
+        for u in &mut terms.input {
+            *u *= super::super::soft_step((u.abs() - v[0]) / w);
+        }
+    }
+}

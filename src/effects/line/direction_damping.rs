@@ -1,0 +1,47 @@
+//! Viscous force that acts in one direction of motion only:  c max(v, 0).
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct DirectionDamping;
+
+impl LineEffect for DirectionDamping {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.02 / view.speed]]]
+    }
+}
+
+impl Effect for DirectionDamping {
+    fn id(&self) -> &'static str {
+        "x_direction_damping"
+    }
+    fn says(&self) -> &'static str {
+        "the viscous resistance differs with the direction"
+    }
+    fn source(&self) -> &'static str {
+        "one-sided viscous force"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const { &[size("coefficient", "force s/coordinate", -10.0, 10.0, 0.05)] }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "the same speeds in both directions"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        for (f, r) in terms.force.iter_mut().zip(view.rate) {
+            *f += v[0] * r.max(0.0);
+        }
+    }
+}

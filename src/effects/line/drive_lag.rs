@@ -1,0 +1,53 @@
+//! A first-order lag of the drive:  tau u' = u_c - u.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct DriveLag;
+
+impl LineEffect for DriveLag {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        [1.0, 5.0]
+            .iter()
+            .map(|&x| vec![vec![x * view.step_s]])
+            .collect()
+    }
+}
+
+impl Effect for DriveLag {
+    fn id(&self) -> &'static str {
+        "x_drive_lag"
+    }
+    fn says(&self) -> &'static str {
+        "the drive follows its command late, as a first-order lag"
+    }
+    fn source(&self) -> &'static str {
+        "series resistance into a capacitance, or an amplifier's bandwidth"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const { &[size("time_constant", "s", 0.0, 10.0, 0.02)] }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "a fast and a slow drive"
+    }
+    fn line(&self, v: &[f64], _: &View, terms: &mut Terms) {
+        let share = 1.0 - (-terms.input_step_s / v[0].max(1e-9)).exp();
+        let mut u = terms.input.first().copied().unwrap_or(0.0);
+        for x in &mut terms.input {
+            u += share * (*x - u);
+            *x = u;
+        }
+    }
+}

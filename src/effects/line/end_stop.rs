@@ -1,0 +1,60 @@
+//! A stop:  force k max(x - x0, 0) where x0 > 0, k min(x - x0, 0) where x0 < 0.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct EndStop;
+
+impl LineEffect for EndStop {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
+        [-0.6, 0.6, 0.8, 0.95]
+            .iter()
+            .map(|&x| vec![vec![0.2, x]])
+            .collect()
+    }
+}
+
+impl Effect for EndStop {
+    fn id(&self) -> &'static str {
+        "end_stop"
+    }
+    fn says(&self) -> &'static str {
+        "a stop pushes back beyond one position"
+    }
+    fn source(&self) -> &'static str {
+        "one-sided linear contact"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                size("stiffness", "force/coordinate", 0.0, 100.0, 1.0),
+                shape("stop", "coordinate", 0.85, -1.0, 1.0, 0.1),
+            ]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "strokes that end before it and at it"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        for (f, x) in terms.force.iter_mut().zip(view.xi) {
+            let into = if v[1] >= 0.0 {
+                (x - v[1]).max(0.0)
+            } else {
+                (x - v[1]).min(0.0)
+            };
+            *f += v[0] * into;
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Friction that grows with the load:  force c |elastic force| z, z as in dry friction with presliding.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Kind, LineEffect, Terms, View, sliding};
+
+pub struct LoadFriction;
+
+impl LineEffect for LoadFriction {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Bench, Kind::Axis]
+    }
+    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
+        [0.02, 0.1, 0.3]
+            .iter()
+            .map(|&x| vec![vec![0.02, x]])
+            .collect()
+    }
+}
+
+impl Effect for LoadFriction {
+    fn id(&self) -> &'static str {
+        "x_load_friction"
+    }
+    fn says(&self) -> &'static str {
+        "friction in proportion to the elastic load: layers or cables that press harder rub harder"
+    }
+    fn source(&self) -> &'static str {
+        "Coulomb's law on a loaded contact; Dahl's presliding"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                size("coefficient", "1", 0.0, 1.0, 0.05),
+                shape("presliding", "coordinate", 0.05, 1e-3, 0.6, 0.05),
+            ]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "loops of several amplitudes about several mean loads"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        let z = sliding(view.xi, v[1]);
+        for ((f, z), e) in terms.force.iter_mut().zip(z).zip(view.elastic) {
+            *f += v[0] * e.abs() * z;
+        }
+    }
+}

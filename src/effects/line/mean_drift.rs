@@ -1,0 +1,48 @@
+//! A zero that drifts:  force a t over the recording's length.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct MeanDrift;
+
+impl LineEffect for MeanDrift {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Bench, Kind::Axis, Kind::Coupon]
+    }
+    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.01]]]
+    }
+}
+
+impl Effect for MeanDrift {
+    fn id(&self) -> &'static str {
+        "x_zero_drift"
+    }
+    fn says(&self) -> &'static str {
+        "the zero of the force, or of the rest position, drifts along the recording"
+    }
+    fn source(&self) -> &'static str {
+        "linear drift of a zero"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const { &[size("change", "force", -1.0, 1.0, 0.05)] }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "rests at the beginning and at the end"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        let (first, span) = (view.time_s.first().copied().unwrap_or(0.0), view.duration_s);
+        for (f, t) in terms.force.iter_mut().zip(view.time_s) {
+            *f += v[0] * (t - first) / span;
+        }
+    }
+}

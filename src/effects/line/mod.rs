@@ -1,0 +1,137 @@
+//! What the plain model of a single coordinate leaves out: a hinge bench, an axis, a film coupon. One cause a file.
+//!
+//! Values are in units of the recordings, so that one form serves a hinge of millinewton metres and a slide of kilonewtons: `coordinate` is
+//! the largest excursion from rest, `force` the largest measured force (torque, stress), `input` the largest input. Reports and
+//! files give them in the units of the rig.
+
+mod backlash;
+mod branch_stretch;
+mod clock_offset;
+mod creep;
+mod deadband;
+mod direction_damping;
+mod drift;
+mod drive_lag;
+mod drive_power;
+mod end_stop;
+mod friction;
+mod grip;
+mod load_friction;
+mod mean_drift;
+mod nonlinear_stiffness;
+mod permanent_set;
+mod quadratic_damping;
+mod saturation;
+mod second_invariant;
+mod slack;
+mod softening;
+mod stribeck;
+
+use super::Effect;
+
+/// What was recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Angle and torque of a flexure.
+    Bench,
+    /// One drive, one coordinate.
+    Axis,
+    /// Stretch and stress of a film.
+    Coupon,
+}
+
+/// A recording, as a cause sees it.
+#[derive(Debug)]
+pub struct View<'a> {
+    /// Whether times are times, or numbers of rows.
+    pub timed: bool,
+    /// Time of each sample, s.
+    pub time_s: &'a [f64],
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// From the first sample to the last, s.
+    pub duration_s: f64,
+    /// Excursion from rest, over the largest one.
+    pub xi: &'a [f64],
+    /// Its rate, 1/s.
+    pub rate: &'a [f64],
+    /// The fastest rate, 1/s.
+    pub speed: f64,
+    /// Force of the springs at the current model, over the largest measured force.
+    pub elastic: &'a [f64],
+    /// Stress of the second invariant for a unit of its modulus (coupon; otherwise 0).
+    pub second: &'a [f64],
+}
+
+/// What a cause may change.
+#[derive(Debug)]
+pub struct Terms {
+    /// The excursion that springs see.
+    pub xi: Vec<f64>,
+    /// Multiplies the force of [equilibrium spring, branches].
+    pub factor: Vec<[f64; 2]>,
+    /// Force that the model asks for beside that of the plain model, over the largest measured one.
+    pub force: Vec<f64>,
+    /// The input over its largest value, on its own clock.
+    pub input: Vec<f64>,
+    /// Distance of the input's samples, s.
+    pub input_step_s: f64,
+    /// The input is read this much later, s.
+    pub shift_s: f64,
+}
+
+/// A cause on a single coordinate.
+pub trait LineEffect: Effect {
+    /// Where it makes sense.
+    fn kinds(&self) -> &'static [Kind];
+    /// Where a scan looks: values near off, one group a start.
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>>;
+}
+
+/// Every cause that is known on a single coordinate.
+pub const CATALOGUE: &[&dyn LineEffect] = &[
+    &friction::Friction,
+    &load_friction::LoadFriction,
+    &stribeck::Stribeck,
+    &quadratic_damping::QuadraticDamping,
+    &direction_damping::DirectionDamping,
+    &nonlinear_stiffness::NonlinearStiffness,
+    &end_stop::EndStop,
+    &backlash::Backlash,
+    &creep::Creep,
+    &softening::Softening,
+    &permanent_set::PermanentSet,
+    &saturation::Saturation,
+    &deadband::Deadband,
+    &drive_power::DrivePower,
+    &drive_lag::DriveLag,
+    &clock_offset::ClockOffset,
+    &branch_stretch::BranchStretch,
+    &second_invariant::SecondInvariant,
+    &slack::Slack,
+    &grip::Grip,
+    &drift::Drift,
+    &mean_drift::MeanDrift,
+];
+
+/// The cause with this id.
+#[must_use]
+pub fn by_id(id: &str) -> Option<&'static dyn LineEffect> {
+    CATALOGUE.iter().copied().find(|e| e.id() == id)
+}
+
+/// The state of sliding along a course, from -1 to 1: it follows the direction over the distance `presliding`.
+fn sliding(xi: &[f64], presliding: f64) -> Vec<f64> {
+    let mut z = 0.0;
+    let mut before = xi.first().copied().unwrap_or(0.0);
+    xi.iter()
+        .map(|&x| {
+            let d = x - before;
+            before = x;
+            if d != 0.0 {
+                z += (d.signum() - z) * (1.0 - (-d.abs() / presliding).exp());
+            }
+            z
+        })
+        .collect()
+}

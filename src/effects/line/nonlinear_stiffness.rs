@@ -1,0 +1,52 @@
+//! A spring with two more terms:  force k2 x^2 + k3 x^3 (x over the largest excursion).
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct NonlinearStiffness;
+
+impl LineEffect for NonlinearStiffness {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.0, 0.02], vec![0.02, 0.0]]]
+    }
+}
+
+impl Effect for NonlinearStiffness {
+    fn id(&self) -> &'static str {
+        "x_nonlinear_stiffness"
+    }
+    fn says(&self) -> &'static str {
+        "the spring is not linear: it stiffens or softens with the excursion"
+    }
+    fn source(&self) -> &'static str {
+        "Duffing 1918"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                size("quadratic", "force", -5.0, 5.0, 0.05),
+                size("cubic", "force", -5.0, 5.0, 0.05),
+            ]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "the same drive at several amplitudes"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        for (f, x) in terms.force.iter_mut().zip(view.xi) {
+            *f += x * x * (v[0] + v[1] * x);
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Drag:  force c v |v|.
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct QuadraticDamping;
+
+impl LineEffect for QuadraticDamping {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.02 / view.speed.powi(2)]]]
+    }
+}
+
+impl Effect for QuadraticDamping {
+    fn id(&self) -> &'static str {
+        "x_quadratic_damping"
+    }
+    fn says(&self) -> &'static str {
+        "a drag that grows with the square of the speed"
+    }
+    fn source(&self) -> &'static str {
+        "drag of a body in a fluid"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[size(
+                "coefficient",
+                "force/(coordinate/s)^2",
+                -10.0,
+                10.0,
+                0.02,
+            )]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "steps and sines of several amplitudes"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        for (f, r) in terms.force.iter_mut().zip(view.rate) {
+            *f += v[0] * r * r.abs();
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Friction that is larger at low speed:  force F sign(v) e^(-(v/vs)^2).
+
+use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct Stribeck;
+
+impl LineEffect for Stribeck {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        [0.1, 1.0, 10.0]
+            .iter()
+            .map(|&x| vec![vec![0.02, x * view.speed]])
+            .collect()
+    }
+}
+
+impl Effect for Stribeck {
+    fn id(&self) -> &'static str {
+        "x_stribeck"
+    }
+    fn says(&self) -> &'static str {
+        "friction that falls as the motion gets faster"
+    }
+    fn source(&self) -> &'static str {
+        "Stribeck 1902, exponential form"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const {
+            &[
+                size("force", "force", 0.0, 1.0, 0.05),
+                shape("speed", "coordinate/s", 0.3, 1e-3, 1e3, 0.5),
+            ]
+        }
+    }
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
+    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "constant speeds from creeping to fast"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        for (f, r) in terms.force.iter_mut().zip(view.rate) {
+            *f += v[0] * (r / (0.1 * v[1])).tanh() * (-(r / v[1]).powi(2)).exp();
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! The report of a fit of one coordinate: hinge benches and axes.
+
+use minijinja::{Value, context};
+
+use super::page::{self, Section, Status, Summary, safe};
+use super::plot::{self, Axis, Mark, Panel, Role, Width};
+use super::recordings::curve;
+use super::summary::{remarks, tile};
+use super::{Provenance, number, parameters, provenance};
+use crate::calibration::{LineFit, LineOutcome};
+
+const TEMPLATE: &str = include_str!("samples.html");
+/// Points of a drawing.
+const POINTS: usize = 2500;
+
+/// The report of a fit of hinge benches or axes.
+pub fn render_lines(outcome: &LineOutcome, made_of: &Provenance) -> String {
+    let (rmse, largest, n, noise) = outcome.total();
+    let figure = |v: f64| number::significant(v, 3);
+    let status = match rmse / noise {
+        r if r < 1.5 => (Status::Good, "fits"),
+        r if r < 5.0 => (Status::Fair, "nearly fits"),
+        _ => (Status::Poor, "misfit above noise"),
+    };
+    let summary = Summary {
+        status: status.0,
+        word: status.1.into(),
+        headline: number::words(&outcome.verdict),
+        tiles: vec![
+            tile("Error, rms", figure(rmse), &outcome.unit),
+            tile("Noise, rms", figure(noise), &outcome.unit),
+            tile("Largest error", figure(largest), &outcome.unit),
+            tile("Samples", number::count(n), ""),
+        ],
+        notes: remarks(&outcome.remarks).into_iter().collect(),
+    };
+    let sections: Vec<Section> = [
+        Some(recordings(outcome)),
+        parameters::of(&parameters::Shown {
+            estimates: &outcome.estimates,
+            misfit: &[],
+            correlation: &(Vec::new(), Vec::new()),
+            weak_directions: &[],
+            eps_r: f64::NAN,
+        }),
+        Some(provenance::of(made_of)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let title = match outcome.job {
+        "hinge" => "Torque curve of a hinge",
+        _ => "Calibration of an axis",
+    };
+    page::page(title, &summary, &sections)
+}
+
+fn recordings(outcome: &LineOutcome) -> Section {
+    let list: Vec<Value> = outcome
+        .recordings
+        .iter()
+        .enumerate()
+        .map(|(i, r)| {
+            context! {
+                anchor => format!("recording-{}", i + 1),
+                id => r.id.clone(),
+                lead => format!(
+                    "{} {} rms over {} samples, noise {} {}.",
+                    number::significant(r.rmse, 3),
+                    outcome.unit,
+                    number::count(r.n_samples),
+                    number::significant(r.noise, 3),
+                    outcome.unit
+                ),
+                time => safe(over_time(outcome, r)),
+                loops => safe(over_coordinate(outcome, r)),
+            }
+        })
+        .collect();
+    let context = context! {
+        says => "What was measured first, as it was recorded; then what the plain model asks for.",
+        recordings => list,
+    };
+    Section::new("recordings", "Measured and predicted", TEMPLATE, context)
+}
+
+fn pairs(x: &[f64], y: &[f64]) -> Vec<[f64; 2]> {
+    let every = x.len().div_ceil(POINTS).max(1);
+    let all = x.iter().zip(y).map(|(x, y)| [*x, *y]);
+    all.step_by(every).collect()
+}
+
+fn words(outcome: &LineOutcome) -> (&'static str, &'static str, &'static str) {
+    match outcome.job {
+        "hinge" => ("angle, rad", "torque", "row"),
+        _ => ("position", "input", "time, s"),
+    }
+}
+
+fn over_time(outcome: &LineOutcome, r: &LineFit) -> String {
+    let (coordinate, driven, time) = words(outcome);
+    let panel = |title: String, series| Panel {
+        y: Axis::new(title),
+        height: 120.0,
+        shades: Vec::new(),
+        bands: Vec::new(),
+        series,
+    };
+    let line = |name: &str, role, y: &[f64]| curve(name, role, Mark::Line, pairs(&r.time_s, y));
+    let error: Vec<f64> = r
+        .predicted
+        .iter()
+        .zip(&r.measured)
+        .map(|(p, m)| p - m)
+        .collect();
+    let panels = vec![
+        panel(
+            coordinate.into(),
+            vec![line("measured", Role::One, &r.coordinate)],
+        ),
+        panel(
+            format!("{driven}, {}", outcome.unit),
+            vec![
+                line("measured", Role::One, &r.measured),
+                line("predicted", Role::Two, &r.predicted),
+            ],
+        ),
+        panel(
+            format!("error, {}", outcome.unit),
+            vec![line("error", Role::Four, &error)],
+        ),
+    ];
+    let label = format!("Measured and predicted {driven} in {}", r.id);
+    let drawing = plot::line_plot(&label, &Axis::new(time), &panels, Width::Full);
+    plot::figure(&[drawing], &plot::legend(&panels), "")
+}
+
+fn over_coordinate(outcome: &LineOutcome, r: &LineFit) -> String {
+    let (coordinate, driven, _) = words(outcome);
+    let series = vec![
+        curve(
+            "measured",
+            Role::One,
+            Mark::Line,
+            pairs(&r.coordinate, &r.measured),
+        ),
+        curve(
+            "predicted",
+            Role::Two,
+            Mark::Line,
+            pairs(&r.coordinate, &r.predicted),
+        ),
+    ];
+    let drawing = plot::loops(
+        &format!("{driven} over {coordinate} in {}", r.id),
+        &Axis::new(coordinate),
+        &Axis::new(format!("{driven}, {}", outcome.unit)),
+        series,
+    );
+    plot::figure(&[drawing], "", "")
+}

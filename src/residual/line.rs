@@ -1,0 +1,1240 @@
+//! The residual of a single coordinate: what the model asks for minus what was measured, in force (torque, stress), over its noise.
+//!
+//! ```text
+//! bench    r = sum_j beta_j N_j(angle)                                    + effects - torque          N_j: natural cubic spline
+//! axis     r = m x'' + c x' + k x + b                                     + effects - g u - load      through one low-pass
+//! coupon   r = sum_n mu_n P_n(stretch history; T, J)                      + effects - nominal stress
+//! ```
+//!
+//! All are linear in beta: nodal torques; m, c, k, the bias b (zero of position and input are conventions of the instruments) and the gain
+//! g where they are to be found; moduli. eta: ln T_1 .. ln T_n and 1/J of a coupon, the free clock offsets of an axis, then the free
+//! values of effects over their spreads.
+//!
+//! An axis is judged at samples so far apart that they are nearly independent after the low-pass ([`crate::dataset::line`]). A kernel for
+//! the k-th derivative is the sampled inverse transform of (2 pi i f)^k H(f); a straight line goes through it exactly.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::coupon::stretch_history;
+use super::{Normal, SeparableResidual, Slope};
+use crate::dataset::Coupon;
+use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate};
+use crate::effects::line::{Kind, Terms, View};
+use crate::effects::{Acting, When};
+use crate::film::kernel::{LANES, Pass, ROW, Shape};
+use crate::film::{Film, Locked};
+use crate::model::ForearmTorque;
+
+/// A linear parameter of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AxisTerm {
+    /// Mass or moment of inertia.
+    Mass,
+    /// Damping.
+    Damping,
+    /// Stiffness.
+    Stiffness,
+    /// Force at rest.
+    Bias,
+    /// One over the force per unit of input.
+    Gain,
+}
+
+/// Largest values: what normalised quantities are multiplied by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales {
+    /// Rest: what the excursion is counted from.
+    pub rest: f64,
+    /// Largest excursion.
+    pub coordinate: f64,
+    /// Largest force.
+    pub force: f64,
+    /// Largest input.
+    pub input: f64,
+}
+
+/// The plain model of one coordinate.
+#[derive(Debug, Clone)]
+pub enum Plain {
+    /// A torque curve with these nodes.
+    Bench(ForearmTorque),
+    /// An axis: terms to be found, and the known gain, mass, damping, stiffness (0 where they are to be found).
+    Axis {
+        /// To be found, in this order.
+        terms: Vec<AxisTerm>,
+        /// Known gain, mass, damping, stiffness.
+        known: [f64; 4],
+        /// The balance is written in units of the input, because the gain g is to be found: unknowns are 1/g (under
+        /// [`AxisTerm::Gain`]) and the others over g. Written as forces, a small gain would make any error small.
+        over_gain: bool,
+    },
+    /// A film with this number of branches.
+    Coupon {
+        /// Branches.
+        branches: usize,
+    },
+}
+
+/// One recording, worked out as far as it does not depend on the parameters.
+#[derive(Clone)]
+struct Part<'a> {
+    line: &'a Line,
+    when: When,
+    /// Places (samples, or nodes of a coupon's grid) at which effects are worked out.
+    time_s: Arc<Vec<f64>>,
+    xi: Arc<Vec<f64>>,
+    rate: Arc<Vec<f64>>,
+    second: Arc<Vec<f64>>,
+    /// Kept places, and their measured value (bench, coupon).
+    kept: Arc<Vec<usize>>,
+    measured: Arc<Vec<f64>>,
+    kernel: Option<Arc<Kernel>>,
+    /// Whitening of the kept places.
+    weight: Vec<f64>,
+    /// Filtered columns of an axis at the kept places, without effects.
+    base: Arc<Base>,
+}
+
+/// Filtered columns of an axis at its kept places.
+#[derive(Debug, Default)]
+struct Base {
+    mass: Vec<f64>,
+    damping: Vec<f64>,
+    stiffness: Vec<f64>,
+    load: Vec<f64>,
+    /// Of the input at the stated offset; empty where the offset is an unknown.
+    input: Vec<f64>,
+}
+
+/// Low-pass and its derivatives on even samples.
+#[derive(Debug)]
+struct Kernel {
+    /// h, h', h'' at -L..L; the first is a weight, the others over s and s^2.
+    taps: [Vec<f64>; 3],
+    half: usize,
+}
+
+impl Kernel {
+    fn new(band_hz: f64, step_s: f64, samples: usize) -> Self {
+        let pass = band_hz * step_s;
+        let stop = (1.3 * pass).min(0.47).max(1.05 * pass);
+        let half = ((6.0 / (stop - pass)).ceil() as usize)
+            .min(samples / 6)
+            .max(3);
+        // phi and its derivatives in units of samples, then times a window w: the taps of a derivative are those of (phi w)', so that
+        // all three belong to one and the same low-pass
+        let points = 1024;
+        let mut taps = [0, 1, 2].map(|_| vec![0.0; 2 * half + 1]);
+        for i in 0..=2 * half {
+            let n = i as f64 - half as f64;
+            let mut phi = [0.0; 3];
+            for p in 0..points {
+                let f = stop * (p as f64 + 0.5) / points as f64;
+                let h = if f < pass {
+                    1.0
+                } else {
+                    0.5 + 0.5 * (std::f64::consts::PI * (f - pass) / (stop - pass)).cos()
+                };
+                let weight = 2.0 * stop / points as f64 * h;
+                let (s, c) = (TAU * f * n).sin_cos();
+                phi[0] += weight * c;
+                phi[1] -= weight * TAU * f * s;
+                phi[2] -= weight * (TAU * f).powi(2) * c;
+            }
+            let a = 0.5 * std::f64::consts::PI / (half as f64 + 1.0);
+            let (s, c) = (a * n).sin_cos();
+            let w = [
+                c.powi(4),
+                -4.0 * a * c.powi(3) * s,
+                4.0 * a * a * (3.0 * c * c * s * s - c.powi(4)),
+            ];
+            // value at the middle: sum over n of tap x[c + n]
+            taps[0][i] = phi[0] * w[0];
+            taps[1][i] = -(phi[1] * w[0] + phi[0] * w[1]);
+            taps[2][i] = phi[2] * w[0] + 2.0 * phi[1] * w[1] + phi[0] * w[2];
+        }
+        let sum: f64 = taps[0].iter().sum();
+        let rest: f64 = taps[2].iter().sum::<f64>() / sum;
+        for i in 0..=2 * half {
+            // a constant has no second derivative
+            taps[2][i] -= rest * taps[0][i];
+            taps[0][i] /= sum;
+            taps[1][i] /= sum * step_s;
+            taps[2][i] /= sum * step_s * step_s;
+        }
+        Kernel { taps, half }
+    }
+
+    fn at(&self, order: usize, values: &[f64], centre: usize) -> f64 {
+        let part = &values[centre - self.half..=centre + self.half];
+        self.taps[order].iter().zip(part).map(|(a, b)| a * b).sum()
+    }
+}
+
+/// Residual of recordings of one coordinate.
+#[derive(Clone)]
+pub struct LineResidual<'a> {
+    parts: Vec<Part<'a>>,
+    kind: Kind,
+    plain: Arc<Plain>,
+    scales: Scales,
+    free_offsets: Vec<usize>,
+    effects: Vec<Acting>,
+    free: Vec<(usize, usize)>,
+}
+
+/// Samples left out at both ends of an axis, s, and at most this share.
+const EDGE_S: f64 = 0.3;
+const EDGE_SHARE: f64 = 0.05;
+/// Drawn noise.
+const DRAWN: usize = 6;
+/// Step of a difference of a nonlinear unknown.
+const STEP: f64 = 1e-4;
+
+fn kind(line: &Line) -> Kind {
+    match line.measured {
+        Measured::Torque(_) => Kind::Bench,
+        Measured::Axis(_) => Kind::Axis,
+        Measured::Coupon(_) => Kind::Coupon,
+    }
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values
+        .filter(|v| v.is_finite())
+        .fold(0.0, |m: f64, v| m.max(v.abs()))
+}
+
+/// Rest, and the largest values, over recordings of one kind.
+#[must_use]
+pub fn scales(lines: &[&Line]) -> Scales {
+    let mut out = Scales {
+        rest: 0.0,
+        coordinate: 0.0,
+        force: 0.0,
+        input: 0.0,
+    };
+    for (number, line) in lines.iter().enumerate() {
+        let usable = |i: &usize| line.usable[*i];
+        match &line.measured {
+            Measured::Torque(t) => {
+                let rows = (0..line.samples()).filter(usable);
+                out.coordinate = out.coordinate.max(largest(rows.clone().map(|i| line.x[i])));
+                out.force = out.force.max(largest(rows.map(|i| t[i])));
+            }
+            Measured::Axis(a) => {
+                let x = excursion(line, a);
+                if number == 0 {
+                    let few = (x.len() / 100).clamp(1, 50);
+                    let mut first: Vec<f64> = x[..few].to_vec();
+                    first.sort_by(f64::total_cmp);
+                    out.rest = first[few / 2];
+                }
+                out.coordinate = out.coordinate.max(largest(x.iter().map(|v| v - out.rest)));
+                out.input = out.input.max(largest(a.input.iter().copied()));
+                let g = match a.gain {
+                    Constant::Known(g) => g.abs(),
+                    Constant::Free => 1.0,
+                };
+                out.force = out.force.max(g * largest(a.input.iter().copied()));
+                if a.gain != Constant::Free {
+                    out.force = out.force.max(largest(a.load.iter().copied()));
+                }
+            }
+            Measured::Coupon(c) => {
+                out.rest = 1.0;
+                let x = c.grid.stretch.iter().map(|l| l - 1.0);
+                out.coordinate = out.coordinate.max(largest(x));
+                out.force = out.force.max(largest(c.rows().map(|i| c.stress_pa[i])));
+            }
+        }
+    }
+    for v in [&mut out.coordinate, &mut out.force, &mut out.input] {
+        if *v <= 0.0 {
+            *v = 1.0;
+        }
+    }
+    out
+}
+
+/// Position along an axis: measured, or the integral of the velocity from 0.
+fn excursion(line: &Line, axis: &AxisLine) -> Vec<f64> {
+    if !axis.velocity {
+        return line.x.clone();
+    }
+    let mut x = 0.0;
+    let mut before = line.x[0];
+    line.x
+        .iter()
+        .map(|&v| {
+            x += 0.5 * (v + before) * line.step_s;
+            before = v;
+            x
+        })
+        .collect()
+}
+
+/// The plain model that recordings of one kind call for.
+#[must_use]
+pub fn plain(lines: &[&Line], branches: usize) -> Plain {
+    match &lines[0].measured {
+        Measured::Torque(_) => {
+            let angles = lines
+                .iter()
+                .flat_map(|l| (0..l.samples()).filter(|&i| l.usable[i]).map(|i| l.x[i]));
+            let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+                (a.min(x), b.max(x))
+            });
+            let usual = ForearmTorque::zero();
+            let nodes = usual.nodes_rad();
+            if low > nodes[0] - 0.09 && high < nodes[nodes.len() - 1] + 0.09 {
+                return Plain::Bench(usual);
+            }
+            let ten = 10f64.to_radians();
+            let (first, last) = ((low / ten).floor() as i32, (high / ten).ceil() as i32);
+            let nodes: Vec<f64> = (first..=last.max(first + 1))
+                .map(|i| f64::from(i) * ten)
+                .collect();
+            let zero = vec![0.0; nodes.len()];
+            Plain::Bench(ForearmTorque::new(nodes, zero).unwrap_or_else(|_| ForearmTorque::zero()))
+        }
+        Measured::Axis(a) => {
+            let mut terms = Vec::new();
+            let mut known = [0.0; 4];
+            let anchored = !a.load.is_empty()
+                || [a.mass, a.damping, a.stiffness]
+                    .iter()
+                    .any(|c| matches!(c, Constant::Known(v) if *v != 0.0));
+            match a.gain {
+                Constant::Known(g) => known[0] = g,
+                Constant::Free if anchored => {}
+                Constant::Free => known[0] = 1.0,
+            }
+            for (i, (constant, term)) in [
+                (a.mass, AxisTerm::Mass),
+                (a.damping, AxisTerm::Damping),
+                (a.stiffness, AxisTerm::Stiffness),
+            ]
+            .into_iter()
+            .enumerate()
+            {
+                match constant {
+                    Constant::Known(v) => known[i + 1] = v,
+                    Constant::Free => terms.push(term),
+                }
+            }
+            terms.push(AxisTerm::Bias);
+            let over_gain = a.gain == Constant::Free && anchored;
+            if over_gain {
+                known[0] = 1.0;
+                terms.push(AxisTerm::Gain);
+            }
+            Plain::Axis {
+                terms,
+                known,
+                over_gain,
+            }
+        }
+        Measured::Coupon(_) => Plain::Coupon { branches },
+    }
+}
+
+/// Stress of the second invariant for C2 = 1: 2 (lambda_1 - 1/lambda_1^2 ...) of each mode, per mode (Mooney 1940).
+fn second_invariant(coupon: &Coupon, lambda: f64) -> f64 {
+    let [l1, l2] = coupon.stretches(lambda);
+    // W = C2 (I2 - 3), I2 = l1^-2 + l2^-2 + (l1 l2)^2; P = (l1 dW/dl1 - l3 dW/dl3)/l1
+    let l3 = 1.0 / (l1 * l2);
+    2.0 * (l3.powi(-2) - l1.powi(-2)) / l1
+}
+
+impl<'a> LineResidual<'a> {
+    /// Prepares recordings of one kind under `plain`, with normalised quantities over `scales`.
+    #[must_use]
+    pub fn new(lines: &[&'a Line], plain: Plain, scales: Scales) -> Self {
+        let parts: Vec<Part> = lines
+            .iter()
+            .enumerate()
+            .map(|(number, line)| part(line, number, &scales))
+            .collect();
+        let free_offsets = lines
+            .iter()
+            .enumerate()
+            .filter(|(_, l)| match &l.measured {
+                Measured::Axis(a) => a.offset_s == Constant::Free,
+                _ => false,
+            })
+            .map(|(i, _)| i)
+            .collect();
+        LineResidual {
+            kind: kind(lines[0]),
+            parts,
+            plain: Arc::new(plain),
+            scales,
+            free_offsets,
+            effects: Vec::new(),
+            free: Vec::new(),
+        }
+    }
+
+    /// What was recorded.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The plain model.
+    #[must_use]
+    pub fn plain(&self) -> &Plain {
+        &self.plain
+    }
+
+    /// What normalised quantities are multiplied by.
+    #[must_use]
+    pub fn scales(&self) -> Scales {
+        self.scales
+    }
+
+    /// The recordings.
+    pub fn lines(&self) -> impl Iterator<Item = &'a Line> + '_ {
+        self.parts.iter().map(|p| p.line)
+    }
+
+    /// When they were made.
+    #[must_use]
+    pub fn series(&self) -> Vec<When> {
+        self.parts.iter().map(|p| p.when).collect()
+    }
+
+    /// Recordings whose clock offset is an unknown.
+    #[must_use]
+    pub fn free_offsets(&self) -> &[usize] {
+        &self.free_offsets
+    }
+
+    /// Unknowns before those of the effects.
+    #[must_use]
+    pub fn plain_unknowns(&self) -> usize {
+        let film = match &*self.plain {
+            Plain::Coupon { branches } => branches + 1,
+            _ => 0,
+        };
+        film + self.free_offsets.len()
+    }
+
+    /// Linear unknowns.
+    #[must_use]
+    pub fn linear(&self) -> usize {
+        match &*self.plain {
+            Plain::Bench(curve) => curve.nodes_rad().len(),
+            Plain::Axis { terms, .. } => terms.len(),
+            Plain::Coupon { branches } => branches + 1,
+        }
+    }
+
+    /// Residuals.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.parts.iter().map(|p| p.kept.len()).sum()
+    }
+
+    /// The same recordings and weights with `effects` at work; `free` are those of their values that are unknowns.
+    #[must_use]
+    pub fn with_effects(
+        &self,
+        effects: Vec<Acting>,
+        free: Vec<(usize, usize)>,
+        series: &[When],
+    ) -> Self {
+        let mut out = self.clone();
+        for (p, when) in out.parts.iter_mut().zip(series) {
+            p.when = *when;
+        }
+        out.effects = effects;
+        out.free = free;
+        out
+    }
+
+    /// The effects at eta.
+    #[must_use]
+    pub fn effects(&self, eta: &[f64]) -> Vec<Acting> {
+        let mut out = self.effects.clone();
+        let first = self.plain_unknowns();
+        for (place, &(e, v)) in self.free.iter().enumerate() {
+            out[e].values[v] = eta[first + place] * out[e].effect.parameters()[v].spread;
+        }
+        out
+    }
+
+    /// The film at eta and beta; no spring where it is no coupon.
+    #[must_use]
+    pub fn film(&self, eta: &[f64], beta: &[f64]) -> Film {
+        match &*self.plain {
+            Plain::Coupon { branches: n } => Film {
+                mu_pa: beta[..=*n].to_vec(),
+                relaxation_time_s: eta[..*n].iter().map(|t| t.exp()).collect(),
+                locking: 1.0 / eta[*n],
+            },
+            _ => Film {
+                mu_pa: vec![0.0],
+                relaxation_time_s: Vec::new(),
+                locking: 100.0,
+            },
+        }
+    }
+
+    /// The torque curve at beta; none where it is no bench.
+    #[must_use]
+    pub fn curve(&self, beta: &[f64]) -> ForearmTorque {
+        match &*self.plain {
+            Plain::Bench(curve) => curve.with_torques(beta),
+            _ => ForearmTorque::zero(),
+        }
+    }
+
+    /// Clock offset of a recording, s.
+    fn offset_s(&self, number: usize, eta: &[f64]) -> f64 {
+        if let Some(place) = self.free_offsets.iter().position(|&r| r == number) {
+            return eta[self.plain_unknowns() - self.free_offsets.len() + place];
+        }
+        match &self.parts[number].line.measured {
+            Measured::Axis(AxisLine {
+                offset_s: Constant::Known(o),
+                ..
+            }) => *o,
+            _ => 0.0,
+        }
+    }
+
+    /// What effects make of a recording.
+    fn terms(&self, number: usize, effects: &[Acting], elastic: &[f64]) -> Terms {
+        let p = &self.parts[number];
+        let n = p.xi.len();
+        let (input, input_step_s) = match &p.line.measured {
+            Measured::Axis(a) => {
+                let step = (a.input_time_s[a.input.len() - 1] - a.input_time_s[0])
+                    / (a.input.len().max(2) - 1) as f64;
+                (
+                    a.input.iter().map(|u| u / self.scales.input).collect(),
+                    step,
+                )
+            }
+            _ => (Vec::new(), p.line.step_s),
+        };
+        let mut terms = Terms {
+            xi: p.xi.to_vec(),
+            factor: vec![[1.0; 2]; n],
+            force: vec![0.0; n],
+            input,
+            input_step_s,
+            shift_s: 0.0,
+        };
+        let view = self.view(number, elastic);
+        for a in effects {
+            a.effect.line(&a.values, &view, &mut terms);
+        }
+        // A drive that an effect makes small would make any error small where nothing else sets the scale of the forces: as large as
+        // before then, and the gain is that of this drive.
+        if self.scale_open(number)
+            && let Measured::Axis(a) = &p.line.measured
+        {
+            let before = spread(&a.input) / self.scales.input;
+            let factor = before / spread(&terms.input).max(f64::MIN_POSITIVE);
+            if (factor - 1.0).abs() > 1e-12 {
+                let factor = factor.min(1e3);
+                terms.input.iter_mut().for_each(|u| *u *= factor);
+            }
+        }
+        terms
+    }
+
+    /// Whether only the input sets the scale of the forces.
+    fn scale_open(&self, number: usize) -> bool {
+        match (&*self.plain, &self.parts[number].line.measured) {
+            (
+                Plain::Axis {
+                    known, over_gain, ..
+                },
+                Measured::Axis(a),
+            ) => *over_gain || (a.load.is_empty() && known[1..].iter().all(|k| *k == 0.0)),
+            _ => false,
+        }
+    }
+
+    /// A recording as effects see it.
+    #[must_use]
+    pub fn view<'b>(&'b self, number: usize, elastic: &'b [f64]) -> View<'b> {
+        let p = &self.parts[number];
+        View {
+            timed: p.line.timed,
+            time_s: &p.time_s,
+            step_s: p.line.step_s,
+            duration_s: (p.time_s[p.time_s.len() - 1] - p.time_s[0]).max(f64::MIN_POSITIVE),
+            xi: &p.xi,
+            rate: &p.rate,
+            speed: largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE),
+            elastic,
+            second: &p.second,
+        }
+    }
+
+    /// Force of the springs at a model, over the largest force: what friction that grows with the load sees.
+    fn elastic(&self, number: usize, eta: &[f64], beta: &[f64]) -> Vec<f64> {
+        let p = &self.parts[number];
+        match &*self.plain {
+            Plain::Bench(curve) => {
+                let curve = curve.with_torques(beta);
+                p.xi.iter()
+                    .map(|x| {
+                        let angle = self.scales.rest + self.scales.coordinate * x;
+                        curve.torque_n_m_at(angle) / self.scales.force
+                    })
+                    .collect()
+            }
+            Plain::Axis {
+                terms,
+                known,
+                over_gain,
+            } => {
+                let place = terms.iter().position(|t| *t == AxisTerm::Stiffness);
+                let inverse = inverse_gain(terms, *over_gain, beta);
+                let k = place.map_or(inverse * known[3], |i| beta[i]);
+                let factor = k * self.scales.coordinate / self.scales.force;
+                p.xi.iter().map(|x| factor * x).collect()
+            }
+            Plain::Coupon { .. } => {
+                let _ = eta;
+                vec![0.0; p.xi.len()]
+            }
+        }
+    }
+
+    /// Columns of beta and the constant side of a recording at its kept places: r = B beta - d, N, N m or Pa.
+    fn rows_of(
+        &self,
+        number: usize,
+        eta: &[f64],
+        beta: &[f64],
+        effects: &[Acting],
+    ) -> Result<(DMatrix<f64>, DVector<f64>), Locked> {
+        let p = &self.parts[number];
+        let needs = effects.iter().any(|a| a.effect.id() == "x_load_friction");
+        let elastic = if needs {
+            self.elastic(number, eta, beta)
+        } else {
+            vec![0.0; p.xi.len()]
+        };
+        let terms = self.terms(number, effects, &elastic);
+        let s = &self.scales;
+        let mut b = DMatrix::zeros(p.kept.len(), self.linear());
+        let mut d = DVector::zeros(p.kept.len());
+        match &*self.plain {
+            Plain::Bench(curve) => {
+                let mut basis = vec![0.0; self.linear()];
+                for (row, &i) in p.kept.iter().enumerate() {
+                    curve.basis(s.rest + s.coordinate * terms.xi[i], &mut basis);
+                    for (j, v) in basis.iter().enumerate() {
+                        b[(row, j)] = v * terms.factor[i][0];
+                    }
+                    d[row] = p.measured[row] - s.force * terms.force[i];
+                }
+            }
+            Plain::Axis {
+                terms: list,
+                known,
+                over_gain,
+            } => {
+                let Measured::Axis(axis) = &p.line.measured else {
+                    return Ok((b, d));
+                };
+                let kernel = p.kernel.as_ref().expect("an axis has one");
+                let filtered = |values: &[f64]| -> Vec<f64> {
+                    p.kept.iter().map(|&c| kernel.at(0, values, c)).collect()
+                };
+                let base = &p.base;
+                let plain_input = terms
+                    .input
+                    .iter()
+                    .zip(&axis.input)
+                    .all(|(u, own)| *u == own / s.input);
+                let input = if plain_input && terms.shift_s == 0.0 && !base.input.is_empty() {
+                    base.input.clone()
+                } else {
+                    let offset = self.offset_s(number, eta) + terms.shift_s;
+                    filtered(&shifted(p.line, axis, &terms.input, s.input, offset))
+                };
+                let plain_spring = terms.xi == *p.xi && terms.factor.iter().all(|f| f[0] == 1.0);
+                let stiffness = if plain_spring {
+                    base.stiffness.clone()
+                } else {
+                    let spring: Vec<f64> = terms
+                        .xi
+                        .iter()
+                        .zip(&terms.factor)
+                        .map(|(x, f)| s.coordinate * x * f[0])
+                        .collect();
+                    filtered(&spring)
+                };
+                let force = if terms.force.iter().all(|f| *f == 0.0) {
+                    vec![0.0; p.kept.len()]
+                } else {
+                    filtered(&terms.force)
+                };
+                for row in 0..p.kept.len() {
+                    let known_side = known[1] * base.mass[row]
+                        + known[2] * base.damping[row]
+                        + known[3] * stiffness[row]
+                        - base.load[row];
+                    for (j, term) in list.iter().enumerate() {
+                        b[(row, j)] = match term {
+                            AxisTerm::Mass => base.mass[row],
+                            AxisTerm::Damping => base.damping[row],
+                            AxisTerm::Stiffness => stiffness[row],
+                            AxisTerm::Bias => 1.0,
+                            AxisTerm::Gain => known_side,
+                        };
+                    }
+                    d[row] = known[0] * input[row] - s.force * force[row];
+                    if !over_gain {
+                        d[row] -= known_side;
+                    }
+                }
+            }
+            Plain::Coupon { branches } => {
+                let at_node = self.stresses(number, eta, *branches, &terms)?;
+                for (row, &i) in p.kept.iter().enumerate() {
+                    for j in 0..=*branches {
+                        b[(row, j)] = at_node[(i, j)] * terms.factor[i][usize::from(j > 0)];
+                    }
+                    d[row] = p.measured[row] - s.force * terms.force[i];
+                }
+            }
+        }
+        Ok((b, d))
+    }
+
+    /// Nominal stress per modulus of each spring at the nodes of a coupon's grid.
+    fn stresses(
+        &self,
+        number: usize,
+        eta: &[f64],
+        branches: usize,
+        terms: &Terms,
+    ) -> Result<DMatrix<f64>, Locked> {
+        let p = &self.parts[number];
+        let Measured::Coupon(coupon) = &p.line.measured else {
+            return Ok(DMatrix::zeros(0, 0));
+        };
+        let s = &self.scales;
+        let grid = &coupon.grid;
+        let moved: Vec<f64> = terms
+            .xi
+            .iter()
+            .map(|x| (s.rest + s.coordinate * x).max(0.05))
+            .collect();
+        let middle: Vec<f64> = (0..moved.len())
+            .map(|k| {
+                let before = k.saturating_sub(1);
+                let shift =
+                    0.5 * (moved[k] - grid.stretch[k] + moved[before] - grid.stretch[before]);
+                (grid.mid_stretch[k] + shift).max(0.05)
+            })
+            .collect();
+        let history = stretch_history(coupon, &moved, &middle);
+        let relaxation: Vec<f64> = eta[..branches].iter().map(|t| t.exp()).collect();
+        let shape = Shape {
+            relaxation_time_s: &relaxation,
+            locking: 1.0 / eta[branches],
+        };
+        let mut pass = Pass::new(&history, shape);
+        let width = pass.row_width();
+        let nodes = moved.len();
+        let mut rows = vec![0.0; nodes * width];
+        let mut have = 0;
+        while have < nodes {
+            let produced = pass.next_block(&mut rows[have * width..])?;
+            if produced == 0 {
+                break;
+            }
+            have += produced;
+        }
+        Ok(DMatrix::from_fn(nodes, branches + 1, |i, j| {
+            rows[i * width + j / LANES * ROW + j % LANES]
+        }))
+    }
+
+    /// Unweighted residual at every kept place of every recording.
+    fn residual(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        effects: &[Acting],
+    ) -> Result<DVector<f64>, Locked> {
+        let beta_v = DVector::from_column_slice(beta);
+        let mut out = Vec::with_capacity(self.rows());
+        for number in 0..self.parts.len() {
+            let (b, d) = self.rows_of(number, eta, beta, effects)?;
+            let r = b * &beta_v - d;
+            out.extend(r.iter().zip(&self.parts[number].weight).map(|(r, w)| r * w));
+        }
+        Ok(DVector::from_vec(out))
+    }
+
+    /// The whitened design: d r/d eta, B, residual.
+    ///
+    /// # Errors
+    /// [`Locked`] when a coupon's film is past its locking stretch.
+    pub fn design(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
+        let (nonlinear, linear) = (eta.len(), beta.len());
+        let mut out = DMatrix::zeros(self.rows(), nonlinear + linear + 1);
+        let effects = self.effects(eta);
+        let beta_v = DVector::from_column_slice(beta);
+        let mut from = 0;
+        for number in 0..self.parts.len() {
+            let (b, d) = self.rows_of(number, eta, beta, &effects)?;
+            let r = &b * &beta_v - d;
+            for (i, w) in self.parts[number].weight.iter().enumerate() {
+                for j in 0..linear {
+                    out[(from + i, nonlinear + j)] = w * b[(i, j)];
+                }
+                out[(from + i, nonlinear + linear)] = w * r[i];
+            }
+            from += self.parts[number].kept.len();
+        }
+        for j in 0..nonlinear {
+            let mut moved = eta.to_vec();
+            let step = STEP * eta[j].abs().max(1e-2);
+            moved[j] += step;
+            let up = self.residual(&moved, beta, &self.effects(&moved));
+            moved[j] = eta[j] - step;
+            let down = self.residual(&moved, beta, &self.effects(&moved));
+            let column = match (up, down) {
+                (Ok(up), Ok(down)) => (up - down) / (2.0 * step),
+                (Ok(up), Err(_)) => (up - out.column(nonlinear + linear)) / step,
+                (Err(_), Ok(down)) => (out.column(nonlinear + linear) - down) / step,
+                (Err(e), Err(_)) => return Err(e),
+            };
+            out.set_column(j, &column);
+        }
+        Ok(out)
+    }
+
+    /// Whitened change of the residual when an effect joins.
+    ///
+    /// # Errors
+    /// [`Locked`] when a coupon's film is past its locking stretch.
+    pub fn fingerprint(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        acting: &Acting,
+    ) -> Result<Vec<f64>, Locked> {
+        let mut effects = self.effects(eta);
+        let before = self.residual(eta, beta, &effects)?;
+        effects.push(acting.clone());
+        let after = self.residual(eta, beta, &effects)?;
+        Ok((after - before).iter().copied().collect())
+    }
+
+    /// Sets the weights to the noise at a model: of the torque or stress; of an axis that of position, input and load through the low-pass.
+    pub fn weigh(&mut self, beta: &[f64]) {
+        let plain = self.plain.clone();
+        for p in &mut self.parts {
+            let sd = match (&*plain, &p.line.measured) {
+                (
+                    Plain::Axis {
+                        terms,
+                        known,
+                        over_gain,
+                    },
+                    Measured::Axis(a),
+                ) => axis_noise(p, terms, known, *over_gain, a, beta),
+                _ => p.line.noise,
+            };
+            p.weight.fill(1.0 / sd.max(1e-12 * self.scales.force));
+        }
+    }
+
+    /// Standard deviation of the noise of a recording's residual, N, N m or Pa, as the weights have it.
+    #[must_use]
+    pub fn noise(&self, number: usize) -> f64 {
+        self.parts[number]
+            .weight
+            .first()
+            .map_or(f64::NAN, |w| 1.0 / w)
+    }
+
+    /// Drawn noise of the whitened residual: white.
+    #[must_use]
+    pub fn noise_rows(&self) -> Vec<Vec<f64>> {
+        let mut generator = ChaCha12Rng::seed_from_u64(0x6c69_6e65);
+        (0..DRAWN)
+            .map(|_| {
+                (0..self.rows())
+                    .map(|_| StandardNormal.sample(&mut generator))
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// Kept places of a recording.
+    #[must_use]
+    pub fn kept(&self, number: usize) -> &[usize] {
+        &self.parts[number].kept
+    }
+
+    /// Measured torque or stress at the kept places; empty for an axis.
+    #[must_use]
+    pub fn measured(&self, number: usize) -> &[f64] {
+        &self.parts[number].measured
+    }
+
+    /// Times, excursions over the largest, and rates at all places of a recording.
+    #[must_use]
+    pub fn course(&self, number: usize) -> (&[f64], &[f64], &[f64]) {
+        let p = &self.parts[number];
+        (&p.time_s, &p.xi, &p.rate)
+    }
+
+    /// Whitening weights of a recording.
+    #[must_use]
+    pub fn weights(&self, number: usize) -> &[f64] {
+        &self.parts[number].weight
+    }
+
+    /// Force at the kept places of a recording: what the model asks for, and what was measured (for an axis gain times input plus load).
+    ///
+    /// # Errors
+    /// [`Locked`] when a coupon's film is past its locking stretch.
+    pub fn sides(
+        &self,
+        number: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<(Vec<f64>, Vec<f64>), Locked> {
+        let effects = self.effects(eta);
+        let (b, d) = self.rows_of(number, eta, beta, &effects)?;
+        let r = &b * DVector::from_column_slice(beta) - d;
+        let p = &self.parts[number];
+        let measured: Vec<f64> = match (&*self.plain, &p.line.measured) {
+            (
+                Plain::Axis {
+                    known, over_gain, ..
+                },
+                Measured::Axis(a),
+            ) => {
+                let kernel = p.kernel.as_ref().expect("an axis has one");
+                let u = shifted(p.line, a, &a.input, 1.0, self.offset_s(number, eta));
+                p.kept
+                    .iter()
+                    .zip(&p.base.load)
+                    .map(|(&c, load)| {
+                        let load = if *over_gain { 0.0 } else { *load };
+                        known[0] * kernel.at(0, &u, c) + load
+                    })
+                    .collect()
+            }
+            _ => p.measured.to_vec(),
+        };
+        let asked = r.iter().zip(&measured).map(|(r, m)| r + m).collect();
+        Ok((asked, measured))
+    }
+
+    /// What an error of the balance is divided by to be one of the input; 1 where it is no axis.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        match &*self.plain {
+            Plain::Axis { known, .. } if known[0] != 0.0 => known[0],
+            _ => 1.0,
+        }
+    }
+
+    /// The same recordings with only those kept places for which `keep` is true: number of the place, and how many there are.
+    #[must_use]
+    pub fn only(&self, keep: impl Fn(usize, usize) -> bool) -> Self {
+        let mut out = self.clone();
+        for p in &mut out.parts {
+            let n = p.kept.len();
+            let rows: Vec<usize> = (0..n).filter(|&i| keep(i, n)).collect();
+            let pick = |v: &[f64]| -> Vec<f64> {
+                rows.iter().filter_map(|&i| v.get(i).copied()).collect()
+            };
+            p.measured = Arc::new(pick(&p.measured));
+            p.weight = pick(&p.weight);
+            p.base = Arc::new(Base {
+                mass: pick(&p.base.mass),
+                damping: pick(&p.base.damping),
+                stiffness: pick(&p.base.stiffness),
+                load: pick(&p.base.load),
+                input: pick(&p.base.input),
+            });
+            p.kept = Arc::new(rows.iter().map(|&i| p.kept[i]).collect());
+        }
+        out
+    }
+}
+
+/// Standard deviation.
+fn spread(values: &[f64]) -> f64 {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+/// One over the gain, where that is to be found.
+fn inverse_gain(terms: &[AxisTerm], over_gain: bool, beta: &[f64]) -> f64 {
+    let free = terms.iter().position(|t| *t == AxisTerm::Gain);
+    free.filter(|_| over_gain).map_or(1.0, |i| beta[i])
+}
+
+/// An input (times `scale`) at the times of the motion, read `offset` later on its own clock.
+fn shifted(line: &Line, axis: &AxisLine, input: &[f64], scale: f64, offset: f64) -> Vec<f64> {
+    line.time_s
+        .iter()
+        .map(|t| scale * interpolate(&axis.input_time_s, input, t + offset))
+        .collect()
+}
+
+/// Noise of the residual of an axis, in its unit.
+fn axis_noise(
+    p: &Part,
+    terms: &[AxisTerm],
+    known: &[f64; 4],
+    over_gain: bool,
+    axis: &AxisLine,
+    beta: &[f64],
+) -> f64 {
+    let inverse = inverse_gain(terms, over_gain, beta);
+    let of = |term: AxisTerm, known: f64| {
+        let place = terms.iter().position(|t| *t == term);
+        place.map_or(inverse * known, |i| beta[i])
+    };
+    let (m, c, k) = (
+        of(AxisTerm::Mass, known[1]),
+        of(AxisTerm::Damping, known[2]),
+        of(AxisTerm::Stiffness, known[3]),
+    );
+    let kernel = p.kernel.as_ref().expect("an axis has one");
+    let up = usize::from(!axis.velocity);
+    let position: f64 = (0..kernel.taps[0].len())
+        .map(|i| {
+            let spring = if axis.velocity {
+                0.0
+            } else {
+                kernel.taps[0][i]
+            };
+            (m * kernel.taps[1 + up][i] + c * kernel.taps[up][i] + k * spring).powi(2)
+        })
+        .sum();
+    let input: f64 = kernel.taps[0].iter().map(|h| h * h).sum();
+    (p.line.x_noise.powi(2) * position + (known[0] * axis.input_noise).powi(2) * input).sqrt()
+}
+
+fn part<'a>(line: &'a Line, number: usize, s: &Scales) -> Part<'a> {
+    let when = When {
+        recording: number,
+        series_s: 0.0,
+        start_s: line.time_s.first().copied().unwrap_or(0.0),
+    };
+    let derivative = |t: &[f64], x: &[f64]| -> Vec<f64> {
+        (0..x.len())
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(x.len() - 1));
+                let d = t[b] - t[a];
+                if d > 0.0 { (x[b] - x[a]) / d } else { 0.0 }
+            })
+            .collect()
+    };
+    let mut kernel = None;
+    let mut base = Base::default();
+    let (time_s, xi, rate, second, kept, measured);
+    match &line.measured {
+        Measured::Torque(torque) => {
+            let rows: Vec<usize> = (0..line.samples())
+                .filter(|&i| line.x[i].is_finite() && torque[i].is_finite())
+                .collect();
+            time_s = rows.iter().map(|&i| line.time_s[i]).collect::<Vec<_>>();
+            xi = rows
+                .iter()
+                .map(|&i| (line.x[i] - s.rest) / s.coordinate)
+                .collect::<Vec<_>>();
+            rate = if line.timed {
+                derivative(&time_s, &xi)
+            } else {
+                vec![0.0; xi.len()]
+            };
+            second = vec![0.0; xi.len()];
+            kept = (0..rows.len())
+                .filter(|&r| line.usable[rows[r]])
+                .collect::<Vec<_>>();
+            measured = kept.iter().map(|&r| torque[rows[r]]).collect::<Vec<_>>();
+        }
+        Measured::Axis(axis) => {
+            let k = Kernel::new(axis.band_hz, line.step_s, line.samples());
+            let position = excursion(line, axis);
+            xi = position
+                .iter()
+                .map(|x| (x - s.rest) / s.coordinate)
+                .collect();
+            time_s = line.time_s.clone();
+            let n = line.samples();
+            let smooth = |values: &[f64], order: usize| -> Vec<f64> {
+                (0..n)
+                    .map(|i| {
+                        let c = i.clamp(k.half, n - 1 - k.half);
+                        k.at(order, values, c)
+                    })
+                    .collect()
+            };
+            rate = if axis.velocity {
+                smooth(&line.x, 0)
+                    .into_iter()
+                    .map(|v| v / s.coordinate)
+                    .collect()
+            } else {
+                smooth(&line.x, 1)
+                    .into_iter()
+                    .map(|v| v / s.coordinate)
+                    .collect()
+            };
+            second = vec![0.0; n];
+            let duration = line.step_s * n as f64;
+            let edge = ((EDGE_S.min(EDGE_SHARE * duration) / line.step_s) as usize).max(k.half + 1);
+            let every = ((1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize).max(1);
+            kept = (edge..n.saturating_sub(edge))
+                .step_by(every)
+                .filter(|&c| (c - k.half..=c + k.half).all(|i| line.usable[i]))
+                .collect();
+            measured = Vec::new();
+            let column = |order: usize, values: &[f64]| -> Vec<f64> {
+                kept.iter()
+                    .map(|&c: &usize| k.at(order, values, c))
+                    .collect()
+            };
+            let up = usize::from(!axis.velocity);
+            let from_rest: Vec<f64> = position.iter().map(|x| x - s.rest).collect();
+            let moved = if axis.velocity { &line.x } else { &from_rest };
+            base = Base {
+                mass: column(1 + up, moved),
+                damping: column(up, moved),
+                stiffness: column(0, &from_rest),
+                load: if axis.load.is_empty() {
+                    vec![0.0; kept.len()]
+                } else {
+                    column(0, &axis.load)
+                },
+                input: match axis.offset_s {
+                    Constant::Known(o) => column(0, &shifted(line, axis, &axis.input, 1.0, o)),
+                    Constant::Free => Vec::new(),
+                },
+            };
+            kernel = Some(Arc::new(k));
+        }
+        Measured::Coupon(coupon) => {
+            let grid = &coupon.grid;
+            time_s = grid.time_s.clone();
+            xi = grid
+                .stretch
+                .iter()
+                .map(|l| (l - s.rest) / s.coordinate)
+                .collect();
+            rate = derivative(&time_s, &xi);
+            second = grid
+                .stretch
+                .iter()
+                .map(|l| second_invariant(coupon, *l))
+                .collect();
+            // measured stress at a node: the mean of the rows that are nearest to it
+            let mut sum = vec![(0.0, 0.0); time_s.len()];
+            for i in coupon.rows() {
+                let t = coupon.time_s[i];
+                let above = time_s.partition_point(|x| *x < t).min(time_s.len() - 1);
+                let below = above.saturating_sub(1);
+                let near = if (time_s[above] - t).abs() < (t - time_s[below]).abs() {
+                    above
+                } else {
+                    below
+                };
+                sum[near].0 += coupon.stress_pa[i];
+                sum[near].1 += 1.0;
+            }
+            kept = (0..sum.len()).filter(|&k| sum[k].1 > 0.0).collect();
+            measured = kept.iter().map(|&k: &usize| sum[k].0 / sum[k].1).collect();
+        }
+    }
+    Part {
+        line,
+        when,
+        weight: vec![1.0 / s.force; kept.len()],
+        time_s: Arc::new(time_s),
+        xi: Arc::new(xi),
+        rate: Arc::new(rate),
+        second: Arc::new(second),
+        kept: Arc::new(kept),
+        measured: Arc::new(measured),
+        kernel,
+        base: Arc::new(base),
+    }
+}
+
+impl SeparableResidual for LineResidual<'_> {
+    type Error = Locked;
+
+    fn evaluate(&self, eta: &[f64], reference: &[f64]) -> Result<Normal, Locked> {
+        let design = self.design(eta, reference)?;
+        let (nonlinear, linear) = (eta.len(), reference.len());
+        // B first, then the slopes, then the residual
+        let order: Vec<usize> = (nonlinear..nonlinear + linear)
+            .chain(0..nonlinear)
+            .chain(std::iter::once(nonlinear + linear))
+            .collect();
+        let gram = design.tr_mul(&design);
+        let gram = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+            gram[(order[i], order[j])]
+        });
+        Ok(Normal {
+            gram,
+            slopes: (0..nonlinear)
+                .map(|n| Slope {
+                    nonlinear: n,
+                    linear: None,
+                })
+                .collect(),
+            reference: reference.to_vec(),
+            rows: design.nrows(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_differentiate_what_lies_in_their_band() {
+        let step = 0.01;
+        let k = Kernel::new(12.0, step, 4000);
+        let f = 8.0;
+        let t = |i: usize| i as f64 * step;
+        let x: Vec<f64> = (0..400)
+            .map(|i| 3.0 + 2.0 * t(i) + (TAU * f * t(i)).sin())
+            .collect();
+        for c in [150, 173, 201] {
+            let (s, co) = (TAU * f * t(c)).sin_cos();
+            let w = TAU * f;
+            assert!((k.at(0, &x, c) - (3.0 + 2.0 * t(c) + s)).abs() < 5e-3);
+            assert!((k.at(1, &x, c) - (2.0 + w * co)).abs() < 5e-3 * w);
+            assert!((k.at(2, &x, c) + w * w * s).abs() < 1e-2 * w * w);
+        }
+        // a straight line goes through exactly
+        let line: Vec<f64> = (0..400).map(|i| 1.0 - 4.0 * t(i)).collect();
+        assert!((k.at(0, &line, 200) - line[200]).abs() < 1e-9);
+        assert!((k.at(1, &line, 200) + 4.0).abs() < 1e-9);
+        assert!(k.at(2, &line, 200).abs() < 1e-6);
+    }
+}

@@ -132,7 +132,7 @@ pub(super) fn judge(
     }
     let entry = |&i: &usize| Entry {
         dataset: &datasets[i],
-        when: series::when(&entries[i], &datasets[i]),
+        when: series::when(&entries[i], datasets[i].start_s),
     };
     let train: Vec<Entry> = train.iter().map(entry).collect();
     let holdout: Vec<Entry> = holdout.iter().map(entry).collect();

@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use super::series::{Occasion, at_work_on};
+use super::series::{AtWork, Occasion, at_work_on};
 use super::{Failure, Talk, load};
-use crate::effects::{Acting, When};
 use crate::kinematics::Vec3;
 use crate::model::{HangingSample, Parameters, Robot, Track};
 use crate::recording::{FilmSampleRig, Kind, Rig, RobotRig, nearest};
@@ -476,13 +475,13 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     write(a, &made, talk)
 }
 
-/// The causes at work in the recording, when it is made, and what there is to say of them.
+/// The causes at work in the recording, and the same as the reader is told.
 fn causes(
     a: &Arguments,
     file: &ParameterFile,
     from: Vec<String>,
     duration_s: f64,
-) -> Result<(Vec<Acting>, When, Vec<ActedJson>, Vec<String>), Failure> {
+) -> Result<(AtWork, Vec<ActedJson>), Failure> {
     let occasion = Occasion {
         id: &a.id,
         clock_s: None,
@@ -493,7 +492,7 @@ fn causes(
     let all = at_work.effects.iter().zip(&file.effects).zip(from);
     let acted = all.map(|((acting, entry), from)| ActedJson::new(acting, entry, from, &a.id));
     let acted = acted.collect();
-    Ok((at_work.effects, at_work.when[0], acted, at_work.remarks))
+    Ok((at_work, acted))
 }
 
 /// The motion of a robot.
@@ -510,15 +509,15 @@ fn robot(a: &Arguments, rig: &RobotRig) -> Result<Made, Failure> {
         payload,
         ..Options::default()
     };
-    let (effects, when, acted, remarks) = causes(a, &file, from, options.duration_s)?;
+    let (at_work, acted) = causes(a, &file, from, options.duration_s)?;
     let pivot = pivot_m(&Capture::default().placement);
     let (moved, ended) = motion_with_effects(
         &robot,
         &parameters,
         &voltage,
         &options,
-        &effects,
-        when,
+        &at_work.effects,
+        at_work.when[0],
         pivot,
     )
     .map_err(|e| explain(&e))?;
@@ -531,7 +530,7 @@ fn robot(a: &Arguments, rig: &RobotRig) -> Result<Made, Failure> {
         voltage,
         path,
         effects: acted,
-        remarks,
+        remarks: at_work.remarks,
     })
 }
 
@@ -573,7 +572,7 @@ fn sample(a: &Arguments, rig: &FilmSampleRig) -> Result<Made, Failure> {
         duration_s: a.duration.unwrap_or(voltage.duration_s()),
         ..SampleOptions::default()
     };
-    let (_, _, acted, remarks) = causes(a, &file, from, options.duration_s)?;
+    let (at_work, acted) = causes(a, &file, from, options.duration_s)?;
     let moved = sample_motion(&hanging, &film, &voltage, &options).map_err(|e| explain(&e))?;
     let end = |x: &f64| [0.0, 0.0, -moved.rest_length_m - x];
     Ok(Made {
@@ -582,7 +581,7 @@ fn sample(a: &Arguments, rig: &FilmSampleRig) -> Result<Made, Failure> {
         voltage,
         path: None,
         effects: acted,
-        remarks,
+        remarks: at_work.remarks,
     })
 }
 

@@ -353,9 +353,9 @@ mod tests {
             effects: vec![e],
             ..ParameterFile::default()
         };
-        let acting = file.acting(&|_| None).unwrap().remove(0);
-        assert_eq!(acting.values, [5e3, 4e3]);
-        assert_eq!(acting.on, [false, true, false]);
+        let limited = file.acting(&|_| None).unwrap().remove(0);
+        assert_eq!(limited.values, [5e3, 4e3]);
+        assert_eq!(limited.on, [false, true, false]);
         let values = |text: &str| {
             let entry: Effect = text.parse().unwrap();
             entry.check().unwrap();

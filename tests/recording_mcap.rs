@@ -6,7 +6,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use deacal::recording::mcap::RecordReader;
-use deacal::recording::{Capture, Error, ErrorKind, ReadOptions, Section, read_file, survey_file};
+use deacal::recording::{
+    Capture, Error, ErrorKind, ReadOptions, Section, Sink, importer_for, read_file, survey_file,
+};
 use mcap::records::{MessageHeader, Record};
 use mcap::{Compression, WriteOptions, Writer};
 use serde_json::{Map, Value, json};
@@ -806,4 +808,76 @@ fn json_of_any_shape() {
             .iter()
             .any(|n| n.text.contains("1 of 3 messages"))
     );
+}
+
+/// Collects what goes by, and how much of it at once.
+#[derive(Default)]
+struct Gatherer {
+    /// Per section: stamps and columns.
+    rows: BTreeMap<usize, (Vec<f64>, Vec<Vec<f64>>)>,
+    most: usize,
+}
+
+impl Sink for Gatherer {
+    fn rows(&mut self, index: usize, section: &mut Section) {
+        let (stamps, columns) = self.rows.entry(index).or_default();
+        self.most = self.most.max(section.rows() * section.columns.len());
+        stamps.extend(section.stamps_s.as_ref().unwrap());
+        columns.resize(section.columns.len(), Vec::new());
+        for (all, column) in columns.iter_mut().zip(&section.columns) {
+            all.extend(&column.values);
+        }
+        section.clear_rows();
+    }
+}
+
+#[test]
+fn a_large_file_goes_by_as_it_would_be_read() {
+    // 5 million numbers; some rows are out of order, and a topic begins when the others have gone by.
+    let mut many = poses(620_000, false);
+    for i in (0..many.messages.len() - 40).step_by(1000) {
+        many.messages.swap(i, i + 37);
+    }
+    let numbers = Made {
+        schema: ("numbers", "jsonschema", b"{\"type\": \"object\"}"),
+        encoding: "json",
+        messages: (0..3000_u32)
+            .map(|i| {
+                let late = if i >= 1000 { ", \"late\": 2.5" } else { "" };
+                let text = format!("{{\"a\": {i}{late}}}");
+                (u64::from(i) * 1_000_000, text.into_bytes())
+            })
+            .collect(),
+    };
+    let compressed = WriteOptions::new().compression(Some(Compression::Lz4));
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(&write(compressed, &[many, numbers]))
+        .unwrap();
+    let whole = read_file(file.path()).unwrap();
+    let importer = importer_for(file.path(), None).unwrap();
+    let mut seen = Gatherer::default();
+    let passed = importer
+        .stream(file.path(), &ReadOptions::default(), &mut seen)
+        .unwrap();
+    assert_eq!(passed.notes, whole.notes);
+    assert_eq!(passed.sections.len(), whole.sections.len());
+    let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|v| v.to_bits()).collect() };
+    for (i, (p, w)) in passed.sections.iter().zip(&whole.sections).enumerate() {
+        assert_eq!((&p.name, &p.groups, p.rows()), (&w.name, &w.groups, 0));
+        let (stamps, columns) = &seen.rows[&i];
+        assert_eq!(
+            bits(stamps),
+            bits(w.stamps_s.as_ref().unwrap()),
+            "{}",
+            p.name
+        );
+        for ((a, b), c) in columns.iter().zip(&w.columns).zip(&p.columns) {
+            assert_eq!((&c.group, &c.axis, c.number), (&b.group, &b.axis, b.number));
+            assert_eq!(bits(a), bits(&b.values), "{}", b.title());
+        }
+    }
+    assert_eq!(whole.sections[0].rows(), 620_000);
+    assert_eq!(whole.sections[1].columns.len(), 2);
+    // Not the five million at once.
+    assert!(seen.most < 300_000, "{}", seen.most);
 }

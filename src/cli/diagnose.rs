@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::series::{self, Series};
+use super::series::{self, Occasion, Series};
 use super::{Failure, Talk, load};
 use crate::dataset::Dataset;
 use crate::diagnosis::{
@@ -129,14 +129,20 @@ fn judge_lines(
     progress: &Progress,
 ) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
     let lines = load::lines(recordings, progress)?;
-    let durations: Vec<f64> = lines
+    let occasions: Vec<Occasion> = recordings
         .iter()
-        .map(|l| l.step_s * l.samples() as f64)
+        .zip(&lines)
+        .map(|(r, l)| Occasion {
+            id: &r.manifest.id,
+            clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
+            start_s: l.time_s.first().copied().unwrap_or(0.0),
+            duration_s: l.step_s * l.samples() as f64,
+        })
         .collect();
     let Series {
         entries,
         mut remarks,
-    } = series::order_of(recordings, &durations)?;
+    } = series::order_of(&occasions)?;
     // What is said of series is of robots that run on for minutes: a bench or a coupon begins anew each time.
     remarks.clear();
     let mut order: Vec<usize> = (0..lines.len()).collect();
@@ -200,7 +206,7 @@ pub(super) fn judge(
     }
     let entry = |&i: &usize| Entry {
         dataset: &datasets[i],
-        when: series::when(&entries[i], &datasets[i]),
+        when: series::when(&entries[i], datasets[i].start_s),
     };
     let train: Vec<Entry> = train.iter().map(entry).collect();
     let holdout: Vec<Entry> = holdout.iter().map(entry).collect();

@@ -175,9 +175,11 @@ pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     Ok(ParameterFile::read(path)?)
 }
 
-/// A table's rising time_s and three columns, each named by the first of its alternatives that is there, with the line of each
-/// row. An empty cell is an error.
-fn table(path: &Path, columns: [&[(&str, f64)]; 3]) -> Result<(Vec<f64>, Vec<[f64; 3]>), Failure> {
+/// A table's rising time_s and its columns, each named by the first of its alternatives that is there. An empty cell is an error.
+fn table<const N: usize>(
+    path: &Path,
+    columns: [&[(&str, f64)]; N],
+) -> Result<(Vec<f64>, Vec<[f64; N]>), Failure> {
     let capture = read_file(path)?;
     let find = |names: &[(&str, f64)]| {
         let mut first = None;
@@ -190,7 +192,10 @@ fn table(path: &Path, columns: [&[(&str, f64)]; 3]) -> Result<(Vec<f64>, Vec<[f6
         Err(first.map_or_else(|| Failure::from("no column is asked for"), Failure::from))
     };
     let time = find(&[("time_s", 1.0)])?.0;
-    let places = [find(columns[0])?, find(columns[1])?, find(columns[2])?];
+    let mut places = [(time, 1.0); N];
+    for (place, names) in places.iter_mut().zip(columns) {
+        *place = find(names)?;
+    }
     let section = &capture.sections[time.0];
     let times = section.columns[time.1].values.clone();
     let mut rows = Vec::with_capacity(times.len());
@@ -201,9 +206,10 @@ fn table(path: &Path, columns: [&[(&str, f64)]; 3]) -> Result<(Vec<f64>, Vec<[f6
         });
         if t.is_nan() || row.iter().any(|v| v.is_nan()) {
             return Err(format!(
-                "{}:{}: the row has an empty cell: every row needs its time and three values",
+                "{}:{}: the row has an empty cell: every row needs its time and {}",
                 path.display(),
-                section.lines.line(i)
+                section.lines.line(i),
+                if N == 1 { "its value" } else { "three values" }
             )
             .into());
         }
@@ -231,6 +237,32 @@ pub(super) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
         &[("phi3_kV", 1e3), ("phi3_V", 1.0)],
     ];
     let (time_s, phi_v) = table(file, columns)?;
+    log(file, time_s, phi_v, hold)
+}
+
+/// A voltage table of a hanging sample: CSV with time_s and phi_kV or phi_V (a robot's first channel will do), its first row as time 0.
+pub(super) fn sample_voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
+    let names: &[(&str, f64)] = &[
+        ("phi_kV", 1e3),
+        ("phi_V", 1.0),
+        ("phi1_kV", 1e3),
+        ("phi1_V", 1.0),
+    ];
+    let (time_s, phi_v) = table(file, [names])?;
+    log(
+        file,
+        time_s,
+        phi_v.iter().map(|&[v]| [v; 3]).collect(),
+        hold,
+    )
+}
+
+fn log(
+    file: &Path,
+    time_s: Vec<f64>,
+    phi_v: Vec<[f64; 3]>,
+    hold: Hold,
+) -> Result<Sampled, Failure> {
     let first = time_s.first().copied().unwrap_or(0.0);
     let time_s: Vec<f64> = time_s.iter().map(|t| t - first).collect();
     Sampled::from_log(&time_s, phi_v, hold).map_err(|e| format!("{}: {e}", file.display()).into())

@@ -33,24 +33,41 @@ pub(super) struct Series {
     pub remarks: Vec<String>,
 }
 
+/// What is known beforehand of when a recording was made.
+pub(super) struct Occasion<'a> {
+    /// Its id.
+    pub id: &'a str,
+    /// Its `start` on the clock of the laboratory, s since 1970.
+    pub clock_s: Option<f64>,
+    /// Its first sample on its own motion clock, s.
+    pub start_s: f64,
+    /// Its length, s.
+    pub duration_s: f64,
+}
+
+fn occasions<'a>(recordings: &'a [Recording], datasets: &[Dataset]) -> Vec<Occasion<'a>> {
+    let each = recordings.iter().zip(datasets);
+    each.map(|(r, d)| Occasion {
+        id: &r.manifest.id,
+        clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
+        start_s: d.start_s,
+        duration_s: d.samples() as f64 * d.step_s,
+    })
+    .collect()
+}
+
 /// Puts recordings in the order in which they were made. Numbers are the leading ones of the ids, otherwise the order of the stated
 /// beginnings, otherwise that of the command line.
 pub(super) fn order(recordings: &[Recording], datasets: &[Dataset]) -> Result<Series, Failure> {
-    let durations: Vec<f64> = datasets
-        .iter()
-        .map(|d| d.samples() as f64 * d.step_s)
-        .collect();
-    order_of(recordings, &durations)
+    order_of(&occasions(recordings, datasets))
 }
 
-/// The same from the lengths of the recordings, s.
-pub(super) fn order_of(recordings: &[Recording], durations: &[f64]) -> Result<Series, Failure> {
-    let ids: Vec<&str> = recordings.iter().map(|r| r.manifest.id.as_str()).collect();
-    let starts: Option<Vec<f64>> = recordings
-        .iter()
-        .map(|r| r.manifest.start.as_ref().map(|s| s.clock_s))
-        .collect();
-    arrange(&ids, starts.as_deref(), durations)
+/// The same from when each recording was made.
+pub(super) fn order_of(occasions: &[Occasion]) -> Result<Series, Failure> {
+    let ids: Vec<&str> = occasions.iter().map(|o| o.id).collect();
+    let starts: Option<Vec<f64>> = occasions.iter().map(|o| o.clock_s).collect();
+    let durations: Vec<f64> = occasions.iter().map(|o| o.duration_s).collect();
+    arrange(&ids, starts.as_deref(), &durations)
 }
 
 fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<Series, Failure> {
@@ -123,12 +140,12 @@ fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<
     Ok(Series { entries, remarks })
 }
 
-/// When a recording was made.
-pub(super) fn when(entry: &SeriesEntry, dataset: &Dataset) -> When {
+/// When a recording was made whose first sample is at `start_s` on its motion clock.
+pub(super) fn when(entry: &SeriesEntry, start_s: f64) -> When {
     When {
         recording: entry.number,
         series_s: entry.begins_s,
-        start_s: dataset.start_s,
+        start_s,
     }
 }
 
@@ -145,14 +162,19 @@ pub(super) fn at_work(
     recordings: &[Recording],
     datasets: &[Dataset],
 ) -> Result<AtWork, Failure> {
+    at_work_on(file, &occasions(recordings, datasets))
+}
+
+/// The causes of `file` at work on some occasions. A moment that is stated without its recording lies in the first of them.
+pub(super) fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork, Failure> {
     if file.effects.is_empty() {
         return Ok(AtWork {
             effects: Vec::new(),
-            when: vec![When::default(); recordings.len()],
+            when: vec![When::default(); occasions.len()],
             remarks: Vec::new(),
         });
     }
-    let given = order(recordings, datasets)?;
+    let given = order_of(occasions)?;
     let first = file.series.iter().min_by_key(|e| e.number);
     let home = first.map(|e| family(&e.id));
     let known = |id: &str| file.series.iter().find(|e| e.id == id);
@@ -162,12 +184,11 @@ pub(super) fn at_work(
         let number = entry.map(|e| e.number).or_else(|| leading_number(id));
         number.map(|n| n + 1)
     };
-    let effects = file.acting(&number_of)?;
+    let mut effects = file.acting(&number_of)?;
     let mut remarks = Vec::new();
     let mut when = Vec::new();
-    for ((recording, dataset), own) in recordings.iter().zip(datasets).zip(&given.entries) {
-        let id = recording.manifest.id.as_str();
-        let start = recording.manifest.start.as_ref().map(|s| s.clock_s);
+    for (occasion, own) in occasions.iter().zip(&given.entries) {
+        let (id, start) = (occasion.id, occasion.clock_s);
         let here = file
             .effects
             .iter()
@@ -186,7 +207,7 @@ pub(super) fn at_work(
             },
             _ => own.clone(),
         };
-        let mut w = self::when(&entry, dataset);
+        let mut w = self::when(&entry, occasion.start_s);
         w.recording = if same { entry.number + 1 } else { 0 };
         if !same {
             w.series_s = 0.0;
@@ -207,6 +228,15 @@ pub(super) fn at_work(
             }
         }
         when.push(w);
+    }
+    let first = when.iter().map(|w| w.recording).min();
+    for (acting, entry) in effects.iter_mut().zip(&file.effects) {
+        let quantities = acting.effect.parameters().iter();
+        for (value, q) in acting.values.iter_mut().zip(quantities) {
+            if q.name == "recording" && entry.moment_here() {
+                *value = first.unwrap_or_default() as f64;
+            }
+        }
     }
     Ok(AtWork {
         effects,

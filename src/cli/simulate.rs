@@ -3,32 +3,47 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use super::series::{AtWork, Occasion, at_work_on};
 use super::{Failure, Talk, load};
 use crate::kinematics::Vec3;
-use crate::model::{Parameters, Robot, Track};
-use crate::recording::{Rig, nearest};
+use crate::model::{HangingSample, Parameters, Robot, Track};
+use crate::recording::{FilmSampleRig, Kind, Rig, RobotRig, nearest};
 use crate::report::csv;
-use crate::report::json::{SimulationJson, finite};
+use crate::report::json::{ActedJson, SimulationJson, finite};
 use crate::report::output::OutputSet;
+use crate::report::parameter_file::{Effect, ParameterFile};
 use crate::simulate::write::{
-    Capture, Noise, RecordingText, VoltageLog, nexus_csv, recording_toml, voltage_csv,
+    Capture, Noise, Placement, RecordingText, VoltageLog, nexus_csv, recording_toml, voltage_csv,
 };
 use crate::simulate::{
-    Addition, Circle, DEFAULT_RATE_HZ, Drive, Error, Hold, Motion, Options, Payload, Sampled,
-    drive_along, flip_polarity, motion,
+    Circle, DEFAULT_RATE_HZ, Drive, Error, Hold, Options, Payload, SampleOptions, Sampled,
+    drive_along, flip_polarity, motion_with_effects, sample_motion,
 };
 
 /// What to simulate.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("what").required(true).args(["voltage", "drive", "path"])))]
 pub(super) struct Arguments {
-    /// rig.toml of a robot; a copy goes into the recording
+    /// rig.toml of a robot or of a hanging film sample; a copy goes into the recording
     #[arg(long, value_name = "RIG")]
     rig: PathBuf,
-    /// Parameter file: the truth of the simulation
+    /// Parameter file: the truth of the simulation, its [[effect]] tables included
     #[arg(long)]
     params: PathBuf,
-    /// Voltages to apply (CSV: time_s, phi1_kV, phi2_kV, phi3_kV, or phi1_V, ...); the first row is time 0
+    /// A cause that the plain model leaves out, at work beside those of the parameter file: ID:NAME=VALUE,NAME=VALUE with the names and
+    /// units of [[effect]], in all actuators or in those after an `@`; may be given several times.
+    /// series_resistance:resistance=1e7@2;
+    /// marker_offset:offset=1e-3/0/0 (m; or offset_x=1e-3);
+    /// link_length_error:link=q,relative_error=0.01;
+    /// electrode_failure:fraction=0.2,time=4@1 (4 s into this recording, or into the one named by recording=ID).
+    /// Electrical causes act in their order, from the amplifier to the film. A planned path or circle knows nothing of causes
+    #[arg(
+        long,
+        value_name = "ID:NAME=VALUE[@ACTUATOR]",
+        value_parser = parse_effect
+    )]
+    effect: Vec<Effect>,
+    /// Voltages to apply (CSV: time_s, phi1_kV, phi2_kV, phi3_kV, or phi1_V, ...; of a sample phi_kV or phi_V); the first row is time 0
     #[arg(long, value_name = "FILE")]
     voltage: Option<PathBuf>,
     /// Built-in drive, KIND:KEY=VALUE,KEY=VALUE; lists with `/`, one voltage for all actuators or three.
@@ -91,6 +106,15 @@ pub(super) struct Arguments {
     /// Name of the recording
     #[arg(long, default_value = "simulated")]
     id: String,
+    /// Electrode, as `deacal ageing` compares them
+    #[arg(long, value_name = "NAME")]
+    electrode: Option<String>,
+    /// Batch, as `deacal ageing` compares them
+    #[arg(long, value_name = "NAME")]
+    batch: Option<String>,
+    /// Day of the recording, as `deacal ageing` orders them
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    day: Option<i64>,
     /// Folder of the recording
     #[arg(short, long, default_value = "out/simulate")]
     output: PathBuf,
@@ -145,6 +169,12 @@ fn parse_stated(text: &str) -> Result<Stated, String> {
         "estimate" => Ok(Stated::Estimate),
         other => number(other).map(Stated::Seconds),
     }
+}
+
+fn parse_effect(text: &str) -> Result<Effect, String> {
+    let effect: Effect = text.parse()?;
+    effect.check()?;
+    Ok(effect)
 }
 
 fn parse_payload(text: &str) -> Result<PayloadText, String> {
@@ -359,8 +389,7 @@ fn drive(
     if let Some(file) = &a.voltage {
         return Ok((load::voltage(file, Hold::Linear)?, None));
     }
-    let text = a.drive.as_ref().ok_or("no drive was given")?;
-    if text.kind == "circle" {
+    if let Some(text) = a.drive.as_ref().filter(|d| d.kind == "circle") {
         if !a.payload.steps.is_empty() {
             let text =
                 "a circle is planned for one payload: give --payload without steps, or a path";
@@ -372,21 +401,19 @@ fn drive(
         let plan = plan.map_err(refuse)?;
         return Ok((plan.voltage, Some(plan.path)));
     }
-    let drive = text.drive()?;
-    let length = a.duration.or(drive.length_s()).unwrap_or(ENDLESS_S);
-    Ok((drive.sampled(length, a.drive_rate).map_err(refuse)?, None))
+    Ok((built_in(a)?, None))
 }
 
-pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
-    let Rig::Robot(rig) = Rig::read(&a.rig)? else {
-        let path = a.rig.display();
-        return Err(format!("{path}: this is no robot's rig; simulate works on robots").into());
-    };
-    let file = load::parameters(&a.params)?;
-    let robot = load::robot(&rig, Some(&file))?;
-    let parameters = file.parameters()?;
-    let payload = Payload::steps(a.payload.start_kg, a.payload.steps.clone())?;
-    let (mut voltage, path) = drive(a, &robot, &parameters, &payload)?;
+/// The voltages of a drive that is known beforehand.
+fn built_in(a: &Arguments) -> Result<Sampled, Failure> {
+    let text = a.drive.as_ref().ok_or("no drive was given")?;
+    let drive = text.drive()?;
+    let length = a.duration.or(drive.length_s()).unwrap_or(ENDLESS_S);
+    drive.sampled(length, a.drive_rate).map_err(|e| explain(&e))
+}
+
+/// What the amplifier makes of a drive, within the limit.
+fn amplified(a: &Arguments, mut voltage: Sampled) -> Result<Sampled, Failure> {
     if let Some(every) = a.flip_every {
         voltage = flip_polarity(&voltage, every).map_err(|e| explain(&e))?;
     }
@@ -395,16 +422,167 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
         voltage = Sampled::new(0.0, voltage.step_s(), samples, Hold::Previous)?;
     }
     check_limit(&voltage, a.limit).map_err(|e| explain(&e))?;
+    Ok(voltage)
+}
+
+/// The parameter file with the causes of the command line behind its own, and where each was stated.
+fn with_effects(a: &Arguments) -> Result<(ParameterFile, Vec<String>), Failure> {
+    let mut file = load::parameters(&a.params)?;
+    let name = a.params.display().to_string();
+    let mut from = vec![name.clone(); file.effects.len()];
+    let of_file = file.effects.len();
+    for effect in &a.effect {
+        let id = &effect.id;
+        if file.effects[..of_file].iter().any(|e| e.id == *id) {
+            return Err(format!(
+                "{id} is at work in {name} ([[effect]]) and in --effect: state it in one of them"
+            )
+            .into());
+        }
+        let form = |e: &Effect| e.values.iter().find(|(n, _)| n == "link").cloned();
+        let again = file.effects[of_file..].iter().any(|e| {
+            let shared = e.actuators.iter().any(|k| effect.actuators.contains(k));
+            e.id == *id && shared && form(e) == form(effect)
+        });
+        if again {
+            return Err(format!(
+                "--effect states {id} twice for one actuator: put its values into one, or give each its own actuators (@1)"
+            )
+            .into());
+        }
+        file.effects.push(effect.clone());
+        from.push("--effect".into());
+    }
+    Ok((file, from))
+}
+
+/// What was simulated, as the files need it.
+struct Made {
+    kind: Kind,
+    /// The end effector, or the free end of a sample, in W, m.
+    position_m: Vec<Vec3>,
+    voltage: Sampled,
+    path: Option<Track>,
+    effects: Vec<ActedJson>,
+    remarks: Vec<String>,
+}
+
+pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
+    let made = match Rig::read(&a.rig)? {
+        Rig::Robot(rig) => robot(a, &rig)?,
+        Rig::FilmSample(rig) => sample(a, &rig)?,
+    };
+    write(a, &made, talk)
+}
+
+/// The causes at work in the recording, and the same as the reader is told.
+fn causes(
+    a: &Arguments,
+    file: &ParameterFile,
+    from: Vec<String>,
+    duration_s: f64,
+) -> Result<(AtWork, Vec<ActedJson>), Failure> {
+    let occasion = Occasion {
+        id: &a.id,
+        clock_s: None,
+        start_s: 0.0,
+        duration_s,
+    };
+    let at_work = at_work_on(file, &[occasion])?;
+    let all = at_work.effects.iter().zip(&file.effects).zip(from);
+    let acted = all.map(|((acting, entry), from)| ActedJson::new(acting, entry, from, &a.id));
+    let acted = acted.collect();
+    Ok((at_work, acted))
+}
+
+/// The motion of a robot.
+fn robot(a: &Arguments, rig: &RobotRig) -> Result<Made, Failure> {
+    let (file, from) = with_effects(a)?;
+    let robot = load::robot(rig, Some(&file))?;
+    let parameters = file.parameters()?;
+    let payload = Payload::steps(a.payload.start_kg, a.payload.steps.clone())?;
+    let (voltage, path) = drive(a, &robot, &parameters, &payload)?;
+    let voltage = amplified(a, voltage)?;
     let options = Options {
         sample_step_s: 1.0 / a.rate,
         duration_s: a.duration.unwrap_or(voltage.duration_s()),
         payload,
         ..Options::default()
     };
-    let additions: [&dyn Addition; 0] = [];
-    let moved =
-        motion(&robot, &parameters, &voltage, &options, &additions).map_err(|e| explain(&e))?;
-    write(a, &moved, &voltage, path.as_ref(), talk)
+    let (at_work, acted) = causes(a, &file, from, options.duration_s)?;
+    let pivot = pivot_m(&Capture::default().placement);
+    let (moved, ended) = motion_with_effects(
+        &robot,
+        &parameters,
+        &voltage,
+        &options,
+        &at_work.effects,
+        at_work.when[0],
+        pivot,
+    )
+    .map_err(|e| explain(&e))?;
+    if let Some(error) = ended {
+        return Err(explain(&error));
+    }
+    Ok(Made {
+        kind: Kind::Robot,
+        position_m: moved.position_m,
+        voltage,
+        path,
+        effects: acted,
+        remarks: at_work.remarks,
+    })
+}
+
+/// The point about which a capture's axes turn: the base marker less the end effector marker's offset, as recordings are read.
+fn pivot_m(placement: &Placement) -> Vec3 {
+    [0, 1, 2].map(|i| placement.base_position_m[i] - placement.end_effector_offset_m[i])
+}
+
+/// The motion of a hanging sample, its upper end at the origin.
+fn sample(a: &Arguments, rig: &FilmSampleRig) -> Result<Made, Failure> {
+    let circle = a.drive.as_ref().is_some_and(|d| d.kind == "circle");
+    if a.path.is_some() || circle {
+        let path = a.rig.display();
+        return Err(format!(
+            "{path}: a hanging sample follows no path: give --voltage or another --drive"
+        )
+        .into());
+    }
+    if !a.payload.steps.is_empty() {
+        let text = "the mass on a hanging sample stays the same: give --payload without steps";
+        return Err(text.into());
+    }
+    let (file, from) = with_effects(a)?;
+    let electrode = file.electrode()?;
+    let film = file.parameters()?.film;
+    let plain = HangingSample::from_rig(rig, file.eps_r(), a.payload.start_kg)
+        .map_err(|what| format!("{}: {what}", a.rig.display()))?;
+    let hanging = HangingSample { electrode, ..plain };
+    let voltage = match &a.voltage {
+        Some(file) => load::sample_voltage(file, Hold::Linear)?,
+        None => built_in(a)?,
+    };
+    // A sample has one electrode: of a drive for three the first.
+    let first = voltage.samples_v().iter().map(|v| [v[0]; 3]).collect();
+    let voltage = Sampled::new(voltage.start_s(), voltage.step_s(), first, voltage.hold())?;
+    let voltage = amplified(a, voltage)?;
+    let options = SampleOptions {
+        sample_step_s: 1.0 / a.rate,
+        duration_s: a.duration.unwrap_or(voltage.duration_s()),
+        ..SampleOptions::default()
+    };
+    let (at_work, acted) = causes(a, &file, from, options.duration_s)?;
+    let moved = sample_motion(&hanging, &film, &voltage, &options).map_err(|e| explain(&e))?;
+    let end = |x: &f64| [0.0, 0.0, -moved.rest_length_m - x];
+    Ok(Made {
+        kind: Kind::FilmSample,
+        position_m: moved.x_m.iter().map(end).collect(),
+        voltage,
+        path: None,
+        effects: acted,
+        remarks: at_work.remarks,
+    })
 }
 
 /// The first voltage above `limit_v`.
@@ -435,14 +613,9 @@ fn planned(path: &Track, t: f64) -> Option<Vec3> {
     Some([0, 1, 2].map(|k| a[k] + f * (b[k] - a[k])))
 }
 
-fn write(
-    a: &Arguments,
-    moved: &Motion,
-    voltage: &Sampled,
-    path: Option<&Track>,
-    talk: Talk,
-) -> Result<(), Failure> {
-    let n = moved.position_m.len();
+fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
+    let (voltage, path) = (&made.voltage, made.path.as_ref());
+    let n = made.position_m.len();
     let mut gaps = Vec::new();
     for (start, length) in &a.gap {
         let first = (start * a.rate).round() as usize;
@@ -467,15 +640,28 @@ fn write(
         seed: a.seed,
         ..Capture::default()
     };
-    let log = VoltageLog {
+    let mut log = VoltageLog {
         clock_offset_s: a.clock_offset,
         quantum_v: a.quantum,
         ..VoltageLog::default()
     };
+    if made.kind == Kind::FilmSample {
+        log.channels = vec!["phi_kV".into()];
+    }
+    let labels = [
+        ("batch", a.batch.clone()),
+        ("electrode", a.electrode.clone()),
+        ("day", a.day.map(|d| d.to_string())),
+    ];
     let mut payload_kg = vec![(0.0, a.payload.start_kg)];
     payload_kg.extend(&a.payload.steps);
     let text = RecordingText {
         id: a.id.clone(),
+        kind: made.kind.name().into(),
+        labels: labels
+            .into_iter()
+            .filter_map(|(key, value)| Some((key.to_owned(), value?)))
+            .collect(),
         payload_kg,
         placement: capture.placement,
         hold: voltage.hold(),
@@ -493,7 +679,7 @@ fn write(
     })?;
     set.write("rig.toml", std::fs::read(&a.rig)?)?;
     set.write_with("motion.csv", |mut out| {
-        nexus_csv(&mut out, &capture, &moved.position_m)
+        nexus_csv(&mut out, &capture, &made.position_m)
     })?;
     set.write_with("voltage.csv", |mut out| {
         voltage_csv(&mut out, &log, voltage)
@@ -504,7 +690,7 @@ fn write(
         let plan: Vec<Vec3> = time_s.iter().map_while(|&t| planned(path, t)).collect();
         off_plan_mm = plan
             .iter()
-            .zip(&moved.position_m)
+            .zip(&made.position_m)
             .fold(0.0, |worst, (p, u)| {
                 let d = [0, 1, 2].map(|k| 1e3 * (u[k] - p[k]));
                 (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt().max(worst)
@@ -516,12 +702,13 @@ fn write(
         files.push("planned.csv");
     }
     set.commit()?;
-    let heights = || moved.position_m.iter().map(|u| 1e3 * u[2]);
+    let heights = || made.position_m.iter().map(|u| 1e3 * u[2]);
     let stroke_mm =
         heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min);
     let volts = voltage.samples_v().iter().flatten();
     let result = SimulationJson {
         id: a.id.clone(),
+        kind: made.kind.name().into(),
         folder: a.output.display().to_string(),
         files: files.into_iter().map(String::from).collect(),
         n_frames: n,
@@ -529,6 +716,7 @@ fn write(
         stroke_mm,
         largest_voltage_v: volts.fold(0.0, |m: f64, v| m.max(v.abs())),
         off_plan_mm: finite(off_plan_mm),
+        effects: made.effects.clone(),
         seed: a.seed,
     };
     talk.result(&result);
@@ -536,6 +724,12 @@ fn write(
         "{}: {n} frames, {:.2} s; stroke {stroke_mm:.2} mm, at most {:.0} V",
         result.id, result.duration_s, result.largest_voltage_v
     ));
+    for acted in &made.effects {
+        talk.say(&format!("  with {}", acted.line()));
+    }
+    for remark in &made.remarks {
+        talk.say(&format!("  ! {remark}"));
+    }
     if let Some(path) = path {
         talk.say(&format!("  at most {off_plan_mm:.4} mm off the plan"));
         let [x, y, z] = path.velocity_m_s[0];

@@ -26,11 +26,15 @@ pub fn command_for(effects: &[&Acting], along: &Along, film_v: &[f64]) -> Vec<f6
             made
         };
         let told = if acting.effect.remembers() {
+            // Where the sign of the command is lost, a negative one makes as much as its opposite: none is looked for.
+            let opposite: Vec<f64> = wanted.iter().map(|w| -w).collect();
+            let signed = apply(&opposite).iter().any(|made| *made < 0.0);
+            let lowest_v = if signed { -HIGHEST_V } else { 0.0 };
             let mut told = wanted.clone();
             for _ in 0..ROUNDS {
                 let made = apply(&told);
                 for ((t, w), m) in told.iter_mut().zip(&wanted).zip(made) {
-                    *t = (*t + w - m).clamp(-HIGHEST_V, HIGHEST_V);
+                    *t = (*t + w - m).clamp(lowest_v, HIGHEST_V);
                 }
             }
             told

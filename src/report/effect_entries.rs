@@ -1,8 +1,10 @@
 //! Causes of the catalogue to `[[effect]]` of a parameter file and back, under the names and units that the catalogue promises.
 
+use std::path::Path;
+
 use super::parameter_file::{Effect, ParameterFile, SeriesEntry, Values};
 use crate::diagnosis::{Candidate, Value};
-use crate::effects::{Acting, CATALOGUE, by_id};
+use crate::effects::{Acting, CATALOGUE, Reach, by_id};
 use crate::recording::{Error, ErrorKind, suggestion};
 
 /// Number of a recording that is in no series: what happens there never happens.
@@ -52,32 +54,71 @@ pub fn word(value: &Value, series: &[SeriesEntry]) -> Option<String> {
     value.word.clone().or(recording)
 }
 
+/// Splits at commas that stand outside brackets.
+fn parts(text: &str) -> Vec<&str> {
+    let (mut out, mut first, mut depth) = (Vec::new(), 0, 0_usize);
+    for (i, c) in text.char_indices() {
+        match c {
+            '[' => depth += 1,
+            ']' => depth = depth.saturating_sub(1),
+            ',' if depth == 0 => {
+                out.push(&text[first..i]);
+                first = i + 1;
+            }
+            _ => {}
+        }
+    }
+    out.push(&text[first..]);
+    out
+}
+
+/// A number, a list (`[1,2,3]` or `1/2/3`) or a word.
+fn value_of(name: &str, text: &str) -> toml::Value {
+    let word = || toml::Value::String(text.to_owned());
+    if name == "recording" {
+        return word();
+    }
+    let numbers = |list: &str, comma: char| {
+        let parse = |part: &str| part.trim().parse().map(toml::Value::Float);
+        list.split(comma).map(parse).collect::<Result<Vec<_>, _>>()
+    };
+    let inside = text.strip_prefix('[').and_then(|t| t.strip_suffix(']'));
+    let list = match inside {
+        Some(list) => numbers(list, ','),
+        None => numbers(text, '/'),
+    };
+    match list {
+        Ok(mut one) if one.len() == 1 && inside.is_none() => one.remove(0),
+        Ok(list) => toml::Value::Array(list),
+        Err(_) => word(),
+    }
+}
+
 impl std::str::FromStr for Effect {
     type Err = String;
 
-    /// `ID:NAME=VALUE[,NAME=VALUE...][@ACTUATOR[,ACTUATOR]]`, as `--effect` takes it; all actuators where none is named. Vectors go by
-    /// their parts: `marker_offset:offset_x=1e-3`.
+    /// `ID:NAME=VALUE[,NAME=VALUE...][@ACTUATOR[,ACTUATOR]]`, as `--effect` takes it; all actuators where none is named. Vectors are
+    /// lists, `offset=1e-3/0/0` or `offset=[1e-3,0,0]`, or go by their parts, `offset_x=1e-3`. Whether there is such a cause with such
+    /// names, [`Effect::check`] says.
     fn from_str(text: &str) -> Result<Self, String> {
-        let (text, place) = match text.split_once('@') {
+        let (text, place) = match text.rsplit_once('@') {
             Some((text, place)) => (text, Some(place)),
             None => (text, None),
         };
         let (id, list) = text
             .split_once(':')
             .ok_or("expected ID:NAME=VALUE, such as series_resistance:resistance=1e7")?;
-        let values = list
-            .split(',')
-            .map(|pair| {
-                let (name, value) = pair
-                    .split_once('=')
-                    .ok_or_else(|| format!("`{pair}` is not NAME=VALUE"))?;
-                let value = match value.trim().parse::<f64>() {
-                    Ok(number) => toml::Value::Float(number),
-                    Err(_) => toml::Value::String(value.trim().to_owned()),
-                };
-                Ok((name.trim().to_owned(), value))
-            })
-            .collect::<Result<_, String>>()?;
+        let mut values = Values::new();
+        for pair in parts(list) {
+            let (name, value) = pair
+                .split_once('=')
+                .ok_or_else(|| format!("`{pair}` is not NAME=VALUE"))?;
+            let (name, value) = (name.trim(), value.trim());
+            if values.iter().any(|(n, _)| n == name) {
+                return Err(format!("`{name}` stands twice"));
+            }
+            values.push((name.to_owned(), value_of(name, value)));
+        }
         let actuators = match place {
             None => vec![1, 2, 3],
             Some(list) => list
@@ -97,6 +138,26 @@ impl std::str::FromStr for Effect {
 }
 
 impl Effect {
+    /// Whether the catalogue has such a cause with such names, and the values can be.
+    ///
+    /// # Errors
+    /// The sentence that [`ParameterFile::acting`] has for it, without a file.
+    pub fn check(&self) -> Result<(), String> {
+        let text = match acting(self, Path::new(""), &|_| None) {
+            Ok(_) => return Ok(()),
+            Err(error) => error.to_string(),
+        };
+        Err(text.trim_start_matches(", [[effect]] ").to_owned())
+    }
+
+    /// Whether a moment is stated without its recording: the one that is simulated or predicted is meant.
+    #[must_use]
+    pub fn moment_here(&self) -> bool {
+        let has = |name: &str| self.values.iter().any(|(n, _)| n == name);
+        let quantities = by_id(&self.id).map_or(&[][..], |e| e.parameters());
+        quantities.iter().any(|q| q.name == "recording") && !has("recording")
+    }
+
     /// The entry of a cause that a diagnosis of the recordings `series` found.
     #[must_use]
     pub fn of(candidate: &Candidate, series: &[SeriesEntry]) -> Self {
@@ -141,101 +202,116 @@ impl ParameterFile {
     pub fn acting(&self, number_of: &dyn Fn(&str) -> Option<usize>) -> Result<Vec<Acting>, Error> {
         self.effects
             .iter()
-            .map(|e| self.one(e, number_of))
+            .map(|e| acting(e, &self.path, number_of))
             .collect()
     }
+}
 
-    fn one(
-        &self,
-        entry: &Effect,
-        number_of: &dyn Fn(&str) -> Option<usize>,
-    ) -> Result<Acting, Error> {
-        let bad = |key: String, what: String| {
-            Error::new(ErrorKind::BadValue, &self.path, what).at_key(key)
-        };
-        let Some(effect) = by_id(&entry.id) else {
-            let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
-            return Err(bad(
-                "[[effect]] id".into(),
-                format!("no cause of the catalogue is called `{}`", entry.id),
-            )
-            .action(suggestion(&entry.id, &ids)));
-        };
-        let on = [1, 2, 3].map(|k| entry.actuators.contains(&k));
-        let mut acting = Acting::off(effect, on);
-        let quantities = effect.parameters();
-        let mut names: Vec<&str> = Vec::new();
-        for q in quantities {
-            let name = q.part().0;
-            if !names.contains(&name) {
-                names.push(name);
-            }
-        }
-        for (key, value) in &entry.values {
-            let place = format!("[[effect]] {} {key}", entry.id);
-            let plain = key
-                .strip_suffix("_std_error")
-                .or_else(|| key.strip_suffix("_ci95"));
-            if plain.is_some_and(|p| names.contains(&p)) {
-                continue;
-            }
-            let places: Vec<usize> = (0..quantities.len())
-                .filter(|&i| quantities[i].part().0 == key || quantities[i].name == key)
-                .collect();
-            if places.is_empty() {
-                return Err(
-                    Error::new(ErrorKind::UnknownKey, &self.path, "unknown name")
-                        .at_key(place)
-                        .action(suggestion(key, &names)),
-                );
-            }
-            let given: Vec<&toml::Value> = match value {
-                toml::Value::Array(list) => list.iter().collect(),
-                one => vec![one],
-            };
-            if given.len() != places.len() {
-                return Err(
-                    bad(place, format!("found {} value(s)", given.len())).expected(format!(
-                        "{} in {}",
-                        places.len(),
-                        quantities[places[0]].unit
-                    )),
-                );
-            }
-            for (&at, value) in places.iter().zip(given) {
-                let q = &quantities[at];
-                #[allow(clippy::cast_precision_loss)]
-                let number = match value {
-                    toml::Value::Integer(v) if q.name == "recording" => {
-                        number_of(&v.to_string()).map_or(NEVER, |n| n as f64)
-                    }
-                    toml::Value::Float(v) => *v,
-                    toml::Value::Integer(v) => *v as f64,
-                    toml::Value::String(word) if q.name == "recording" => {
-                        number_of(word).map_or(NEVER, |n| n as f64)
-                    }
-                    toml::Value::String(word) if at == 0 && !effect.variants().is_empty() => {
-                        let forms = effect.variants();
-                        let Some(form) = forms.iter().position(|f| f == word) else {
-                            return Err(bad(place, format!("found \"{word}\""))
-                                .action(suggestion(word, forms)));
-                        };
-                        form as f64
-                    }
-                    other => {
-                        return Err(bad(place, format!("found {other}"))
-                            .expected(format!("a number in {}", q.unit)));
-                    }
-                };
-                if !number.is_finite() || (q.lower >= 0.0 && number < 0.0) {
-                    return Err(bad(place, format!("found {number}"))
-                        .expected(format!("a number in {}, from {} up", q.unit, q.lower)));
-                }
-                acting.values[at] = number;
-            }
-        }
-        Ok(acting)
+/// The cause of an entry; `path` is for messages.
+fn acting(
+    entry: &Effect,
+    path: &Path,
+    number_of: &dyn Fn(&str) -> Option<usize>,
+) -> Result<Acting, Error> {
+    let bad = |key: String, what: String| Error::new(ErrorKind::BadValue, path, what).at_key(key);
+    let Some(effect) = by_id(&entry.id) else {
+        let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
+        return Err(bad(
+            "[[effect]] id".into(),
+            format!("no cause of the catalogue is called `{}`", entry.id),
+        )
+        .action(suggestion(&entry.id, &ids)));
+    };
+    let on = [1, 2, 3].map(|k| entry.actuators.contains(&k));
+    if effect.reach() == Reach::All && on != [true; 3] {
+        let found = format!("found actuators {:?}", entry.actuators);
+        return Err(bad(format!("[[effect]] {}", entry.id), found)
+            .expected("all three, because this cause knows no actuator")
+            .action("name no actuator"));
     }
+    let mut acting = Acting::off(effect, on);
+    let quantities = effect.parameters();
+    let mut names: Vec<&str> = Vec::new();
+    for q in quantities {
+        let name = q.part().0;
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    for (key, value) in &entry.values {
+        let place = format!("[[effect]] {} {key}", entry.id);
+        let plain = key
+            .strip_suffix("_std_error")
+            .or_else(|| key.strip_suffix("_ci95"));
+        if plain.is_some_and(|p| names.contains(&p)) {
+            continue;
+        }
+        let places: Vec<usize> = (0..quantities.len())
+            .filter(|&i| quantities[i].part().0 == key || quantities[i].name == key)
+            .collect();
+        if places.is_empty() {
+            return Err(Error::new(ErrorKind::UnknownKey, path, "unknown name")
+                .at_key(place)
+                .action(suggestion(key, &names)));
+        }
+        let given: Vec<&toml::Value> = match value {
+            toml::Value::Array(list) => list.iter().collect(),
+            one => vec![one],
+        };
+        if given.len() != places.len() {
+            return Err(
+                bad(place, format!("found {} value(s)", given.len())).expected(format!(
+                    "{} in {}",
+                    places.len(),
+                    quantities[places[0]].unit
+                )),
+            );
+        }
+        for (&at, value) in places.iter().zip(given) {
+            let q = &quantities[at];
+            #[allow(clippy::cast_precision_loss)]
+            let number = match value {
+                toml::Value::Integer(v) if q.name == "recording" => {
+                    number_of(&v.to_string()).map_or(NEVER, |n| n as f64)
+                }
+                toml::Value::Float(v) => *v,
+                toml::Value::Integer(v) => *v as f64,
+                toml::Value::String(word) if q.name == "recording" => {
+                    number_of(word).map_or(NEVER, |n| n as f64)
+                }
+                toml::Value::String(word) if at == 0 && !effect.variants().is_empty() => {
+                    let forms = effect.variants();
+                    let Some(form) = forms.iter().position(|f| f == word) else {
+                        return Err(
+                            bad(place, format!("found \"{word}\"")).action(suggestion(word, forms))
+                        );
+                    };
+                    form as f64
+                }
+                other => {
+                    return Err(bad(place, format!("found {other}"))
+                        .expected(format!("a number in {}", q.unit)));
+                }
+            };
+            // A positive lower bound is a size that must not vanish: a time, an edge, a thickness.
+            let low = (q.lower >= 0.0 && number < 0.0) || (q.lower > 0.0 && number == 0.0);
+            let high = q.unit == "1" && q.lower == 0.0 && q.size && number > 1.0;
+            if !number.is_finite() || low || high {
+                let from = if q.lower > 0.0 {
+                    "above 0"
+                } else if q.lower == 0.0 {
+                    "from 0 up"
+                } else {
+                    "finite"
+                };
+                let to = if high { ", at most 1" } else { "" };
+                return Err(bad(place, format!("found {number}"))
+                    .expected(format!("a number in {}, {from}{to}", q.unit)));
+            }
+            acting.values[at] = number;
+        }
+    }
+    Ok(acting)
 }
 
 #[cfg(test)]
@@ -277,13 +353,54 @@ mod tests {
             effects: vec![e],
             ..ParameterFile::default()
         };
-        let acting = file.acting(&|_| None).unwrap().remove(0);
-        assert_eq!(acting.values, [5e3, 4e3]);
-        assert_eq!(acting.on, [false, true, false]);
-        let e: Effect = "marker_offset:offset_z=1e-3".parse().unwrap();
-        assert_eq!(e.actuators, [1, 2, 3]);
-        for wrong in ["slew_limit", "slew_limit:rate_up", "slew_limit:rate_up=1@4"] {
+        let limited = file.acting(&|_| None).unwrap().remove(0);
+        assert_eq!(limited.values, [5e3, 4e3]);
+        assert_eq!(limited.on, [false, true, false]);
+        let values = |text: &str| {
+            let entry: Effect = text.parse().unwrap();
+            entry.check().unwrap();
+            assert_eq!(entry.actuators, [1, 2, 3]);
+            acting(&entry, Path::new(""), &|id| (id == "s/3").then_some(3)).map(|a| a.values)
+        };
+        for vector in [
+            "offset=1e-3/0/-2e-3",
+            "offset=[1e-3, 0, -2e-3]",
+            "offset_x=1e-3,offset_z=-2e-3",
+        ] {
+            let values = values(&format!("marker_offset:{vector}")).unwrap();
+            assert_eq!(values, [1e-3, 0.0, -2e-3], "{vector}");
+        }
+        let link = values("link_length_error:link=n0,relative_error=0.01").unwrap();
+        assert_eq!(link, [3.0, 0.01]);
+        let failed = values("electrode_failure:fraction=0.2,time=4,recording=s/3").unwrap();
+        assert_eq!(failed, [0.2, 4.0, 3.0]);
+        for wrong in [
+            "slew_limit",
+            "slew_limit:rate_up",
+            "slew_limit:rate_up=1@4",
+            "slew_limit:rate_up=1,rate_up=2",
+        ] {
             assert!(wrong.parse::<Effect>().is_err(), "{wrong}");
+        }
+        for (wrong, words) in [
+            (
+                "slew_limits:rate_up=1",
+                &["`slew_limits`", "slew_limit"][..],
+            ),
+            ("slew_limit:rateup=1", &["slew_limit rateup", "rate_up"]),
+            ("slew_limit:rate_up=0", &["found 0", "V/s, above 0"]),
+            (
+                "electrode_failure:fraction=1.5",
+                &["found 1.5", "at most 1"],
+            ),
+            ("frame_tilt:rotation=0.1", &["1 value", "3 in rad"]),
+            ("time_offset:offset=soon", &["\"soon\"", "a number in s"]),
+            ("time_offset:offset=0.1@2", &["[2]", "name no actuator"]),
+        ] {
+            let text = wrong.parse::<Effect>().unwrap().check().unwrap_err();
+            for word in words {
+                assert!(text.contains(word), "`{word}` is not in: {text}");
+            }
         }
     }
 

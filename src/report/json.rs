@@ -7,12 +7,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
+use super::effect_entries::actuators;
+use super::parameter_file::Effect;
 use super::provenance::{FileSum, Provenance};
 use crate::calibration::{
     AtBound, ChainError, CouponFit, CouponOutcome, CouponPlace, CouponTotal, Estimate, LineFit,
     LineOutcome, Outcome, RecordingOutcome, SampleFit, SampleOutcome, StartOutcome, WeakDirection,
 };
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
+use crate::effects::Acting;
 use crate::film::InitialState;
 use crate::recording::{Doubt, Level, Note, Payload, Recording, SectionSurvey, Survey};
 use crate::validation::{self, Validation};
@@ -1591,11 +1594,104 @@ impl PredictionJson {
     }
 }
 
+/// A value of a cause.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ActedValue {
+    /// A number, the three of a vector, or a word (a link, a recording).
+    pub value: Value,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// A cause that was at work in a simulation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ActedJson {
+    /// Its id in the catalogue.
+    pub effect: String,
+    /// One sentence of physics.
+    pub says: String,
+    /// The actuators that it sits in; of a hanging sample the first stands for all.
+    pub actuators: Vec<usize>,
+    /// All of its values, those that were not stated too; what is switched off is left out.
+    pub parameters: Named<ActedValue>,
+    /// Where it was stated: `--effect`, or the parameter file.
+    pub from: String,
+}
+
+impl ActedJson {
+    /// A cause as it acted, and the entry that stated it; `recording` is the id of what was simulated.
+    #[must_use]
+    pub fn new(acting: &Acting, entry: &Effect, from: String, recording: &str) -> Self {
+        let quantities = acting.effect.parameters();
+        let mut parameters: Vec<(String, ActedValue)> = Vec::new();
+        for (q, &value) in quantities.iter().zip(&acting.values) {
+            let (name, place) = q.part();
+            let stated = entry.values.iter().find(|(n, _)| n == name);
+            let value = match (acting.effect.variants(), stated.map(|(_, v)| v)) {
+                _ if !value.is_finite() => continue,
+                (_, Some(toml::Value::String(word))) => Value::from(word.as_str()),
+                (_, stated) if name == "recording" => {
+                    stated.map_or_else(|| Value::from(recording), |v| v.to_string().into())
+                }
+                (forms @ [_, ..], _) if parameters.is_empty() => Value::from(forms[value as usize]),
+                _ => Value::from(value),
+            };
+            match parameters.last_mut() {
+                Some((last, list)) if place.is_some() && last == name => {
+                    if let Value::Array(list) = &mut list.value {
+                        list.push(value);
+                    }
+                }
+                _ => {
+                    let value = match place {
+                        Some(_) => Value::Array(vec![value]),
+                        None => value,
+                    };
+                    let unit = q.unit.to_owned();
+                    parameters.push((name.to_owned(), ActedValue { value, unit }));
+                }
+            }
+        }
+        ActedJson {
+            effect: acting.effect.id().to_owned(),
+            says: acting.effect.says().to_owned(),
+            actuators: actuators(acting.on),
+            parameters: Named(parameters),
+            from,
+        }
+    }
+
+    /// In one line: `series_resistance on actuators 1, 2 (--effect): resistance 1e7 ohm`.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let values: Vec<String> = self
+            .parameters
+            .0
+            .iter()
+            .map(|(name, v)| match (&v.value, v.unit.as_str()) {
+                (Value::String(word), _) => format!("{name} {word}"),
+                (value, "1") => format!("{name} {value}"),
+                (value, unit) => format!("{name} {value} {unit}"),
+            })
+            .collect();
+        let on: Vec<String> = self.actuators.iter().map(usize::to_string).collect();
+        format!(
+            "{} on actuator {} ({}): {}",
+            self.effect,
+            on.join(", "),
+            self.from,
+            values.join(", ")
+        )
+    }
+}
+
 /// What `simulate` wrote, for `--json`: the recording itself is in the folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SimulationJson {
     /// Recording.
     pub id: String,
+    /// `robot` or `film-sample`.
+    pub kind: String,
     /// Its folder.
     pub folder: String,
     /// Its files.
@@ -1604,13 +1700,15 @@ pub struct SimulationJson {
     pub n_frames: usize,
     /// From the first frame to the last, s.
     pub duration_s: f64,
-    /// Height between lowest and highest pose, mm.
+    /// Height between lowest and highest pose, mm; of a hanging sample between its longest and its shortest length.
     pub stroke_mm: f64,
     /// Largest magnitude of a voltage, V.
     #[serde(rename = "largest_voltage_V")]
     pub largest_voltage_v: f64,
     /// Largest distance between planned and simulated pose, mm, where a path was planned.
     pub off_plan_mm: Number,
+    /// Causes that the plain model leaves out and that were at work, in their order.
+    pub effects: Vec<ActedJson>,
     /// Seed of the noise.
     pub seed: u64,
 }

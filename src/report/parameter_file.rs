@@ -356,6 +356,15 @@ impl ParameterFile {
                     .action(format!("add `{name} = ...`"))
                 })
             };
+            if effect.id == "electrode_failure" && effect.number("time").is_some_and(|t| t > 0.0) {
+                return Err(Error::new(
+                    ErrorKind::BadValue,
+                    &self.path,
+                    "the electrode of a hanging sample fails before its first sample, not during a recording",
+                )
+                .at_key("[[effect]] electrode_failure time")
+                .action("state time = 0.0"));
+            }
             match effect.id.as_str() {
                 "electrode_stiffness" => out.modulus_pa += need("modulus")?,
                 "series_resistance" => out.resistance_ohm += need("resistance")?,

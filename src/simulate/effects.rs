@@ -8,11 +8,12 @@
 //! | what the capture reads of the motion | another motion: [`effect_reading`] |
 //! | the clock | another drive: [`EffectClock`] |
 //!
-//! Where a cause without memory is concerned the addition calls the catalogue's own formula, one sample at a time; a cause with memory
+//! [`motion_with_effects`] puts all of them together. Where a cause without memory is concerned the addition calls the catalogue's own formula, one sample at a time; a cause with memory
 //! has states here, and its formula is the differential equation that the catalogue solves in steps.
 
+use super::Error;
 use super::addition::{Action, Addition, Situation};
-use super::robot::Motion;
+use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
 use crate::effects::{Acting, Along, Reading, Site, When};
 use crate::film::Film;
@@ -89,18 +90,40 @@ impl Memory {
 }
 
 /// A cause at work in forward dynamics.
-struct EffectAddition {
+struct Part {
     acting: Acting,
-    robot: Robot,
-    film: Film,
-    when: When,
     memory: Memory,
     /// Every size at its off value.
     off: bool,
 }
 
+impl Part {
+    fn new(acting: &Acting) -> Self {
+        let off = is_off(acting);
+        let memory = if off {
+            Memory::None
+        } else {
+            Memory::of(acting.effect.id())
+        };
+        Part {
+            acting: acting.clone(),
+            memory,
+            off,
+        }
+    }
+}
+
+/// Causes at work in forward dynamics, together: the electrical ones one after the other from the amplifier to the film, then what
+/// they change of the capacitance, of the film's stress and of the balance.
+struct EffectAddition {
+    parts: Vec<Part>,
+    robot: Robot,
+    film: Film,
+    when: When,
+}
+
 /// The catalogue's cause as an addition to the forward dynamics of `robot` with `parameters`, in a recording made at `when`, whose
-/// `start_s` is the time of the first sample. Causes that change the voltage stand before those that use it.
+/// `start_s` is the time of the first sample. Several causes go together through [`motion_with_effects`].
 ///
 /// # Errors
 /// A sentence for causes that act on lengths, the reading or the clock, saying which function does them.
@@ -122,18 +145,53 @@ pub fn effect_addition(
             "{id} changes the clock of the drive: see EffectClock"
         )),
         _ => Ok(Box::new(EffectAddition {
-            off: is_off(acting),
-            acting: acting.clone(),
+            parts: vec![Part::new(acting)],
             robot: robot.clone(),
             film: parameters.film.clone(),
             when,
-            memory: if is_off(acting) {
-                Memory::None
-            } else {
-                Memory::of(id)
-            },
         })),
     }
+}
+
+/// What a capture reads of `robot`, whose log of voltages says `logged`, while `effects` are at work in a recording made at `when`
+/// (its `start_s` is that of `options`): as [`motion_as_far`], and without effects the same to the bit. Electrical causes act in
+/// their order, from the amplifier to the film; `pivot_m` is the point about which the capture's axes turn.
+///
+/// # Errors
+/// Those of [`motion_as_far`].
+pub fn motion_with_effects(
+    robot: &Robot,
+    parameters: &Parameters,
+    logged: &dyn Voltage,
+    options: &Options,
+    effects: &[Acting],
+    when: When,
+    pivot_m: Vec3,
+) -> Result<(Motion, Option<Error>), Error> {
+    let of = |sites: &'static [Site]| {
+        let at = move |a: &&Acting| sites.contains(&a.effect.site());
+        effects.iter().filter(at)
+    };
+    let robot = of(&[Site::Motion]).fold(robot.clone(), |r, a| effect_robot(a, &r));
+    let parts: Vec<Part> = of(&[Site::Electrical, Site::Film, Site::Balance])
+        .map(Part::new)
+        .collect();
+    let together = EffectAddition {
+        parts,
+        robot: robot.clone(),
+        film: parameters.film.clone(),
+        when,
+    };
+    let mut additions: Vec<&dyn Addition> = Vec::new();
+    if !together.parts.is_empty() {
+        additions.push(&together);
+    }
+    let clocks: Vec<Acting> = of(&[Site::Clock]).cloned().collect();
+    let told = EffectClock::new(logged, &clocks, options.start_s);
+    let voltage: &dyn Voltage = if clocks.is_empty() { logged } else { &told };
+    let (motion, ended) = motion_as_far(&robot, parameters, voltage, options, &additions)?;
+    let read = of(&[Site::Motion]).fold(motion, |m, a| effect_reading(a, &m, pivot_m));
+    Ok((read, ended))
 }
 
 fn is_off(acting: &Acting) -> bool {
@@ -274,18 +332,6 @@ impl EffectAddition {
         }
     }
 
-    /// d ln xi/dt of a slow branch at the stretches `l`.
-    fn creep(&self, l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2]) {
-        let (a, b) = (
-            l[0] * l[0] * (-2.0 * x[0]).exp(),
-            l[1] * l[1] * (-2.0 * x[1]).exp(),
-        );
-        let c = 1.0 / (a * b);
-        let s = [a - c, b - c];
-        let rate = 1.0 / (3.0 * self.acting.values[1]);
-        ([rate * (s[0] - 0.5 * s[1]), rate * (s[1] - 0.5 * s[0])], s)
-    }
-
     /// Stress of the equilibrium spring, Pa, and its energy density, J/m^3.
     fn equilibrium(&self, l: [f64; 2]) -> ([f64; 2], f64) {
         let [a, b] = l.map(|l| l * l);
@@ -299,154 +345,188 @@ impl EffectAddition {
     }
 }
 
+/// d ln xi/dt of a slow branch with the relaxation time `time_s` at the stretches `l`, and its stress over its modulus.
+fn creep(time_s: f64, l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+    let (a, b) = (
+        l[0] * l[0] * (-2.0 * x[0]).exp(),
+        l[1] * l[1] * (-2.0 * x[1]).exp(),
+    );
+    let c = 1.0 / (a * b);
+    let s = [a - c, b - c];
+    let rate = 1.0 / (3.0 * time_s);
+    ([rate * (s[0] - 0.5 * s[1]), rate * (s[1] - 0.5 * s[0])], s)
+}
+
 /// theta_DEA and theta_b with its derivatives, of one chain at one moment.
 struct Sample {
     theta_dea: [f64; 1],
     theta_b: [[f64; 3]; 1],
 }
 
+impl EffectAddition {
+    /// Each part with the place of its first state.
+    fn places(&self) -> impl Iterator<Item = (usize, &Part)> {
+        let mut next = 0;
+        self.parts.iter().map(move |part| {
+            let place = next;
+            next += 3 * part.memory.states().0;
+            (place, part)
+        })
+    }
+}
+
 impl Addition for EffectAddition {
     fn states(&self) -> usize {
-        3 * self.memory.states().0
+        self.parts.iter().map(|p| 3 * p.memory.states().0).sum()
     }
 
     fn start(&self, s: &Situation, states: &mut [f64]) {
-        let n = self.memory.states().0;
-        for (k, z) in states.chunks_exact_mut(n.max(1)).enumerate() {
-            match self.memory {
-                Memory::Charge => z[0] = s.capacitance_f[k] * s.command_v[k] / NANOCOULOMB,
-                Memory::Polarisation => z.fill(s.command_v[k]),
-                Memory::Output => z[0] = s.command_v[k],
-                Memory::LargestEnergy => z[0] = self.equilibrium(s.stretch[k]).1,
-                Memory::Rest => z[0] = s.film_stress_pa[k][1],
-                Memory::BicepRate => z[0] = s.theta_b_rate_rad_s[k],
-                Memory::Velocity => z[0] = s.velocity_m_s[k],
-                Memory::Branch => {
-                    let rest_s = self.acting.values[2] + self.when.series_s;
-                    let steps = (rest_s / REST_STEP_S).ceil().max(1.0);
-                    let mut x = [0.0; 2];
-                    for _ in 0..steps as usize {
-                        let rate = self.creep(s.stretch[k], x).0;
-                        x = [0, 1].map(|i| x[i] + rate[i] * rest_s / steps);
+        for (place, part) in self.places() {
+            let n = part.memory.states().0;
+            for k in 0..3 {
+                let z = &mut states[place + k * n..place + (k + 1) * n];
+                match part.memory {
+                    Memory::Charge => z[0] = s.capacitance_f[k] * s.command_v[k] / NANOCOULOMB,
+                    Memory::Polarisation => z.fill(s.command_v[k]),
+                    Memory::Output => z[0] = s.command_v[k],
+                    Memory::LargestEnergy => z[0] = self.equilibrium(s.stretch[k]).1,
+                    Memory::Rest => z[0] = s.film_stress_pa[k][1],
+                    Memory::BicepRate => z[0] = s.theta_b_rate_rad_s[k],
+                    Memory::Velocity => z[0] = s.velocity_m_s[k],
+                    Memory::Branch => {
+                        let v = &part.acting.values;
+                        let rest_s = v[2] + self.when.series_s;
+                        let steps = (rest_s / REST_STEP_S).ceil().max(1.0);
+                        let mut x = [0.0; 2];
+                        for _ in 0..steps as usize {
+                            let rate = creep(v[1], s.stretch[k], x).0;
+                            x = [0, 1].map(|i| x[i] + rate[i] * rest_s / steps);
+                        }
+                        z.copy_from_slice(&x);
                     }
-                    z.copy_from_slice(&x);
+                    Memory::Presliding | Memory::None => z.fill(0.0),
                 }
-                Memory::Presliding | Memory::None => z.fill(0.0),
             }
         }
     }
 
-    fn scale(&self, _i: usize) -> f64 {
-        self.memory.states().1
+    fn scale(&self, i: usize) -> f64 {
+        let last = self.places().filter(|(place, _)| *place <= i).last();
+        last.map_or(1.0, |(_, part)| part.memory.states().1)
     }
 
     fn act(&self, s: &Situation, states: &[f64], action: &mut Action, rates: &mut [f64]) {
-        if self.off {
+        rates.fill(0.0);
+        if self.parts.iter().all(|p| p.off) {
             return;
         }
-        let v = &self.acting.values[..];
-        let n = self.memory.states().0;
-        let effect = self.acting.effect;
         for k in 0..3 {
-            let (z, rate) = (&states[k * n..(k + 1) * n], &mut rates[k * n..(k + 1) * n]);
-            if !self.acting.on[k] {
-                rate.fill(0.0);
-                continue;
-            }
             let sample = Sample {
                 theta_dea: [s.theta_dea_rad[k]],
                 theta_b: [[s.theta_b_rad[k], s.theta_b_rate_rad_s[k], 0.0]],
             };
             let along = self.along(s, k, &sample);
             let lozenge = along.lozenge;
-            let told = action.phi_v[k];
             let slopes = lozenge.log_stretch_slopes(s.theta_dea_rad[k]);
             let volume = lozenge.volume_m3();
+            // What acts here, with its values and the range of its states.
+            let here = || {
+                self.places()
+                    .filter(|(_, part)| !part.off && part.acting.on[k])
+                    .map(|(place, part)| {
+                        let n = part.memory.states().0;
+                        let first = place + k * n;
+                        (part, &part.acting.values[..], first..first + n)
+                    })
+            };
             // Electrical chain
-            match self.memory {
-                Memory::Charge => {
-                    let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
-                    rate[0] = (told - phi) / v[0] / NANOCOULOMB;
-                    action.phi_v[k] = phi;
-                }
-                Memory::Polarisation => {
-                    for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
-                        rate[j] = (told - z[j]) / time;
+            for (part, v, range) in here() {
+                let (z, rate) = (&states[range.clone()], &mut rates[range]);
+                let told = action.phi_v[k];
+                match part.memory {
+                    Memory::Charge => {
+                        let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
+                        rate[0] = (told - phi) / v[0] / NANOCOULOMB;
+                        action.phi_v[k] = phi;
                     }
-                    let square =
-                        (1.0 - v[0] - v[2]) * told * told + v[0] * z[0] * z[0] + v[2] * z[1] * z[1];
-                    action.phi_v[k] = square.max(0.0).sqrt();
-                }
-                Memory::Output => {
-                    let sign = if told == 0.0 {
-                        z[0].signum()
-                    } else {
-                        told.signum()
-                    };
-                    let wanted = sign * (told - z[0]) / SLEW_S;
-                    rate[0] = sign * wanted.clamp(-v[1], v[0]);
-                    action.phi_v[k] = z[0];
-                }
-                _ => {
-                    let mut phi = [told];
-                    effect.voltage(v, &along, &mut phi);
-                    action.phi_v[k] = phi[0];
+                    Memory::Polarisation => {
+                        for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
+                            rate[j] = (told - z[j]) / time;
+                        }
+                        let square = (1.0 - v[0] - v[2]) * told * told
+                            + v[0] * z[0] * z[0]
+                            + v[2] * z[1] * z[1];
+                        action.phi_v[k] = square.max(0.0).sqrt();
+                    }
+                    Memory::Output => {
+                        let sign = if told == 0.0 {
+                            z[0].signum()
+                        } else {
+                            told.signum()
+                        };
+                        let wanted = sign * (told - z[0]) / SLEW_S;
+                        rate[0] = sign * wanted.clamp(-v[1], v[0]);
+                        action.phi_v[k] = z[0];
+                    }
+                    _ => {
+                        let mut phi = [told];
+                        part.acting.effect.voltage(v, &along, &mut phi);
+                        action.phi_v[k] = phi[0];
+                    }
                 }
             }
             let phi = action.phi_v[k];
             let plain = lozenge.half_capacitance_slope(s.theta_dea_rad[k], along.eps_f_m);
             let mut half = [plain];
-            effect.capacitance(v, &along, &mut half);
+            for (part, v, _) in here() {
+                part.acting.effect.capacitance(v, &along, &mut half);
+            }
             if half[0] != plain {
                 action.torque_dea_n_m[k] += (half[0] - plain) * phi * phi;
             }
             // Film
-            if effect.site() == Site::Film {
-                let torque =
-                    |stress: [f64; 2]| volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
-                match self.memory {
+            let torque =
+                |stress: [f64; 2]| volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
+            let mut factor = [[1.0; 2]];
+            for (part, v, range) in here().filter(|p| p.0.acting.effect.site() == Site::Film) {
+                let (z, rate) = (&states[range.clone()], &mut rates[range]);
+                match part.memory {
                     Memory::LargestEnergy => {
-                        let (stress, energy) = self.equilibrium(s.stretch[k]);
+                        let energy = self.equilibrium(s.stretch[k]).1;
                         rate[0] = (energy - z[0]).max(0.0) / LARGEST_S;
-                        let factor = softened(v, energy, z[0].max(energy));
-                        action.torque_dea_n_m[k] += (1.0 - factor) * torque(stress);
+                        factor[0][0] *= softened(v, energy, z[0].max(energy));
                     }
                     Memory::Rest => {
-                        rate[0] = 0.0;
                         // The first value of the series is the one at rest.
-                        let twice = Sample {
-                            theta_dea: sample.theta_dea,
-                            theta_b: sample.theta_b,
-                        };
-                        let theta = [twice.theta_dea[0]; 2];
+                        let theta = [sample.theta_dea[0]; 2];
                         let along = Along {
                             theta_dea_rad: &theta,
                             ..along
                         };
+                        let sigma = [z[0], s.film_stress_pa[k][1]];
                         let mut change = [0.0; 2];
-                        effect.slack(
-                            v,
-                            &along,
-                            &[z[0], s.film_stress_pa[k][1]],
-                            &[phi; 2],
-                            &mut change,
-                        );
+                        let effect = part.acting.effect;
+                        effect.slack(v, &along, &sigma, &[phi; 2], &mut change);
                         action.torque_dea_n_m[k] -= volume * change[1] * slopes[1];
                     }
                     _ => {
-                        let mut factor = [[1.0; 2]];
+                        let effect = part.acting.effect;
                         effect.stress(v, &along, &self.film, &mut factor);
-                        if factor[0][0] != 1.0 {
-                            // Such causes scale all springs alike.
-                            let whole = torque(s.film_stress_pa[k]);
-                            action.torque_dea_n_m[k] += (1.0 - factor[0][0]) * whole;
-                        }
                     }
                 }
             }
+            let [equilibrium, branches] = factor[0];
+            if branches != 1.0 {
+                action.torque_dea_n_m[k] += (1.0 - branches) * torque(s.film_stress_pa[k]);
+            }
+            if equilibrium != branches {
+                let own = torque(self.equilibrium(s.stretch[k]).0);
+                action.torque_dea_n_m[k] += (branches - equilibrium) * own;
+            }
             // Balance
-            if effect.site() == Site::Balance {
-                match self.memory {
+            for (part, v, range) in here().filter(|p| p.0.acting.effect.site() == Site::Balance) {
+                let (z, rate) = (&states[range.clone()], &mut rates[range]);
+                match part.memory {
                     Memory::Presliding => {
                         let omega = s.theta_b_rate_rad_s[k];
                         rate[0] = (omega - z[0] * omega.abs()) / v[1];
@@ -465,18 +545,18 @@ impl Addition for EffectAddition {
                         }
                     }
                     Memory::Branch => {
-                        let (own, stress) = self.creep(s.stretch[k], [z[0], z[1]]);
+                        let (own, stress) = creep(v[1], s.stretch[k], [z[0], z[1]]);
                         rate.copy_from_slice(&own);
-                        action.torque_dea_n_m[k] -=
-                            v[0] * volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
+                        action.torque_dea_n_m[k] -= v[0] * torque(stress);
                     }
                     _ => {
-                        let mut torque = [0.0];
-                        effect.torque(v, &along, &mut torque);
+                        let effect = part.acting.effect;
+                        let mut made = [0.0];
+                        effect.torque(v, &along, &mut made);
                         if matches!(effect.id(), "joint_damping" | "end_stop") {
-                            action.torque_b_n_m[k] += torque[0];
+                            action.torque_b_n_m[k] += made[0];
                         } else {
-                            action.torque_dea_n_m[k] += torque[0];
+                            action.torque_dea_n_m[k] += made[0];
                         }
                     }
                 }
@@ -485,17 +565,17 @@ impl Addition for EffectAddition {
     }
 
     fn next_break_s(&self, t_s: f64) -> f64 {
-        let quantities = self.acting.effect.parameters();
-        let at = |name: &str| {
-            let place = quantities.iter().position(|q| q.name == name)?;
-            Some(self.acting.values[place])
+        let moment = |part: &Part| {
+            let quantities = part.acting.effect.parameters();
+            let at = |name: &str| {
+                let place = quantities.iter().position(|q| q.name == name)?;
+                Some(part.acting.values[place])
+            };
+            let (time, number) = (at("time")?, at("recording")?);
+            (number == self.when.recording as f64 && time > t_s).then_some(time)
         };
-        match (at("time"), at("recording")) {
-            (Some(time), Some(number)) if number == self.when.recording as f64 && time > t_s => {
-                time
-            }
-            _ => f64::INFINITY,
-        }
+        let moments = self.parts.iter().filter_map(moment);
+        moments.fold(f64::INFINITY, f64::min)
     }
 }
 

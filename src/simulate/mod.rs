@@ -6,7 +6,7 @@
 //! | forward dynamics of the robot, phi_k(t) to u(t) | [`motion`], [`motion_as_far`], [`rest`] |
 //! | hanging film sample, both ways | [`sample_motion`], [`sample_phi_squared_v2`], [`sample_rest`] |
 //! | what else acts on the robot | [`Addition`] |
-//! | causes of the catalogue | [`effect_addition`], [`effect_robot`], [`effect_reading`], [`EffectClock`] |
+//! | a motion with causes of the catalogue | [`motion_with_effects`], made of [`effect_addition`], [`effect_robot`], [`effect_reading`], [`EffectClock`] |
 //! | built-in drives, a path or a circle through the inverse model | [`Drive`], [`PlannedPath`], [`Circle`], [`flip_polarity`] |
 //! | the files of a recording, with noise and a seed | [`mod@write`] |
 //! | voltages and payload over time | [`Voltage`], [`Sampled`], [`Payload`] |
@@ -26,7 +26,9 @@ pub mod write;
 
 pub use addition::{Action, Addition, Situation};
 pub use drive::{Circle, DEFAULT_RATE_HZ, Drive, flip_polarity};
-pub use effects::{EffectClock, effect_addition, effect_reading, effect_robot};
+pub use effects::{
+    EffectClock, effect_addition, effect_reading, effect_robot, motion_with_effects,
+};
 pub use integrator::Effort;
 pub use path::{PlannedDrive, PlannedPath, drive_along};
 pub use robot::{Energy, Motion, Options, Rest, Start, motion, motion_as_far, rest};

@@ -2,13 +2,10 @@
 
 use super::Error;
 use crate::dataset::{Dataset, Voltage};
-use crate::effects::{Acting, Site, When};
+use crate::effects::{Acting, When};
 use crate::film::InitialState;
 use crate::model::{Parameters, Robot};
-use crate::simulate::{
-    self, Addition, EffectClock, Hold, Options, Payload, Sampled, Start, effect_addition,
-    effect_reading, effect_robot, motion_as_far,
-};
+use crate::simulate::{self, Hold, Options, Payload, Sampled, Start, motion_with_effects};
 
 /// A predicted motion, a row a frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,21 +69,16 @@ pub fn predict_motion(
         start,
         ..Options::default()
     };
-    let at_work = effects
-        .iter()
-        .filter(|a| !matches!(a.effect.site(), Site::Motion | Site::Clock))
-        .map(|a| effect_addition(a, robot, parameters, when))
-        .collect::<Result<Vec<_>, String>>()
-        .map_err(text)?;
-    let additions: Vec<&dyn Addition> = at_work.iter().map(|a| &**a).collect();
-    let of = |site: Site| effects.iter().filter(move |a| a.effect.site() == site);
-    let robot = of(Site::Motion).fold(robot.clone(), |r, a| effect_robot(a, &r));
-    let clocks: Vec<Acting> = of(Site::Clock).cloned().collect();
-    let told = EffectClock::new(&voltage, &clocks, dataset.start_s);
-    let (motion, ended) =
-        motion_as_far(&robot, parameters, &told, &options, &additions).map_err(refuse)?;
-    // What the capture would read of it.
-    let motion = of(Site::Motion).fold(motion, |m, a| effect_reading(a, &m, dataset.pivot_m));
+    let (motion, ended) = motion_with_effects(
+        robot,
+        parameters,
+        &voltage,
+        &options,
+        effects,
+        when,
+        dataset.pivot_m,
+    )
+    .map_err(refuse)?;
     let mut position_m = motion.position_m;
     let reached = position_m.len();
     position_m.resize(n, [f64::NAN; 3]);

@@ -10,7 +10,7 @@
 //! write them so.
 //!
 //! The file is read in order and needs no index; one that was cut gives what stands before the cut. A chunk whose checksum
-//! is wrong is an error.
+//! is wrong is an error. A file of any size is surveyed in constant memory ([`Importer::stream`]).
 
 mod json;
 mod protobuf;
@@ -21,7 +21,7 @@ mod table;
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::capture::{Capture, Importer, Note, ReadOptions};
+use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Sink};
 use super::error::{Error, ErrorKind, quote};
 use super::text::decode;
 pub use records::{MAX_RECORD_BYTES, Record, RecordReader};
@@ -41,8 +41,103 @@ impl Importer for Mcap {
     }
 
     fn read(&self, path: &Path, _options: &ReadOptions) -> Result<Capture, Error> {
-        read(path)
+        let gathered = gather(path, Keeping::All, &mut |_, _| {})?;
+        Ok(capture(path, gathered)?.0)
     }
+
+    /// A small file is read as [`Importer::read`] does; a larger one is gone through twice: once for what its topics hold, which is
+    /// known at its end only, and once for the rows.
+    fn stream(
+        &self,
+        path: &Path,
+        _options: &ReadOptions,
+        sink: &mut dyn Sink,
+    ) -> Result<Capture, Error> {
+        let gathered = gather(path, Keeping::Few, &mut |_, _| {})?;
+        let forgotten = gathered.forgotten;
+        let (mut out, sources) = capture(path, gathered)?;
+        if !forgotten {
+            for (index, section) in out.sections.iter_mut().enumerate() {
+                sink.rows(index, section);
+            }
+            return Ok(out);
+        }
+        let sections = &mut out.sections;
+        let mut late = vec![0; sections.len()];
+        let mut show = |channel: usize, c: &mut Channel, all: bool| {
+            for (index, source) in sources.iter().enumerate() {
+                if source.channel != channel {
+                    continue;
+                }
+                let table = c.tables.list.get_mut(source.table);
+                let series = table.and_then(|t| t.series.get_mut(source.series));
+                let Some(series) = series.filter(|s| all || s.waiting() >= WAITING) else {
+                    continue;
+                };
+                // Rows in the order of time need not wait.
+                let now = all || source.in_order;
+                late[index] += series.pour(&mut sections[index], &source.leaves, now);
+                sink.rows(index, &mut sections[index]);
+            }
+            c.tables.waiting = 0;
+        };
+        let mut again = gather(path, Keeping::Some, &mut |channel, c| {
+            if c.tables.waiting >= WAITING {
+                show(channel, c, false);
+            }
+        })?;
+        for (channel, c) in again.channels.iter_mut().enumerate() {
+            show(channel, c, true);
+        }
+        for (section, late) in out.sections.iter().zip(late) {
+            if late > 0 {
+                out.notes.push(Note::warning(
+                    path,
+                    format!(
+                        "{}: {late} rows are earlier than rows long before them, and stay where they are",
+                        section.name
+                    ),
+                ));
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Values beyond which a file is gone through twice instead of being kept; 32 MiB.
+const FEW_VALUES: usize = 1 << 22;
+/// So many values of a series wait before they are shown: rows that are out of order by less are put into order.
+const WAITING: usize = 2 * BATCH;
+
+/// What becomes of the rows.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Keeping {
+    /// Kept; too many are an error.
+    All,
+    /// Kept while they are few, else all forgotten.
+    Few,
+    /// Kept until someone takes them.
+    Some,
+}
+
+/// What was read of a file.
+struct Gathered {
+    reader: RecordReader,
+    channels: Vec<Channel>,
+    unknown: u64,
+    broken: u64,
+    /// The rows were too many, and only what they were like is known.
+    forgotten: bool,
+}
+
+/// Where the rows of a section come from.
+struct Source {
+    channel: usize,
+    table: usize,
+    series: usize,
+    /// The leaf of each column.
+    leaves: Vec<usize>,
+    in_order: bool,
 }
 
 struct Schema {
@@ -209,26 +304,45 @@ impl Channel {
     }
 }
 
-fn read(path: &Path) -> Result<Capture, Error> {
+/// Goes through a file; `after` sees each channel after its message.
+fn gather(
+    path: &Path,
+    keeping: Keeping,
+    after: &mut dyn FnMut(usize, &mut Channel),
+) -> Result<Gathered, Error> {
     let mut reader = RecordReader::open(path)?;
     let mut schemas: HashMap<u16, Schema> = HashMap::new();
     let mut channels: Vec<Channel> = Vec::new();
     let mut by_id: Vec<u32> = vec![u32::MAX; 1 << 16];
     let mut unknown: u64 = 0;
     let mut broken: u64 = 0;
-    let mut budget = table::MAX_VALUES;
+    let mut forgotten = false;
+    let mut budget = match keeping {
+        Keeping::All => table::MAX_VALUES,
+        Keeping::Few => FEW_VALUES,
+        Keeping::Some => usize::MAX,
+    };
     while let Some(Record { opcode, body }) = reader.advance()? {
         match opcode {
             op::MESSAGE if body.len() >= 22 => {
                 let id = usize::from(u16_at(body, 0));
-                let Some(c) = channels.get_mut(by_id[id] as usize) else {
+                let at = by_id[id] as usize;
+                let Some(c) = channels.get_mut(at) else {
                     unknown += 1;
                     continue;
                 };
+                if keeping == Keeping::Some {
+                    budget = usize::MAX;
+                }
                 c.tables.budget = budget;
+                c.tables.keep = !forgotten;
                 c.message(u64_at(body, 6), &body[22..]);
                 budget = c.tables.budget;
-                if c.tables.full {
+                if c.tables.full && keeping == Keeping::Few {
+                    c.tables.full = false;
+                    forgotten = true;
+                    channels.iter_mut().for_each(|c| c.tables.forget());
+                } else if c.tables.full {
                     return Err(Error::new(
                         ErrorKind::Grammar,
                         path,
@@ -240,6 +354,8 @@ fn read(path: &Path) -> Result<Capture, Error> {
                     .action(
                         "write the topics that are needed to a file of their own (`mcap filter`)",
                     ));
+                } else {
+                    after(at, c);
                 }
             }
             op::SCHEMA => match schema(body) {
@@ -263,7 +379,13 @@ fn read(path: &Path) -> Result<Capture, Error> {
             _ => {}
         }
     }
-    capture(path, &reader, channels, unknown, broken)
+    Ok(Gathered {
+        reader,
+        channels,
+        unknown,
+        broken,
+        forgotten,
+    })
 }
 
 /// A few of some names, for a sentence.
@@ -278,13 +400,15 @@ fn some(names: &[&str]) -> String {
     format!("{}{more}", shown.join(", "))
 }
 
-fn capture(
-    path: &Path,
-    reader: &RecordReader,
-    channels: Vec<Channel>,
-    unknown: u64,
-    broken: u64,
-) -> Result<Capture, Error> {
+/// What was read, in sections, and where the rows of each come from.
+fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Error> {
+    let Gathered {
+        reader,
+        channels,
+        unknown,
+        broken,
+        ..
+    } = gathered;
     let mut notes = Vec::new();
     let messages: u64 = channels.iter().map(|c| c.messages).sum();
     if let Some(cut) = reader.cut() {
@@ -385,9 +509,10 @@ fn capture(
         ));
     }
     let mut sections = Vec::new();
+    let mut sources = Vec::new();
     let mut empty: Vec<String> = Vec::new();
     let mut number = 0;
-    for c in channels {
+    for (channel, c) in channels.into_iter().enumerate() {
         let Channel {
             topic,
             unit,
@@ -425,11 +550,20 @@ fn capture(
                 t.series[0].unname();
             }
             let leaves = std::mem::take(&mut t.leaves);
-            for series in t.series {
+            for (place, series) in t.series.into_iter().enumerate() {
                 let back = series.back();
                 let rows = series.rows();
                 let section = series.section(&topic, (&t.path, &leaves), &unit, &mut number);
-                let Some(section) = section else { continue };
+                let Some((section, leaves)) = section else {
+                    continue;
+                };
+                sources.push(Source {
+                    channel,
+                    table: i,
+                    series: place,
+                    leaves,
+                    in_order: back == 0,
+                });
                 if back > 0 {
                     notes.push(Note::info(
                         path,
@@ -469,9 +603,10 @@ fn capture(
             format!("{messages} messages in {} chunks", reader.chunks()),
         ),
     );
-    Ok(Capture {
+    let capture = Capture {
         format: "mcap",
         sections,
         notes,
-    })
+    };
+    Ok((capture, sources))
 }

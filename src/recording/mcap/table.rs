@@ -29,23 +29,44 @@ pub(super) struct Leaf {
 /// Where a decoder puts what it finds: the topic's own table first, then one a list of things.
 pub(super) struct Tables {
     pub list: Vec<Table>,
+    /// Whether rows are kept; else they are only counted, and it is noted which columns have numbers.
+    pub keep: bool,
     /// Values that may still be kept.
     pub budget: usize,
+    /// A row was not kept, for want of budget.
     pub full: bool,
+    /// The most values that wait in one series since this was last set to 0.
+    pub waiting: usize,
 }
 
 impl Tables {
     pub fn new() -> Self {
         Tables {
             list: vec![Table::default()],
+            keep: true,
             budget: MAX_VALUES,
             full: false,
+            waiting: 0,
+        }
+    }
+
+    /// Drops the rows that were kept; what they were like stays.
+    pub fn forget(&mut self) {
+        for series in self.list.iter_mut().flat_map(|t| &mut t.series) {
+            series.times_s = Vec::new();
+            series.columns = Vec::new();
         }
     }
 
     /// Ends the row of a table.
     pub fn push(&mut self, table: usize, time_s: f64) {
-        self.full |= !self.list[table].push(time_s, &mut self.budget);
+        let budget = if self.keep { self.budget } else { 0 };
+        let Some(waiting) = self.list[table].push(time_s, budget) else {
+            self.full |= self.keep;
+            return;
+        };
+        self.budget -= waiting.1;
+        self.waiting = self.waiting.max(waiting.0);
     }
 
     /// Ends the row of the thing `index` of a list; the number in leaf `key` names it where no text does.
@@ -86,11 +107,15 @@ pub(super) struct Table {
 pub(super) struct Series {
     key: String,
     rows: usize,
+    /// Whether a column has a number.
+    seen: Vec<bool>,
     times_s: Vec<f64>,
     columns: Vec<Vec<f64>>,
     last_s: f64,
     /// Rows that come before the row above them.
     back: usize,
+    /// The latest row that was shown, s.
+    shown_s: f64,
 }
 
 impl Table {
@@ -142,8 +167,9 @@ impl Table {
         }
     }
 
-    /// Ends the row: it is of the thing called `key`, at a time.
-    pub fn push(&mut self, time_s: f64, budget: &mut usize) -> bool {
+    /// Ends the row: it is of the thing called `key`, at a time. Gives the values that wait in its series and how many of them are
+    /// new; `None` for a row of more than `budget` values, which is counted and not kept.
+    pub fn push(&mut self, time_s: f64, budget: usize) -> Option<(usize, usize)> {
         if self.leaves.is_empty() {
             // a message without numbers is still counted
             let at = self.place();
@@ -151,29 +177,32 @@ impl Table {
                 s.rows += 1;
                 s.stamp(time_s);
             }
-            return true;
+            return Some((0, 0));
         }
         let Some(at) = self.place() else {
             self.left_out += 1;
-            return true;
+            return Some((0, 0));
         };
         let width = self.leaves.len();
         self.row.resize(width, f64::NAN);
         let series = &mut self.series[at];
-        if *budget < width + 1 {
-            return false;
+        series.rows += 1;
+        series.stamp(time_s);
+        series.seen.resize(width, false);
+        for (seen, value) in series.seen.iter_mut().zip(&self.row) {
+            *seen |= !value.is_nan();
         }
-        *budget -= width + 1;
+        if budget < width + 1 {
+            return None;
+        }
         while series.columns.len() < width {
-            series.columns.push(vec![f64::NAN; series.rows]);
+            series.columns.push(vec![f64::NAN; series.times_s.len()]);
         }
         for (column, value) in series.columns.iter_mut().zip(&self.row) {
             column.push(*value);
         }
         series.times_s.push(time_s);
-        series.rows += 1;
-        series.stamp(time_s);
-        true
+        Some((series.times_s.len() * width, width + 1))
     }
 
     fn place(&mut self) -> Option<usize> {
@@ -190,6 +219,7 @@ impl Table {
                 self.series.push(Series {
                     key: self.key.clone(),
                     last_s: f64::NEG_INFINITY,
+                    shown_s: f64::NEG_INFINITY,
                     ..Series::default()
                 });
                 self.by_key.insert(self.key.clone(), self.series.len() - 1);
@@ -234,20 +264,16 @@ impl Series {
         self.rows
     }
 
-    /// The series as a section; `number` counts the columns of the file. `None` when it holds no number.
+    /// The series as a section, with the leaf of each column; `number` counts the columns of the file. `None` when it holds no number.
     pub fn section(
         mut self,
         topic: &str,
         table: (&str, &[Leaf]),
         unit: &str,
         number: &mut usize,
-    ) -> Option<Section> {
+    ) -> Option<(Section, Vec<usize>)> {
         let (list, leaves) = table;
-        let seen = |i: usize| {
-            self.columns
-                .get(i)
-                .is_some_and(|c| c.iter().any(|v| !v.is_nan()))
-        };
+        let seen = |i: usize| self.seen.get(i).is_some_and(|s| *s);
         // a place of a list that no message reached is no column; a field that is NaN throughout is one
         let used: Vec<usize> = (0..leaves.len())
             .filter(|i| seen(*i) || !leaves[*i].path.ends_with(']'))
@@ -295,16 +321,20 @@ impl Series {
         let order = self.order();
         let mut section = Section {
             name,
-            lines: RowLines::without(self.rows),
+            lines: RowLines::without(self.times_s.len()),
             ..Section::default()
         };
+        let mut of_columns = Vec::new();
         for ((_, members), name) in groups.iter().zip(&names) {
             let from = section.columns.len();
             for &i in members {
                 let own = parts(&leaves[i].path).1;
                 let leaf_unit = leaves[i].unit;
                 *number += 1;
-                let mut values = std::mem::take(&mut self.columns[i]);
+                of_columns.push(i);
+                let own_values = self.columns.get_mut(i).map(std::mem::take);
+                let mut values = own_values.unwrap_or_default();
+                values.resize(self.times_s.len(), f64::NAN);
                 if let Some(order) = &order {
                     values = order.iter().map(|at| values[*at]).collect();
                 }
@@ -330,7 +360,43 @@ impl Series {
             Some(order) => order.iter().map(|at| self.times_s[*at]).collect(),
             None => self.times_s,
         });
-        Some(section)
+        Some((section, of_columns))
+    }
+
+    /// Adds waiting rows to a section that has a column for each of `leaves`: all of them where they come in the order of time or none
+    /// follow (`all`), else the earlier half by time, in the order of time. Says how many come before one that was shown earlier.
+    pub fn pour(&mut self, section: &mut Section, leaves: &[usize], all: bool) -> usize {
+        let count = self.times_s.len();
+        let mut order: Vec<usize> = (0..count).collect();
+        let rising = self.times_s.windows(2).all(|w| w[0] <= w[1]);
+        if !rising {
+            order.sort_by(|a, b| self.times_s[*a].total_cmp(&self.times_s[*b]));
+        }
+        let mut rest = order.split_off(if all { count } else { count / 2 });
+        rest.sort_unstable();
+        let stamps = section.stamps_s.get_or_insert_default();
+        let mut late = 0;
+        for &i in &order {
+            late += usize::from(self.times_s[i] < self.shown_s);
+            self.shown_s = self.shown_s.max(self.times_s[i]);
+            stamps.push(self.times_s[i]);
+        }
+        section.lines = RowLines::without(stamps.len());
+        for (column, leaf) in section.columns.iter_mut().zip(leaves) {
+            let values = self.columns.get(*leaf);
+            let value = |i: &usize| values.map_or(f64::NAN, |v| v[*i]);
+            column.values.extend(order.iter().map(value));
+        }
+        self.times_s = rest.iter().map(|&i| self.times_s[i]).collect();
+        for column in &mut self.columns {
+            *column = rest.iter().map(|&i| column[i]).collect();
+        }
+        late
+    }
+
+    /// Values that wait to be shown.
+    pub fn waiting(&self) -> usize {
+        self.times_s.len() * self.columns.len()
     }
 
     /// The rows by time, equal ones as in the file; `None` when they are so already.
@@ -338,7 +404,7 @@ impl Series {
         if self.back == 0 {
             return None;
         }
-        let mut order: Vec<usize> = (0..self.rows).collect();
+        let mut order: Vec<usize> = (0..self.times_s.len()).collect();
         order.sort_by(|a, b| self.times_s[*a].total_cmp(&self.times_s[*b]));
         Some(order)
     }

@@ -351,7 +351,23 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         .flat_map(|l| l.values.iter().map(|v| v * load_factor))
         .collect();
     let mut input_time_s = raw.input_time_s.clone().unwrap_or_else(|| times.clone());
-    let mut input = raw.input.values.clone();
+    let power = m.input_power;
+    let mut input: Vec<f64> = raw
+        .input
+        .values
+        .iter()
+        .map(|u| match power {
+            1.0 => *u,
+            // an even power has no sign
+            p if p % 2.0 == 0.0 => u.abs().powf(p),
+            p => u.signum() * u.abs().powf(p),
+        })
+        .collect();
+    let unit = if power == 1.0 {
+        raw.input_unit.clone()
+    } else {
+        format!("{}^{power}", raw.input_unit)
+    };
     let rest = if raw.input_time_s.is_none() {
         noise_at_rest(&x, &input)
     } else {
@@ -451,6 +467,32 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         ));
     }
     let (floor, band_hz) = band(&x, step_s);
+    // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at its ends.
+    let (mut grid, mut x, mut gaps) = (grid, x, gaps);
+    let still = |part: &[f64]| {
+        let still = range(part) < STILL * range(&x);
+        still && (!velocity || part.iter().all(|v| v.abs() < STILL * range(&x)))
+    };
+    let few = (x.len() / 100).max(4);
+    let more = ((22.0 / (band_hz * step_s)) as usize).min(3 * x.len());
+    let (before, after) = (still(&x[..few]), still(&x[x.len() - few..]));
+    if after {
+        let (last, end) = (grid[grid.len() - 1], x[x.len() - 1]);
+        grid.extend((1..=more).map(|i| last + step_s * i as f64));
+        x.extend(std::iter::repeat_n(end, more));
+        gaps.extend(std::iter::repeat_n(true, more));
+        let held = load.last().copied();
+        load.extend(held.into_iter().flat_map(|l| std::iter::repeat_n(l, more)));
+    }
+    if before {
+        let (first, start) = (grid[0], x[0]);
+        grid.splice(0..0, (1..=more).rev().map(|i| first - step_s * i as f64));
+        x.splice(0..0, std::iter::repeat_n(start, more));
+        gaps.splice(0..0, std::iter::repeat_n(true, more));
+        if let Some(held) = load.first().copied() {
+            load.splice(0..0, std::iter::repeat_n(held, more));
+        }
+    }
     let (input_floor, _) = band(&input, median_step(&input_time_s));
     let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
     let si = |c: NumberOrEstimate| Constant::of(c);
@@ -470,7 +512,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             input_noise: input_floor.sqrt().max(rest_input).max(1e-9 * range(&input)),
             input_time_s,
             input,
-            unit: raw.input_unit.clone(),
+            unit,
             load,
             offset_s: match recording.manifest.offset_s {
                 NumberOrEstimate::Number(v) => Constant::Known(v),
@@ -487,9 +529,13 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
     })
 }
 
+/// Change over the whole range below which the end of a recording is a rest.
+const STILL: f64 = 0.002;
 /// Samples of a rest, and the spread of the input over its whole spread up to which it is one.
 const REST: usize = 64;
 const AT_REST: f64 = 0.02;
+/// Correlation of neighbours below which samples are noise.
+const WHITE: f64 = 0.3;
 
 /// Standard deviations of coordinate and input where the recording rests: the noise that an instrument has in its band, which the floor
 /// of a spectrum hides behind an anti-aliasing filter. `None` where nothing rests.
@@ -508,10 +554,22 @@ fn noise_at_rest(x: &[f64], input: &[f64]) -> Option<(f64, f64)> {
         let left = |(i, v): (usize, &f64)| (v - mean - slope * (i as f64 - middle)).powi(2);
         (values.iter().enumerate().map(left).sum::<f64>() / (n - 2.0)).sqrt()
     };
+    // what follows from sample to sample is motion, not noise
+    let white = |values: &[f64]| {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let square: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+        let next: f64 = values
+            .windows(2)
+            .map(|w| (w[0] - mean) * (w[1] - mean))
+            .sum();
+        next.abs() < WHITE * square
+    };
     let whole = spread(input);
     let mut rests: Vec<(f64, f64)> = x
         .chunks_exact(REST)
         .zip(input.chunks_exact(REST))
+        .filter(|(x, _)| white(x))
         .map(|(x, u)| (spread(x), spread(u)))
         .filter(|(x, u)| x.is_finite() && *u < AT_REST * whole)
         .collect();

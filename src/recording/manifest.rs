@@ -395,6 +395,8 @@ pub struct AxisManifest {
     pub input_source: Option<(FileRef, Clock)>,
     /// Factors from the columns to `units`: coordinate, input, load.
     pub scale: [f64; 3],
+    /// The drive is this power of the input: 2 for an electrostatic force by voltage.
+    pub input_power: f64,
     /// Part of the recording that is used, s.
     pub span_s: Option<[f64; 2]>,
 }
@@ -556,6 +558,7 @@ const AXIS: &[&str] = &[
     "input_rate_hz",
     "scale",
     "span_s",
+    "input_power",
     "input_gain",
     "mass_kg",
     "inertia_kg_m2",
@@ -1181,6 +1184,7 @@ fn axis(t: &Keys<'_>) -> Result<AxisManifest, Error> {
         input_source,
         scale,
         span_s: span(t, "span_s")?,
+        input_power: t.positive("input_power")?.unwrap_or(1.0),
         clock,
         coordinate,
         input: t.need("input")?,

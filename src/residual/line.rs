@@ -192,6 +192,8 @@ pub struct LineResidual<'a> {
 /// Samples left out at both ends of an axis, s, and at most this share.
 const EDGE_S: f64 = 0.3;
 const EDGE_SHARE: f64 = 0.05;
+/// Kept samples of a recording of an axis, about: more say little more and cost as much.
+const MOST_ROWS: usize = 6000;
 /// Drawn noise.
 const DRAWN: usize = 6;
 /// Step of a difference of a nonlinear unknown.
@@ -466,7 +468,8 @@ impl<'a> LineResidual<'a> {
         let mut out = self.effects.clone();
         let first = self.plain_unknowns();
         for (place, &(e, v)) in self.free.iter().enumerate() {
-            out[e].values[v] = eta[first + place] * out[e].effect.parameters()[v].spread;
+            let q = &out[e].effect.parameters()[v];
+            out[e].values[v] = (eta[first + place] * q.spread).clamp(q.lower, q.upper);
         }
         out
     }
@@ -809,19 +812,37 @@ impl<'a> LineResidual<'a> {
         for j in 0..nonlinear {
             let mut moved = eta.to_vec();
             let step = STEP * eta[j].abs().max(1e-2);
-            moved[j] += step;
+            let [low, high] = self.bounds(j);
+            let (above, below) = ((eta[j] + step).min(high), (eta[j] - step).max(low));
+            if above <= below {
+                continue;
+            }
+            moved[j] = above;
             let up = self.residual(&moved, beta, &self.effects(&moved));
-            moved[j] = eta[j] - step;
+            moved[j] = below;
             let down = self.residual(&moved, beta, &self.effects(&moved));
+            let here = out.column(nonlinear + linear);
             let column = match (up, down) {
-                (Ok(up), Ok(down)) => (up - down) / (2.0 * step),
-                (Ok(up), Err(_)) => (up - out.column(nonlinear + linear)) / step,
-                (Err(_), Ok(down)) => (out.column(nonlinear + linear) - down) / step,
+                (Ok(up), Ok(down)) => (up - down) / (above - below),
+                (Ok(up), Err(_)) => (up - here) / (above - eta[j]),
+                (Err(_), Ok(down)) => (here - down) / (eta[j] - below),
                 (Err(e), Err(_)) => return Err(e),
             };
             out.set_column(j, &column);
         }
         Ok(out)
+    }
+
+    /// Bounds of a nonlinear unknown that is a value of an effect, over its spread; none for the others.
+    fn bounds(&self, unknown: usize) -> [f64; 2] {
+        let place = unknown.checked_sub(self.plain_unknowns());
+        match place.and_then(|p| self.free.get(p)) {
+            Some(&(e, v)) => {
+                let q = &self.effects[e].effect.parameters()[v];
+                [q.lower / q.spread, q.upper / q.spread]
+            }
+            None => [f64::NEG_INFINITY, f64::INFINITY],
+        }
     }
 
     /// Whitened change of the residual when an effect joins.
@@ -1105,7 +1126,9 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales) -> Part<'a> {
             second = vec![0.0; n];
             let duration = line.step_s * n as f64;
             let edge = ((EDGE_S.min(EDGE_SHARE * duration) / line.step_s) as usize).max(k.half + 1);
-            let every = ((1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize).max(1);
+            let every = ((1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize)
+                .max(n / MOST_ROWS)
+                .max(1);
             kept = (edge..n.saturating_sub(edge))
                 .step_by(every)
                 .filter(|&c| (c - k.half..=c + k.half).all(|i| line.usable[i]))

@@ -42,7 +42,7 @@ impl Effect for Backlash {
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
         let mut s = view.xi.first().copied().unwrap_or(0.0);
         for (out, x) in terms.xi.iter_mut().zip(view.xi) {
-            s = s.clamp(x - v[0], x + v[0]);
+            s = s.max(x - v[0]).min(x + v[0]);
             *out += s - x;
         }
     }

@@ -1,0 +1,273 @@
+//! One coordinate: hinge benches, axes and coupons, from their files to a fit and a diagnosis.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use deacal::calibration::{LineRequest, calibrate_lines};
+use deacal::dataset::line::Line;
+use deacal::diagnosis::{Diagnosis, LineEntry, Request, RigKind, Verdict, diagnose_lines};
+use deacal::effects::When;
+use deacal::recording::Recording;
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// A recording folder: its manifest and one CSV beside it.
+fn line(dir: &Path, id: &str, kind: &str, table: &str, csv: &str) -> Line {
+    let own = dir.join(id);
+    std::fs::create_dir_all(&own).unwrap();
+    std::fs::write(own.join("data.csv"), csv).unwrap();
+    let manifest = format!("[recording]\nid = \"{id}\"\nkind = \"{kind}\"\n\n{table}");
+    std::fs::write(own.join("recording.toml"), manifest).unwrap();
+    Line::from_recording(&Recording::open(&own).unwrap()).unwrap()
+}
+
+/// An axis that moves as a sum of sines; the input follows from the balance, exactly, and both are noisy.
+struct Slide {
+    mass: f64,
+    damping: f64,
+    stiffness: f64,
+    gain: f64,
+    cubic: f64,
+    amplitude: f64,
+    seed: u64,
+}
+
+const SLIDE: Slide = Slide {
+    mass: 2.0,
+    damping: 15.0,
+    stiffness: 900.0,
+    gain: 4.0,
+    cubic: 0.0,
+    amplitude: 0.02,
+    seed: 1,
+};
+
+impl Slide {
+    fn csv(&self) -> String {
+        let mut generator = ChaCha12Rng::seed_from_u64(self.seed);
+        let mut out = String::from("t_s,x_m,u_V\n");
+        for i in 0..6000 {
+            let t = f64::from(i) * 0.005;
+            let (mut x, mut v, mut a) = (0.0, 0.0, 0.0);
+            for (k, f) in [0.31, 0.83, 1.7, 2.9].iter().enumerate() {
+                let w = std::f64::consts::TAU * f;
+                let phase = w * t + 1.3 * k as f64 + self.seed as f64;
+                let size = self.amplitude / (1.0 + k as f64);
+                x += size * phase.sin();
+                v += size * w * phase.cos();
+                a -= size * w * w * phase.sin();
+            }
+            let force =
+                self.mass * a + self.damping * v + self.stiffness * x + self.cubic * x.powi(3);
+            let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
+            let (x, u) = (x + 2e-5 * z(), force / self.gain + 0.01 * z());
+            writeln!(out, "{t:.4},{x:.8},{u:.6}").unwrap();
+        }
+        out
+    }
+}
+
+const AXIS: &str = "[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"u_V\"\nunits = { time = \"s\", position = \"m\", input = \"V\" }\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\n";
+
+fn diagnose(train: &[&Line], holdout: &[&Line]) -> Diagnosis {
+    let entry = |(i, line): (usize, &&'static Line)| LineEntry {
+        line,
+        when: When {
+            recording: i,
+            series_s: 0.0,
+            start_s: 0.0,
+        },
+    };
+    // entries borrow the lines for as long as the test runs
+    let keep = |list: &[&Line]| -> Vec<&'static Line> {
+        list.iter()
+            .map(|l| &*Box::leak(Box::new((*l).clone())))
+            .collect()
+    };
+    let (train, holdout) = (keep(train), keep(holdout));
+    let train: Vec<LineEntry> = train.iter().enumerate().map(entry).collect();
+    let holdout: Vec<LineEntry> = holdout.iter().enumerate().map(entry).collect();
+    diagnose_lines(&train, &holdout, &Request::default(), &|_| {}).unwrap()
+}
+
+#[test]
+fn an_axis_is_found_within_its_intervals() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    let mut inside = 0;
+    let mut all = 0;
+    for seed in 0..12 {
+        let slide = Slide { seed, ..SLIDE };
+        let one = line(
+            dir.path(),
+            &format!("a{seed}"),
+            "axis",
+            &table,
+            &slide.csv(),
+        );
+        let fit = calibrate_lines(&[one], &LineRequest::default()).unwrap();
+        for (name, truth) in [("mass", 2.0), ("damping", 15.0), ("stiffness", 900.0)] {
+            let e = fit.estimates.iter().find(|e| e.name == name).unwrap();
+            assert!((e.value / truth - 1.0).abs() < 0.01, "{name} {}", e.value);
+            all += 1;
+            inside += usize::from((e.ci95[0]..=e.ci95[1]).contains(&truth));
+        }
+        let (rmse, _, _, noise) = fit.total();
+        assert!(rmse < 1.3 * noise && rmse > 0.6 * noise, "{rmse} {noise}");
+    }
+    println!("{inside} of {all} intervals hold");
+    // 36 intervals of 95 %: fewer than 30 would happen once in a thousand
+    assert!(inside >= 30, "{inside} of {all}");
+}
+
+#[test]
+fn a_gain_is_found_where_the_mass_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let table =
+        AXIS.replace("mass_kg = \"estimate\"", "mass_kg = 2.0") + "input_gain = \"estimate\"\n";
+    let one = line(dir.path(), "known", "axis", &table, &SLIDE.csv());
+    let fit = calibrate_lines(&[one], &LineRequest::default()).unwrap();
+    for (name, truth) in [("gain", 4.0), ("damping", 15.0), ("stiffness", 900.0)] {
+        let e = fit.estimates.iter().find(|e| e.name == name).unwrap();
+        assert!((e.value / truth - 1.0).abs() < 0.03, "{name} {}", e.value);
+        assert!(
+            (e.value - truth).abs() < 4.0 * e.std_error,
+            "{name}: {} +- {}",
+            e.value,
+            e.std_error
+        );
+    }
+}
+
+#[test]
+fn a_clean_axis_is_adequate_and_a_stiffening_one_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    let make = |id: &str, slide: Slide| line(dir.path(), id, "axis", &table, &slide.csv());
+    let clean = make("clean", SLIDE);
+    let other = make("clean-2", Slide { seed: 2, ..SLIDE });
+    let d = diagnose(&[&clean], &[&other]);
+    assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
+    assert_eq!(
+        (d.rig, d.unit.as_str(), d.basis),
+        (RigKind::Axis, "V", "all")
+    );
+    // the cubic force at the largest excursion is a fifth of the linear one
+    let stiff = Slide {
+        cubic: 1.2e5,
+        seed: 3,
+        ..SLIDE
+    };
+    let a = make("stiff", stiff);
+    let b = make(
+        "stiff-2",
+        Slide {
+            cubic: 1.2e5,
+            seed: 4,
+            amplitude: 0.03,
+            ..SLIDE
+        },
+    );
+    let d = diagnose(&[&a], &[&b]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    assert_eq!(d.candidates[0].acting.effect.id(), "x_nonlinear_stiffness");
+    let h = d.holdout.unwrap();
+    assert!(
+        h.after_v < 1.3 * h.noise_floor_v && h.before_v > 3.0 * h.noise_floor_v,
+        "{h:?}"
+    );
+}
+
+#[test]
+fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let csv = |friction: f64, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        let (mut z, mut before) = (0.0, 0.0_f64);
+        for i in 0..400 {
+            let x = 0.45 * (std::f64::consts::TAU * f64::from(i) / 130.0).sin();
+            let d = x - before;
+            before = x;
+            z += (d.signum() - z) * (1.0 - (-d.abs() / 0.01).exp());
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let torque = 0.02 * x + 0.05 * x.powi(3) + friction * z + 2e-5 * noise;
+            // the angle's sensor ends at 0.44
+            writeln!(out, "{:.6},{torque:.8}", x.min(0.44)).unwrap();
+        }
+        out
+    };
+    let hinge = line(dir.path(), "rough", "hinge-bench", table, &csv(1e-3, 1));
+    assert!(
+        hinge.notes.iter().any(|n| n.contains("rail")),
+        "{:?}",
+        hinge.notes
+    );
+    let again = line(dir.path(), "rough-2", "hinge-bench", table, &csv(1e-3, 2));
+    let d = diagnose(&[&hinge], &[&again]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    assert_eq!(d.candidates[0].acting.effect.id(), "joint_friction");
+    let force = &d.candidates[0].values[0];
+    assert_eq!(force.unit, "N m");
+    assert!((force.value / 1e-3 - 1.0).abs() < 0.1, "{force:?}");
+    let fit = calibrate_lines(&[again], &LineRequest::default()).unwrap();
+    let curve = fit.curve.unwrap();
+    assert!((curve.torque_n_m_at(0.3) - (0.006 + 0.05 * 0.027)).abs() < 5e-4);
+}
+
+#[test]
+fn recordings_that_say_nothing_are_refused_in_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let own = dir.path().join("still");
+    std::fs::create_dir_all(&own).unwrap();
+    let mut csv = String::from("t_s,x_m,u_V\n");
+    for i in 0..100 {
+        writeln!(csv, "{},{},{}", f64::from(i) * 0.01, 0.5, f64::from(i)).unwrap();
+    }
+    std::fs::write(own.join("data.csv"), csv).unwrap();
+    let manifest =
+        format!("[recording]\nid = \"still\"\nkind = \"axis\"\n\n{AXIS}input_gain = 1.0\n");
+    std::fs::write(own.join("recording.toml"), manifest).unwrap();
+    let error = Line::from_recording(&Recording::open(&own).unwrap()).unwrap_err();
+    assert!(error.to_string().contains("0.5 throughout"), "{error}");
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    let good = line(dir.path(), "good", "axis", &table, &SLIDE.csv());
+    let wrong = LineRequest {
+        fix: vec![("masss".into(), 1.0)],
+        bound: Vec::new(),
+    };
+    let error = calibrate_lines(&[good], &wrong).unwrap_err().to_string();
+    assert!(error.contains("masss") && error.contains("mass"), "{error}");
+}
+
+#[test]
+fn silverbox_stiffens() {
+    let Some(shared) = std::env::var_os("DEACAL_SHARED") else {
+        println!("skipped: DEACAL_SHARED is not set");
+        return;
+    };
+    let file = Path::new(&shared).join("datasets/real/silverbox/SNLS80mV.csv");
+    let dir = tempfile::tempdir().unwrap();
+    let make = |id: &str, span: &str| {
+        let own = dir.path().join(id);
+        std::fs::create_dir_all(&own).unwrap();
+        let manifest = format!(
+            "[recording]\nid = \"{id}\"\nkind = \"axis\"\n\n[axis]\nfile = \"{}\"\nrate_hz = 610.3515625\nposition = \"V2\"\ninput = \"V1\"\nunits = {{ position = \"m\", input = \"V\" }}\ninput_gain = 1.0\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\nspan_s = {span}\n",
+            file.display()
+        );
+        std::fs::write(own.join("recording.toml"), manifest).unwrap();
+        Line::from_recording(&Recording::open(&own).unwrap()).unwrap()
+    };
+    let multisine = make("multisine", "[67.0, 80.0]");
+    let arrow = make("arrow", "[45.0, 66.0]");
+    let d = diagnose(&[&multisine], &[&arrow]);
+    assert_eq!(d.candidates[0].acting.effect.id(), "x_nonlinear_stiffness");
+    let h = d.holdout.unwrap();
+    println!(
+        "held out: {:.3e} V before, {:.3e} V after",
+        h.before_v, h.after_v
+    );
+    assert!(h.after_v < 2e-3 && h.after_v < 0.5 * h.before_v, "{h:?}");
+}

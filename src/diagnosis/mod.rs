@@ -9,6 +9,7 @@
 //!
 //! Residuals are torques: linear in the squared voltage, without a special case near 0 V.
 
+mod chance;
 mod judge;
 mod law;
 mod locate;
@@ -27,7 +28,7 @@ use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
 use judge::{Judged, NEVER_ADEQUATE, WEAK, alike, by_chance, only_where_fitted, unexplained};
 use locate::{Spot, coordinates, locate};
 use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
-use scan::{Group, Scanned, fingerprints, promised_by_noise, rivals, scan};
+use scan::{Group, Scanned, Unit, fingerprints, promised_by_noise, rivals, scan, units};
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -41,6 +42,8 @@ const POLISH: usize = 25;
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
 const PAIR_ABOVE: f64 = 1.15;
+/// ln of how much noisier than shown a film may be until its noise is not believed.
+const NOISIER: f64 = 0.2;
 /// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
 /// their face value.
 const TEMPERATURE: f64 = 12.0;
@@ -64,7 +67,9 @@ pub fn diagnose(
     watch("scanning the catalogue");
     let tangent = Tangent::new(&problem, &plain)?;
     let groups = fingerprints(&problem, &plain, &seen, &wanted);
-    let scanned = scan(&problem, &plain, &tangent, &groups, &wanted)?;
+    let units = units(&problem, &plain)?;
+    let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
+    let chance = chance::chance(&problem, &tangent, &groups, &units);
     let by_noise = promised_by_noise(&problem, &tangent, &groups);
     let rivals = rivals(&tangent, &groups, &scanned);
     drop(tangent);
@@ -126,7 +131,7 @@ pub fn diagnose(
             .filter(|s| s.excess() < 4.0 * first.excess() && s.mean_square > PAIR_ABOVE);
         let mut both: Vec<Judged> = Vec::new();
         for base in std::iter::once(first).chain(second) {
-            both.extend(with_partner(&problem, base, &groups, &wanted)?);
+            both.extend(with_partner(&problem, base, &groups, &units, &wanted)?);
         }
         both.sort_by(|a, b| a.score.total_cmp(&b.score));
         if let Some(best) = both.first() {
@@ -234,6 +239,16 @@ pub fn diagnose(
         remarks,
         says,
         rivals,
+        evidence: Evidence {
+            surprise: chance.largest,
+            whose: chance.whose,
+            limit: chance.limit(request.false_alarm_rate),
+            noise_scale: chance.scale,
+            each: chance.each.clone(),
+            p_value: chance.p_value(),
+            fall: largest_drop,
+            fall_by_chance: allowed,
+        },
     })
 }
 
@@ -346,15 +361,27 @@ fn open<'a>(
     Ok((problem, seen))
 }
 
-/// The plain model: from the nominal film and from where equal weights lead.
+/// The plain model, weighted by the noise of an ordinary film and then by that of its own.
+///
+/// The plain refit of a wrong model may run to a film so extreme that it makes much noise of little; weights set there would hide
+/// everything. Such weights are taken only where the residual itself is as noisy.
 fn baseline(problem: &mut Problem) -> Result<Fitted, Error> {
-    let rough = problem.nominal(&[], 25);
-    if !rough.cost().is_finite() {
-        return Err(Error::Baseline(rough.state.failure.unwrap_or_default()));
+    problem.weigh(&problem.typical())?;
+    let first = problem.nominal(&[], 40);
+    if !first.cost().is_finite() {
+        return Err(Error::Baseline(first.state.failure.unwrap_or_default()));
     }
-    problem.weigh(&rough)?;
+    let ordinary = problem.log_noise();
+    let tangent = Tangent::new(problem, &first)?;
+    let shown = 0.5 * problem.noise_scale(&tangent.residual).ln();
+    problem.weigh(&first)?;
+    let own = problem.log_noise() - ordinary;
+    if own > NOISIER && own > shown + NOISIER {
+        problem.weigh(&problem.typical())?;
+        return Ok(first);
+    }
     let (a, b) = rayon::join(
-        || problem.fit(&[], &rough.state.eta, &rough.state.beta, 40),
+        || problem.fit(&[], &first.state.eta, &first.state.beta, 40),
         || problem.nominal(&[], 40),
     );
     Ok(if a.cost() < b.cost() { a } else { b })
@@ -437,11 +464,12 @@ fn with_partner(
     problem: &Problem,
     first: &Judged,
     groups: &[Group],
+    units: &[Unit],
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Vec<Judged>, Error> {
     let tangent = Tangent::new(problem, &first.fitted)?;
     let own = &first.fitted.effects[0];
-    let scanned: Vec<Scanned> = scan(problem, &first.fitted, &tangent, groups, wanted)?
+    let scanned: Vec<Scanned> = scan(problem, &tangent, groups, units, wanted)
         .into_iter()
         .filter(|s| s.acting.effect.id() != own.effect.id())
         .collect();

@@ -49,6 +49,13 @@ pub struct Trial {
     pub true_values: Vec<(String, f64)>,
     /// Weighted mean squares: plain, best, held out best.
     pub mean_squares: [f64; 3],
+    /// Evidence: largest surprise of the scan, what noise allows, p-value; fall of the sum of squares, what chance allows;
+    /// variance of the noise over the promised one.
+    pub evidence: [f64; 6],
+    /// The effect with the largest surprise.
+    pub most_surprising: String,
+    /// Largest surprise of each effect.
+    pub surprises: Vec<(String, f64)>,
     /// What simpler methods said: their name, whether they saw anything, what they named.
     pub rivals: Vec<(String, bool, Option<String>)>,
     /// Seconds that the diagnosis took.
@@ -156,6 +163,9 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
                 .collect()
         }),
         mean_squares: [f64::NAN; 3],
+        evidence: [f64::NAN; 6],
+        most_surprising: String::new(),
+        surprises: Vec::new(),
         rivals: Vec::new(),
         seconds,
         failure: None,
@@ -202,6 +212,10 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
             .map(|v| (v.name.to_string(), v.value, v.std_error))
             .collect();
     }
+    let e = &d.evidence;
+    out.evidence = [e.surprise, e.limit, e.p_value, e.fall, e.fall_by_chance, e.noise_scale];
+    out.surprises = e.each.iter().map(|s| (s.0.to_string(), s.1)).collect();
+    out.most_surprising = e.whose.into();
     out.rivals = d
         .rivals
         .iter()

@@ -1,0 +1,360 @@
+//! What chance alone makes of a scan: is the largest of some hundred scores larger than noise would have made it?
+//!
+//! The score of a column F of a hypothesis is s = F'r, with everything that a refit could absorb projected out. Were the plain model
+//! right, s would have mean 0 and the covariance  V = F~'S F~ + w'P w:  S is the covariance of the residual's noise, with its
+//! colour, from the drawn tracks in blocks longer than its memory; w = (C'C + P)^-1 C'F, and P the priors of the plain model, which
+//! pull a little wherever the data say little. T = s'V^-1 s then has the chi-squared distribution of as many degrees of freedom as the
+//! hypothesis has columns (Rao's score test with White's covariance).
+//!
+//! Hypotheses overlap, so the limit for the largest of all is not that of a table. Noise is drawn again and again (each block
+//! takes one of the drawn tracks and a sign: a wild bootstrap), goes through the same scan, and the largest surprise of each
+//! draw is kept.
+
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha12Rng;
+use statrs::function::erf::erfc;
+use statrs::function::gamma::gamma_ur;
+
+use super::problem::{Problem, Tangent};
+use super::scan::{Group, Unit};
+use crate::effects::Reach;
+
+/// Draws of noise for the distribution of the largest surprise.
+const DRAWS: usize = 400;
+/// Length of a block that takes its noise from one drawn track, s: long against the memory of the residual's noise.
+const BLOCK_S: f64 = 4.0;
+/// Distance of the moments at which a change is looked for, in kept samples.
+const MOMENTS: usize = 12;
+
+/// Between these the noise may be larger than the capture promises, as a variance.
+const SCALES: [f64; 2] = [0.5, 3.0];
+
+/// A column with all that its score needs.
+struct Column {
+    /// F'r.
+    score: f64,
+    /// F~'e of each drawn track (inner) in each block (outer).
+    noise: Vec<f64>,
+    /// P^(1/2) w.
+    prior: DVector<f64>,
+    /// F'F with the tangent space projected out: V, were the noise white.
+    square: f64,
+}
+
+/// A hypothesis: its columns, and whether only one sign is possible.
+struct Hypothesis {
+    id: &'static str,
+    columns: Vec<usize>,
+    one_sided: bool,
+    inverse: DMatrix<f64>,
+}
+
+/// What a scan's scores are worth against noise.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Chance {
+    /// The largest surprise, -ln of its p-value taken alone, and whose it is.
+    pub largest: f64,
+    /// Id of the effect with the largest surprise.
+    pub whose: &'static str,
+    /// Largest surprise of each effect, in the order of the catalogue's first mention.
+    pub each: Vec<(&'static str, f64)>,
+    /// Variance of the noise over the one that the weights promise.
+    pub scale: f64,
+    /// Largest surprises of drawn noise, rising.
+    drawn: Vec<f64>,
+}
+
+impl Chance {
+    /// The surprise that noise exceeds in this share of scans.
+    pub fn limit(&self, rate: f64) -> f64 {
+        let n = self.drawn.len();
+        if n == 0 {
+            return f64::INFINITY;
+        }
+        let within = 1.0 / n as f64;
+        let at = |share: f64| {
+            let i = ((1.0 - share) * n as f64) as usize;
+            self.drawn[i.min(n - 1)]
+        };
+        // Beyond the draws the tail of the largest surprise falls by e each unit.
+        at(rate.max(5.0 * within)) + (5.0 * within / rate).ln().max(0.0)
+    }
+
+    /// Probability that noise makes as large a surprise.
+    pub fn p_value(&self) -> f64 {
+        let n = self.drawn.len();
+        let above = self.drawn.iter().filter(|d| **d >= self.largest).count();
+        if above >= 5 || n == 0 {
+            return (above as f64 + 1.0) / (n as f64 + 1.0);
+        }
+        let edge = self.drawn[n.saturating_sub(5).min(n - 1)];
+        (5.0 / n as f64) * (-(self.largest - edge).max(0.0)).exp()
+    }
+}
+
+/// -ln of the probability that chi-squared of n degrees of freedom exceeds t.
+fn surprise(t: f64, n: usize) -> f64 {
+    let t = t.max(0.0);
+    // Beyond the range of exp the leading term suffices.
+    if t > 600.0 {
+        return 0.5 * t - 0.5 * (n as f64 - 2.0) * (0.5 * t).ln();
+    }
+    let tail = (-0.5 * t).exp();
+    let p = match n {
+        1 => erfc((0.5 * t).sqrt()),
+        2 => tail,
+        3 => erfc((0.5 * t).sqrt()) + (2.0 * t / std::f64::consts::PI).sqrt() * tail,
+        _ => gamma_ur(0.5 * n as f64, 0.5 * t),
+    };
+    -p.max(1e-290).ln()
+}
+
+struct Blocks {
+    /// First row of each block, and one past the last row of all.
+    edges: Vec<usize>,
+    tracks: Vec<DVector<f64>>,
+    /// C'e of each track in each block.
+    along: Vec<DVector<f64>>,
+}
+
+impl Blocks {
+    fn new(problem: &Problem, tangent: &Tangent) -> Self {
+        let mut edges = vec![0];
+        for (number, d) in problem.train.datasets().enumerate() {
+            let kept = problem.train.kept(number);
+            let first = *edges.last().unwrap_or(&0);
+            let mut begins = kept.first().map_or(0.0, |&c| d.time_s(c));
+            for (j, &c) in kept.iter().enumerate() {
+                if d.time_s(c) - begins >= BLOCK_S && j + 6 < kept.len() {
+                    edges.push(first + 3 * j);
+                    begins = d.time_s(c);
+                }
+            }
+            edges.push(first + 3 * kept.len());
+        }
+        let rows = tangent.residual.len();
+        let tracks: Vec<DVector<f64>> = problem
+            .train
+            .noise_rows()
+            .into_iter()
+            .filter(|d| d.len() == rows)
+            .map(DVector::from_vec)
+            .collect();
+        let mut along = Vec::new();
+        for e in edges.windows(2) {
+            let c = tangent.columns.rows(e[0], e[1] - e[0]);
+            for t in &tracks {
+                along.push(c.tr_mul(&t.rows(e[0], e[1] - e[0])));
+            }
+        }
+        Blocks {
+            edges,
+            tracks,
+            along,
+        }
+    }
+
+    /// What a score needs of a column that is zero before row `from`.
+    fn column(&self, tangent: &Tangent, f: &DVector<f64>, from: usize) -> Column {
+        let n = f.len();
+        let own = f.rows(from, n - from);
+        let a = tangent.columns.rows(from, n - from).tr_mul(&own);
+        let w = tangent.absorbed(&a);
+        let mut noise = Vec::with_capacity(self.along.len());
+        let mut at = 0;
+        for e in self.edges.windows(2) {
+            let first = e[0].max(from).min(e[1]);
+            let here = f.rows(first, e[1] - first);
+            for t in &self.tracks {
+                noise.push(here.dot(&t.rows(first, e[1] - first)) - w.dot(&self.along[at]));
+                at += 1;
+            }
+        }
+        Column {
+            // Less what the rest of the way to the plain fit's minimum would take away.
+            score: own.dot(&tangent.residual.rows(from, n - from)) - w.dot(tangent.slope()),
+            noise,
+            prior: w.component_mul(tangent.prior_roots()),
+            square: tangent.projected(own.norm_squared(), &a, &a),
+        }
+    }
+}
+
+/// Scores every hypothesis at a fitted model against noise.
+pub(super) fn chance(
+    problem: &Problem,
+    tangent: &Tangent,
+    groups: &[Group],
+    units: &[Unit],
+) -> Chance {
+    let blocks = Blocks::new(problem, tangent);
+    let tracks = blocks.tracks.len();
+    if tracks == 0 {
+        return Chance::default();
+    }
+    let mut columns: Vec<Column> = Vec::new();
+    let mut hypotheses: Vec<Hypothesis> = Vec::new();
+    for g in groups {
+        let q = g.effect.parameters();
+        let one_sided =
+            q.iter()
+                .filter(|q| q.size)
+                .all(|q| q.lower == q.off || q.off.is_infinite());
+        let single = [0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k));
+        let mut sets = Vec::new();
+        if g.effect.reach() != Reach::One {
+            sets.push([true; 3]);
+        }
+        if g.effect.reach() != Reach::All {
+            sets.extend(single);
+        }
+        for on in sets {
+            let own = g.columns_on(on);
+            let first = columns.len();
+            columns.extend(own.iter().map(|f| blocks.column(tangent, f, 0)));
+            let own: Vec<usize> = (first..columns.len()).collect();
+            push(&mut hypotheses, &columns, own, g.effect.id(), one_sided, tracks);
+        }
+    }
+    for unit in units {
+        let (id, q) = (unit.acting.effect.id(), &unit.acting.effect.parameters()[0]);
+        let column = DVector::from_column_slice(&unit.column);
+        for from in (0..column.len()).step_by(3 * MOMENTS) {
+            let at = columns.len();
+            columns.push(blocks.column(tangent, &column, from));
+            push(&mut hypotheses, &columns, vec![at], id, q.lower == q.off, tracks);
+        }
+    }
+    let scale = problem
+        .noise_scale(&tangent.residual)
+        .clamp(SCALES[0], SCALES[1]);
+    let own: Vec<f64> = columns.iter().map(|c| c.score / scale.sqrt()).collect();
+    let mut out = Chance {
+        scale,
+        ..Chance::default()
+    };
+    for h in &hypotheses {
+        let s = h.surprise(&own);
+        match out.each.iter_mut().find(|e| e.0 == h.id) {
+            Some(e) => e.1 = e.1.max(s),
+            None => out.each.push((h.id, s)),
+        }
+        if s > out.largest {
+            (out.largest, out.whose) = (s, h.id);
+        }
+    }
+    let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca12);
+    let count = blocks.edges.len() - 1;
+    let priors = columns.first().map_or(0, |c| c.prior.len());
+    let mut scores = vec![0.0; columns.len()];
+    for _ in 0..DRAWS {
+        let pick: Vec<(usize, f64)> = (0..count)
+            .map(|b| {
+                let m = generator.random_range(0..tracks);
+                let sign = if generator.random::<bool>() { 1.0 } else { -1.0 };
+                (b * tracks + m, sign)
+            })
+            .collect();
+        let known = DVector::from_fn(priors, |_, _| normal(&mut generator));
+        for (s, c) in scores.iter_mut().zip(&columns) {
+            *s = pick.iter().map(|(at, sign)| sign * c.noise[*at]).sum::<f64>()
+                + c.prior.dot(&known);
+        }
+        let largest = hypotheses
+            .iter()
+            .map(|h| h.surprise(&scores))
+            .fold(0.0, f64::max);
+        out.drawn.push(largest);
+    }
+    out.drawn.sort_by(f64::total_cmp);
+    out
+}
+
+/// A number from the standard normal distribution (Box and Muller).
+fn normal(generator: &mut ChaCha12Rng) -> f64 {
+    let (u, v): (f64, f64) = (generator.random(), generator.random());
+    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+fn push(
+    list: &mut Vec<Hypothesis>,
+    columns: &[Column],
+    own: Vec<usize>,
+    id: &'static str,
+    one_sided: bool,
+    tracks: usize,
+) {
+    let n = own.len();
+    let mut v = DMatrix::from_fn(n, n, |i, j| {
+        let (a, b) = (&columns[own[i]], &columns[own[j]]);
+        let noise: f64 = a.noise.iter().zip(&b.noise).map(|(x, y)| x * y).sum();
+        noise / tracks as f64 + a.prior.dot(&b.prior)
+    });
+    // Few drawn tracks may by chance do less than white noise would.
+    for i in 0..n {
+        let white = columns[own[i]].square.max(0.0);
+        if v[(i, i)] < white {
+            let grow = (white / v[(i, i)].max(1e-3 * white + f64::MIN_POSITIVE)).sqrt();
+            for j in 0..n {
+                v[(i, j)] *= grow;
+                v[(j, i)] *= grow;
+            }
+        }
+        if v[(i, i)] <= 0.0 {
+            return;
+        }
+    }
+    for i in 0..n {
+        v[(i, i)] *= 1.0 + 1e-6;
+    }
+    if let Some(c) = v.cholesky() {
+        list.push(Hypothesis {
+            id,
+            columns: own,
+            one_sided: one_sided && n == 1,
+            inverse: c.inverse(),
+        });
+    }
+}
+
+impl Hypothesis {
+    fn surprise(&self, scores: &[f64]) -> f64 {
+        if let [only] = self.columns[..] {
+            let s = scores[only];
+            // A positive size lowers the sum of squares where the residual and its column point against each other.
+            if self.one_sided && s >= 0.0 {
+                return 0.0;
+            }
+            let t = s * s * self.inverse[(0, 0)];
+            let half = if self.one_sided {
+                std::f64::consts::LN_2
+            } else {
+                0.0
+            };
+            return surprise(t, 1) + half;
+        }
+        let s = DVector::from_iterator(
+            self.columns.len(),
+            self.columns.iter().map(|&c| scores[c]),
+        );
+        surprise((s.transpose() * &self.inverse * &s)[(0, 0)], s.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+    #[test]
+    fn surprises_are_those_of_the_chi_squared_distribution() {
+        for n in [1, 2, 3, 4, 6] {
+            let table = ChiSquared::new(n as f64).unwrap();
+            for t in [0.1, 1.0, 7.0, 30.0] {
+                let want = -table.sf(t).ln();
+                assert!((surprise(t, n) - want).abs() < 1e-6 * want.max(1.0), "{n} {t}");
+            }
+        }
+    }
+}

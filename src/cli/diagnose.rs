@@ -6,7 +6,9 @@ use super::progress::Progress;
 use super::series::{self, Series};
 use super::{Failure, Talk, load};
 use crate::dataset::Dataset;
-use crate::diagnosis::{Diagnosis, Entry, Error, Request, Verdict};
+use crate::diagnosis::{
+    Diagnosis, Entry, Error, NEXT_DRIVE_STEP_S, Request, Verdict, next_drive,
+};
 use crate::effects::CATALOGUE;
 use crate::model::Robot;
 use crate::recording::{Kind, suggestion};
@@ -16,6 +18,8 @@ use crate::report::json::to_text;
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::Provenance;
+use crate::simulate::write::{VoltageLog, voltage_csv};
+use crate::simulate::{Hold, Sampled};
 
 /// What to diagnose.
 #[derive(clap::Args)]
@@ -180,6 +184,11 @@ pub(super) fn write(
         ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml(),
     )?;
     set.write("diagnosis.json", to_text(&json))?;
+    let next = Sampled::new(0.0, NEXT_DRIVE_STEP_S, next_drive(diagnosis), Hold::Linear)?;
+    let log = VoltageLog::default();
+    set.write_with("next_experiment.csv", |mut out| {
+        voltage_csv(&mut out, &log, &next)
+    })?;
     set.commit()?;
     Ok(json)
 }

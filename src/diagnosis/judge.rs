@@ -102,15 +102,30 @@ pub(super) fn alike(
     let Ok((film, column)) = own_column(problem, fitted, own) else {
         return Vec::new();
     };
-    let along = film.columns.tr_mul(&column);
+    let me = &fitted.effects[own];
+    alike_to(&film, &column, me.effect.id(), me.on, groups)
+        .into_iter()
+        .map(|o| o.0)
+        .collect()
+}
+
+/// Ids whose fingerprints on the actuators `on` span a column up to an angle that cannot be told, with its cosine, largest first;
+/// `id` is the column's own.
+pub(super) fn alike_to(
+    film: &Tangent,
+    column: &DVector<f64>,
+    id: &str,
+    on: [bool; 3],
+    groups: &[Group],
+) -> Vec<(&'static str, f64)> {
+    let along = film.columns.tr_mul(column);
     let length = film.projected(column.norm_squared(), &along, &along);
     if length <= 0.0 {
         return Vec::new();
     }
-    let me = &fitted.effects[own];
     let mut out: Vec<(&'static str, f64)> = Vec::new();
-    for g in groups.iter().filter(|g| g.effect.id() != me.effect.id()) {
-        let columns = g.columns_on(me.on);
+    for g in groups.iter().filter(|g| g.effect.id() != id) {
+        let columns = g.columns_on(on);
         let n = columns.len();
         let theirs: Vec<DVector<f64>> = columns.iter().map(|c| film.columns.tr_mul(c)).collect();
         let gram = DMatrix::from_fn(n, n, |i, j| {
@@ -122,7 +137,7 @@ pub(super) fn alike(
                 }
         });
         let b = DVector::from_fn(n, |i, _| {
-            film.projected(columns[i].dot(&column), &theirs[i], &along)
+            film.projected(columns[i].dot(column), &theirs[i], &along)
         });
         let Some(c) = gram.cholesky().map(|f| f.solve(&b)) else {
             continue;
@@ -134,10 +149,8 @@ pub(super) fn alike(
         }
     }
     out.sort_by(|a, b| b.1.total_cmp(&a.1));
-    out.into_iter()
-        .filter(|o| o.1 > ALIKE)
-        .map(|o| o.0)
-        .collect()
+    out.retain(|o| o.1 > ALIKE);
+    out
 }
 
 /// The tangent space without an effect, and the derivative with respect to that effect's first size.

@@ -10,13 +10,17 @@
 //! Residuals are torques: linear in the squared voltage, without a special case near 0 V.
 
 mod chance;
+mod experiment;
 mod judge;
 mod law;
+mod likeness;
 mod locate;
 mod outcome;
 mod problem;
 mod scan;
 
+pub use experiment::{STEP_S as NEXT_DRIVE_STEP_S, next_drive};
+pub use likeness::alike_at;
 pub use outcome::*;
 
 use rayon::prelude::*;

@@ -24,7 +24,7 @@ mod leakage;
 mod link_length_error;
 mod loss_of_tension;
 mod marker_offset;
-mod mocap_lag;
+pub(crate) mod mocap_lag;
 mod mullins_softening;
 mod payload_change;
 mod permittivity_stretch;

@@ -5,8 +5,10 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
+mod concealment;
 mod score;
 
+pub use concealment::{Concealment, group};
 pub use score::{Count, Median, Method, Proof, score};
 
 use crate::cases::{Case, CaseRecording, Spec, Truth, generate};
@@ -39,6 +41,10 @@ pub struct Trial {
     pub candidates: Vec<(String, f64)>,
     /// Ids that the diagnosis calls indistinguishable from the first.
     pub group: Vec<String>,
+    /// Ids that the recordings cannot tell from the true effect, with the cosine of the projected fingerprints at the truth.
+    pub true_group: Vec<(String, f64)>,
+    /// What the plain refit makes of the case.
+    pub concealment: Concealment,
     /// Share of the gap to the floor that is closed on held-out recordings.
     pub gap_closed: f64,
     /// Whether a place among the first three overlaps the truth by half; none where the truth has no place.
@@ -97,12 +103,7 @@ fn entries<'a>(datasets: &'a [Dataset], first: usize, series_s: &[f64]) -> Vec<E
 /// Why there is no diagnosis.
 pub fn blind(case: &Case) -> Result<Diagnosis, String> {
     let (train, holdout) = (datasets(case, &case.train)?, datasets(case, &case.holdout)?);
-    let mut series_s = Vec::new();
-    let mut now = 0.0;
-    for d in train.iter().chain(&holdout) {
-        series_s.push(now);
-        now += 120.0 + d.step_s * d.samples() as f64;
-    }
+    let series_s = series(train.iter().chain(&holdout));
     diagnose(
         &case.robot,
         &entries(&train, 0, &series_s),
@@ -122,7 +123,23 @@ pub fn trial(spec: &Spec) -> Result<Trial, String> {
     let begin = std::time::Instant::now();
     let diagnosis = blind(&case);
     let seconds = begin.elapsed().as_secs_f64();
-    Ok(compare(&case.truth, diagnosis, seconds))
+    let mut out = compare(&case.truth, diagnosis, seconds);
+    let train = datasets(&case, &case.train)?;
+    let series_s = series(&train);
+    out.true_group = group(&case.truth, &case.robot, &entries(&train, 0, &series_s));
+    Ok(out)
+}
+
+/// Beginnings of recordings that are taken to be two minutes apart, s.
+fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
+    let mut now = 0.0;
+    list.into_iter()
+        .map(|d| {
+            let begins = now;
+            now += 120.0 + d.step_s * d.samples() as f64;
+            begins
+        })
+        .collect()
 }
 
 /// Runs all cases, in parallel. `watch` hears of each.
@@ -153,6 +170,8 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         named: Vec::new(),
         candidates: Vec::new(),
         group: Vec::new(),
+        true_group: Vec::new(),
+        concealment: Concealment::default(),
         gap_closed: f64::NAN,
         located: None,
         values: Vec::new(),
@@ -177,6 +196,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
             return out;
         }
     };
+    out.concealment = Concealment::new(truth, &d);
     out.detectability = d.train.before_v / d.train.noise_floor_v;
     out.verdict = d.verdict.name().into();
     out.confidence = d.confidence;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::progress::Progress;
 use super::series;
 use super::{Failure, Talk, diagnose, load};
-use crate::cases::{DriveSet, Truth, plan};
+use crate::cases::{DriveSet, Spec, Truth, generate, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
 use crate::proof::{Trial, compare, group, run as run_own, score};
 use crate::recording::Kind;
@@ -31,19 +31,39 @@ pub(super) struct Arguments {
     /// Seed of the own cases
     #[arg(long, default_value_t = 1, conflicts_with = "cases")]
     seed: u64,
-    /// Drives of the own cases: what an experimenter ordinarily does, or the program's own protocol
-    #[arg(long, value_name = "ordinary|protocol", default_value = "ordinary", value_parser = parse_drive, conflicts_with = "cases")]
+    /// Drives of the own cases: what an experimenter ordinarily does, the program's own protocol, or three short recordings
+    #[arg(long, value_name = "ordinary|protocol|short", default_value = "ordinary", value_parser = parse_drive, conflicts_with = "cases")]
     drive: DriveSet,
+    /// Folder to leave the own cases in: `cases/` and, apart from them, `answers/`
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    keep: Option<PathBuf>,
     /// Folder for the results
     #[arg(short, long, default_value = "out/prove")]
     output: PathBuf,
+}
+
+/// Writes cases with their answers apart.
+fn keep(specs: &[Spec], dir: &Path) -> Result<(), Failure> {
+    let mut cases = OutputSet::new(&dir.join("cases"))?;
+    let mut answers = OutputSet::new(&dir.join("answers"))?;
+    for spec in specs {
+        let case = generate(spec)?;
+        for (name, bytes) in case.files() {
+            cases.write(&name, bytes)?;
+        }
+        answers.write(&case.answer_file(), case.truth.to_json())?;
+    }
+    cases.commit()?;
+    answers.commit()?;
+    Ok(())
 }
 
 fn parse_drive(text: &str) -> Result<DriveSet, String> {
     match text {
         "ordinary" => Ok(DriveSet::Ordinary),
         "protocol" => Ok(DriveSet::Protocol),
-        _ => Err("expected `ordinary` or `protocol`".into()),
+        "short" => Ok(DriveSet::Short),
+        _ => Err("expected `ordinary`, `protocol` or `short`".into()),
     }
 }
 
@@ -55,6 +75,10 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
             let mut specs = plan(a.number, a.seed);
             for spec in &mut specs {
                 spec.drive = a.drive;
+            }
+            if let Some(dir) = &a.keep {
+                progress.step("writing the cases");
+                keep(&specs, dir)?;
             }
             let done = AtomicUsize::new(0);
             let total = specs.len();

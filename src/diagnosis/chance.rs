@@ -30,11 +30,19 @@ const MOMENTS: usize = 12;
 /// Between these the noise may be larger than the capture promises, as a variance.
 const SCALES: [f64; 2] = [0.5, 3.0];
 
+/// Surprises of clean recordings over those of drawn noise: what the draws do not have (noise in the columns, motion that the smoother
+/// takes for noise), measured on clean cases of the project's own.
+const BEYOND_DRAWN: f64 = 2.5;
+
 /// A column with all that its score needs.
 struct Column {
-    /// F'r.
+    /// The column with the tangent space projected out.
+    left: DVector<f64>,
+    /// F'r with the tangent space projected out.
     score: f64,
-    /// F~'e of each drawn track (inner) in each block (outer).
+    /// Product with the residual in each block.
+    own: Vec<f64>,
+    /// Product with each drawn track (inner) in each block (outer).
     noise: Vec<f64>,
     /// P^(1/2) w.
     prior: DVector<f64>,
@@ -48,6 +56,10 @@ struct Hypothesis {
     columns: Vec<usize>,
     one_sided: bool,
     inverse: DMatrix<f64>,
+    /// Products of its columns in each block.
+    blocks: Vec<DMatrix<f64>>,
+    /// Inverse of their sum.
+    whole: DMatrix<f64>,
 }
 
 /// What a scan's scores are worth against noise.
@@ -61,6 +73,8 @@ pub(super) struct Chance {
     pub each: Vec<(&'static str, f64)>,
     /// Variance of the noise over the one that the weights promise.
     pub scale: f64,
+    /// Variance of a score over the one that white noise of the promised size would give it, median over the hypotheses.
+    pub colour: f64,
     /// Largest surprises of drawn noise, rising.
     drawn: Vec<f64>,
 }
@@ -78,18 +92,34 @@ impl Chance {
             self.drawn[i.min(n - 1)]
         };
         // Beyond the draws the tail of the largest surprise falls by e each unit.
-        at(rate.max(5.0 * within)) + (5.0 * within / rate).ln().max(0.0)
+        BEYOND_DRAWN * (at(rate.max(5.0 * within)) + (5.0 * within / rate).ln().max(0.0))
+    }
+
+    /// The fall of the sum of squares that a hypothesis of one column must bring about to surprise as much as the limit.
+    pub fn fall(&self, rate: f64) -> f64 {
+        let (mut low, mut high) = (0.0, 1e4);
+        let limit = self.limit(rate);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if surprise(middle, 1) < limit {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        high * self.scale * self.colour
     }
 
     /// Probability that noise makes as large a surprise.
     pub fn p_value(&self) -> f64 {
         let n = self.drawn.len();
-        let above = self.drawn.iter().filter(|d| **d >= self.largest).count();
+        let largest = self.largest / BEYOND_DRAWN;
+        let above = self.drawn.iter().filter(|d| **d >= largest).count();
         if above >= 5 || n == 0 {
             return (above as f64 + 1.0) / (n as f64 + 1.0);
         }
         let edge = self.drawn[n.saturating_sub(5).min(n - 1)];
-        (5.0 / n as f64) * (-(self.largest - edge).max(0.0)).exp()
+        (5.0 / n as f64) * (-(largest - edge).max(0.0)).exp()
     }
 }
 
@@ -114,8 +144,6 @@ struct Blocks {
     /// First row of each block, and one past the last row of all.
     edges: Vec<usize>,
     tracks: Vec<DVector<f64>>,
-    /// C'e of each track in each block.
-    along: Vec<DVector<f64>>,
 }
 
 impl Blocks {
@@ -141,18 +169,7 @@ impl Blocks {
             .filter(|d| d.len() == rows)
             .map(DVector::from_vec)
             .collect();
-        let mut along = Vec::new();
-        for e in edges.windows(2) {
-            let c = tangent.columns.rows(e[0], e[1] - e[0]);
-            for t in &tracks {
-                along.push(c.tr_mul(&t.rows(e[0], e[1] - e[0])));
-            }
-        }
-        Blocks {
-            edges,
-            tracks,
-            along,
-        }
+        Blocks { edges, tracks }
     }
 
     /// What a score needs of a column that is zero before row `from`.
@@ -161,23 +178,40 @@ impl Blocks {
         let own = f.rows(from, n - from);
         let a = tangent.columns.rows(from, n - from).tr_mul(&own);
         let w = tangent.absorbed(&a);
-        let mut noise = Vec::with_capacity(self.along.len());
-        let mut at = 0;
+        let mut left = &tangent.columns * &w;
+        left.neg_mut();
+        let mut tail = left.rows_mut(from, n - from);
+        tail += own;
+        let mut noise = Vec::with_capacity(self.edges.len() * self.tracks.len());
+        let mut products = Vec::with_capacity(self.edges.len());
         for e in self.edges.windows(2) {
-            let first = e[0].max(from).min(e[1]);
-            let here = f.rows(first, e[1] - first);
+            let here = left.rows(e[0], e[1] - e[0]);
+            products.push(here.dot(&tangent.residual.rows(e[0], e[1] - e[0])));
             for t in &self.tracks {
-                noise.push(here.dot(&t.rows(first, e[1] - first)) - w.dot(&self.along[at]));
-                at += 1;
+                noise.push(here.dot(&t.rows(e[0], e[1] - e[0])));
             }
         }
         Column {
             // Less what the rest of the way to the plain fit's minimum would take away.
             score: own.dot(&tangent.residual.rows(from, n - from)) - w.dot(tangent.slope()),
+            own: products,
             noise,
             prior: w.component_mul(tangent.prior_roots()),
             square: tangent.projected(own.norm_squared(), &a, &a),
+            left,
         }
+    }
+
+    /// Products of columns in each block.
+    fn products(&self, columns: &[Column], own: &[usize]) -> Vec<DMatrix<f64>> {
+        let n = own.len();
+        self.edges
+            .windows(2)
+            .map(|e| {
+                let part = |i: usize| columns[own[i]].left.rows(e[0], e[1] - e[0]);
+                DMatrix::from_fn(n, n, |i, j| part(i).dot(&part(j)))
+            })
+            .collect()
     }
 }
 
@@ -214,7 +248,8 @@ pub(super) fn chance(
             let first = columns.len();
             columns.extend(own.iter().map(|f| blocks.column(tangent, f, 0)));
             let own: Vec<usize> = (first..columns.len()).collect();
-            push(&mut hypotheses, &columns, own, g.effect.id(), one_sided, tracks);
+            push(&mut hypotheses, &blocks, &columns, own, g.effect.id(), one_sided);
+            columns[first..].iter_mut().for_each(Column::forget);
         }
     }
     for unit in units {
@@ -223,19 +258,29 @@ pub(super) fn chance(
         for from in (0..column.len()).step_by(3 * MOMENTS) {
             let at = columns.len();
             columns.push(blocks.column(tangent, &column, from));
-            push(&mut hypotheses, &columns, vec![at], id, q.lower == q.off, tracks);
+            push(&mut hypotheses, &blocks, &columns, vec![at], id, q.lower == q.off);
+            columns[at].forget();
         }
     }
     let scale = problem
         .noise_scale(&tangent.residual)
         .clamp(SCALES[0], SCALES[1]);
     let own: Vec<f64> = columns.iter().map(|c| c.score / scale.sqrt()).collect();
+    let mut colours: Vec<f64> = hypotheses
+        .iter()
+        .filter(|h| h.columns.len() == 1)
+        .map(|h| 1.0 / (h.inverse[(0, 0)] * columns[h.columns[0]].square))
+        .filter(|c| c.is_finite())
+        .collect();
+    colours.sort_by(f64::total_cmp);
+    let colour = colours.get(colours.len() / 2).copied().unwrap_or(1.0);
     let mut out = Chance {
         scale,
+        colour,
         ..Chance::default()
     };
     for h in &hypotheses {
-        let s = h.surprise(&own);
+        let s = h.surprise(&own, h.scatter(&columns) / scale);
         match out.each.iter_mut().find(|e| e.0 == h.id) {
             Some(e) => e.1 = e.1.max(s),
             None => out.each.push((h.id, s)),
@@ -263,7 +308,7 @@ pub(super) fn chance(
         }
         let largest = hypotheses
             .iter()
-            .map(|h| h.surprise(&scores))
+            .map(|h| h.surprise(&scores, 1.0))
             .fold(0.0, f64::max);
         out.drawn.push(largest);
     }
@@ -277,14 +322,22 @@ fn normal(generator: &mut ChaCha12Rng) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
+impl Column {
+    /// Lets go of the rows, once all products are known.
+    fn forget(&mut self) {
+        self.left = DVector::zeros(0);
+    }
+}
+
 fn push(
     list: &mut Vec<Hypothesis>,
+    blocks: &Blocks,
     columns: &[Column],
     own: Vec<usize>,
     id: &'static str,
     one_sided: bool,
-    tracks: usize,
 ) {
+    let tracks = blocks.tracks.len();
     let n = own.len();
     let mut v = DMatrix::from_fn(n, n, |i, j| {
         let (a, b) = (&columns[own[i]], &columns[own[j]]);
@@ -308,25 +361,56 @@ fn push(
     for i in 0..n {
         v[(i, i)] *= 1.0 + 1e-6;
     }
-    if let Some(c) = v.cholesky() {
+    let each = blocks.products(columns, &own);
+    let mut whole: DMatrix<f64> = each.iter().sum();
+    for i in 0..n {
+        whole[(i, i)] *= 1.0 + 1e-9;
+    }
+    if let (Some(v), Some(whole)) = (v.cholesky(), whole.cholesky()) {
         list.push(Hypothesis {
             id,
             columns: own,
             one_sided: one_sided && n == 1,
-            inverse: c.inverse(),
+            inverse: v.inverse(),
+            whole: whole.inverse(),
+            blocks: each,
         });
     }
 }
 
 impl Hypothesis {
-    fn surprise(&self, scores: &[f64]) -> f64 {
+    /// How much more the score scatters from block to block than the noise should make it, once the effect is fitted: 1 or above. What
+    /// stands out in one block only, and is not the effect's own course there, is no evidence for it.
+    fn scatter(&self, columns: &[Column]) -> f64 {
+        let n = self.columns.len();
+        let s = DVector::from_fn(n, |i, _| columns[self.columns[i]].own.iter().sum::<f64>());
+        let direction = &self.inverse * &s;
+        let size = &self.whole * &s;
+        let model = s.dot(&direction);
+        if model <= 0.0 {
+            return 1.0;
+        }
+        let sum: f64 = self
+            .blocks
+            .iter()
+            .enumerate()
+            .map(|(b, g)| {
+                let own = DVector::from_fn(n, |i, _| columns[self.columns[i]].own[b]);
+                direction.dot(&(own - g * &size)).powi(2)
+            })
+            .sum();
+        (sum / model).max(1.0)
+    }
+
+    fn surprise(&self, scores: &[f64], scatter: f64) -> f64 {
+        let scatter = scatter.max(1.0);
         if let [only] = self.columns[..] {
             let s = scores[only];
             // A positive size lowers the sum of squares where the residual and its column point against each other.
             if self.one_sided && s >= 0.0 {
                 return 0.0;
             }
-            let t = s * s * self.inverse[(0, 0)];
+            let t = s * s * self.inverse[(0, 0)] / scatter;
             let half = if self.one_sided {
                 std::f64::consts::LN_2
             } else {
@@ -338,7 +422,7 @@ impl Hypothesis {
             self.columns.len(),
             self.columns.iter().map(|&c| scores[c]),
         );
-        surprise((s.transpose() * &self.inverse * &s)[(0, 0)], s.len())
+        surprise((s.transpose() * &self.inverse * &s)[(0, 0)] / scatter, s.len())
     }
 }
 

@@ -60,26 +60,6 @@ fn steps(fitted: &Fitted) -> usize {
     2 * fitted.effects.iter().filter(is_step).count()
 }
 
-/// The fall of the sum of squares that noise alone may bring about in the whole scan of `rows` residuals, where the best hypothesis
-/// promises `by_noise` on drawn noise. A fit can do more than a scan promises: thresholds move, and noise sits in the columns too.
-pub(super) fn by_chance(rows: usize, by_noise: f64) -> f64 {
-    (60.0 + 0.06 * rows as f64).max(SCAN_TO_FIT * by_noise)
-}
-
-/// What noise brings about in fits, over what it promises in a scan.
-const SCAN_TO_FIT: f64 = 6.0;
-
-/// Whether a weak cause does on held-out recordings next to nothing of what it does where it was fitted: chance, not physics.
-pub(super) fn only_where_fitted(plain: &Judged, best: &Judged) -> bool {
-    let fitted = plain.mean_square - best.mean_square;
-    plain.holdout - best.holdout < CARRIES_OVER * fitted
-}
-
-/// Share of the fitted gain that a weak cause must show on held-out recordings.
-const CARRIES_OVER: f64 = 0.2;
-/// Up to this many times the fall that chance allows a cause is weak.
-pub(super) const WEAK: f64 = 6.0;
-
 /// Plain mean square above which a model is never adequate.
 pub(super) const NEVER_ADEQUATE: f64 = 1.6;
 

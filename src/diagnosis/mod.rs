@@ -17,6 +17,7 @@ mod likeness;
 mod locate;
 mod outcome;
 mod problem;
+mod rewhiten;
 mod scan;
 
 pub use experiment::{STEP_S as NEXT_DRIVE_STEP_S, next_drive};
@@ -29,10 +30,10 @@ use crate::dataset::OffsetSource;
 use crate::effects::{Acting, CATALOGUE, Seen, When};
 use crate::model::{ForearmTorque, Robot};
 use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
-use judge::{Judged, NEVER_ADEQUATE, WEAK, alike, by_chance, only_where_fitted, unexplained};
+use judge::{Judged, NEVER_ADEQUATE, alike, unexplained};
 use locate::{Spot, coordinates, locate};
 use problem::{BRANCHES, Fitted, Problem, Tangent, value_errors};
-use scan::{Group, Scanned, Unit, fingerprints, promised_by_noise, rivals, scan, units};
+use scan::{Group, Scanned, Unit, fingerprints, rivals, scan, units};
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -70,11 +71,10 @@ pub fn diagnose(
     let mut plain = baseline(&mut problem)?;
     watch("scanning the catalogue");
     let tangent = Tangent::new(&problem, &plain)?;
-    let groups = fingerprints(&problem, &plain, &seen, &wanted);
-    let units = units(&problem, &plain)?;
+    let mut groups = fingerprints(&problem, &plain, &seen, &wanted);
+    let mut units = units(&problem, &plain)?;
     let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
     let chance = chance::chance(&problem, &tangent, &groups, &units);
-    let by_noise = promised_by_noise(&problem, &tangent, &groups);
     let rivals = rivals(&tangent, &groups, &scanned);
     drop(tangent);
     watch("fitting the leading effects");
@@ -82,7 +82,9 @@ pub fn diagnose(
     let mut fits = refit(&problem, &plain, &chosen, &[]);
     if let Some(leader) = fits.first().filter(|f| f.cost() < 0.8 * plain.cost()) {
         // The noise gain depends on the film, and the plain refit of a wrong model runs to an extreme one.
+        let before = rewhiten::Before::new(&problem);
         problem.weigh(leader)?;
+        before.change(&problem).of(&mut groups, &mut units);
         let again = problem.fit(&[], &plain.state.eta, &plain.state.beta, POLISH);
         let nominal = problem.nominal(&[], POLISH);
         plain = if again.cost() < nominal.cost() {
@@ -113,16 +115,12 @@ pub fn diagnose(
         .map(|f| Judged::new(&problem, f))
         .collect();
     singles.sort_by(|a, b| a.score.total_cmp(&b.score));
-    let rows = plain.fitted.state.rows;
     let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
     let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
-    let allowed = by_chance(rows, by_noise) * allowance(request.false_alarm_rate);
-    let by_chance_only = largest_drop < allowed
-        || (largest_drop < WEAK * allowed
-            && singles
-                .first()
-                .is_some_and(|best| only_where_fitted(&plain, best)));
-    let adequate = by_chance_only && plain.mean_square < NEVER_ADEQUATE;
+    let rate = request.false_alarm_rate;
+    let allowed = chance.fall(rate);
+    let (surprise, limit) = (chance.largest, chance.limit(rate));
+    let adequate = surprise < limit && plain.mean_square < NEVER_ADEQUATE * chance.scale.max(1.0);
     // Pairs
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
@@ -138,9 +136,19 @@ pub fn diagnose(
             both.extend(with_partner(&problem, base, &groups, &units, &wanted)?);
         }
         both.sort_by(|a, b| a.score.total_cmp(&b.score));
+        // The best partner of the best partner: a first choice may have stood in for two others.
+        if let Some(other) = both.first().map(|p| p.fitted.effects[1].clone()) {
+            let tried = |j: &Judged| j.fitted.effects[0].effect.id() == other.effect.id();
+            if !tried(first) && !second.is_some_and(tried) {
+                let alone = problem.nominal(std::slice::from_ref(&other), POLISH);
+                let alone = Judged::new(&problem, alone);
+                both.extend(with_partner(&problem, &alone, &groups, &units, &wanted)?);
+                both.sort_by(|a, b| a.score.total_cmp(&b.score));
+            }
+        }
         if let Some(best) = both.first() {
             let gained = first.fitted.cost() - best.fitted.cost();
-            let better = gained > 150.0_f64.max(allowed)
+            let better = gained > 150.0_f64.max(3.0 * allowed)
                 && best.excess() * 1.35 < first.excess()
                 && (best.holdout.is_nan() || best.holdout <= first.holdout);
             if better {
@@ -209,7 +217,7 @@ pub fn diagnose(
     } else {
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
-    let confidence = confidence(verdict, largest_drop, allowed, &plain, &best, &candidates);
+    let confidence = confidence(verdict, surprise / limit, &plain, &best, &candidates);
     let next_experiment = next_experiment(verdict, &groups_alike, &candidates);
     let says = says(
         verdict,
@@ -249,17 +257,19 @@ pub fn diagnose(
             limit: chance.limit(request.false_alarm_rate),
             noise_scale: chance.scale,
             each: chance.each.clone(),
+            tried: singles
+                .iter()
+                .chain(&partners)
+                .map(|j| {
+                    let ids = j.fitted.effects.iter().map(|a| a.effect.id()).collect();
+                    (ids, j.score - plain.score, j.mean_square, j.holdout)
+                })
+                .collect(),
             p_value: chance.p_value(),
             fall: largest_drop,
             fall_by_chance: allowed,
         },
     })
-}
-
-/// How much more than chance a drop must be for the asked rate of false alarms; 1 at 2 %.
-fn allowance(rate: f64) -> f64 {
-    // Drops on clean recordings fall off about exponentially, by a factor of e every quarter of the limit.
-    (1.0 + 0.25 * (0.02 / rate.clamp(1e-6, 0.5)).ln()).max(0.3)
 }
 
 /// Relaxation times in rising order, their moduli with them.
@@ -821,18 +831,17 @@ fn hidden(scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
 
 fn confidence(
     verdict: Verdict,
-    drop: f64,
-    allowed: f64,
+    surprise: f64,
     plain: &Judged,
     best: &Judged,
     candidates: &[Candidate],
 ) -> f64 {
     let odds = |x: f64| 1.0 / (1.0 + (-x).exp());
     match verdict {
-        Verdict::Adequate => odds(6.0 * (allowed / drop.max(1.0)).ln() + 1.0),
+        Verdict::Adequate => odds(4.0 * (1.0 - surprise) + 1.0),
         Verdict::MissingPhysics => {
             candidates.first().map_or(0.5, |c| c.probability)
-                * odds(6.0 * (drop / allowed).ln() + 1.0)
+                * odds(4.0 * (surprise - 1.0) + 1.0)
         }
         Verdict::Unexplained => {
             let left = best.excess() / plain.excess().max(1e-9);

@@ -210,6 +210,9 @@ pub struct Evidence {
     pub noise_scale: f64,
     /// Largest surprise of each effect.
     pub each: Vec<(&'static str, f64)>,
+    /// Models that were fitted in full: their effects, score less that of the plain model (lower is better), weighted mean square, that of
+    /// the held-out recordings.
+    pub tried: Vec<(Vec<&'static str>, f64, f64, f64)>,
     /// Largest fall of the sum of squares, priors included, by a refit with one effect.
     pub fall: f64,
     /// Fall that chance may bring about.

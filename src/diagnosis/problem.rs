@@ -368,8 +368,13 @@ impl Tangent {
             .chain(&fitted.state.beta)
             .copied()
             .collect();
+        // A node that no recording reaches changes nothing.
         let free: Vec<usize> = (0..width)
-            .filter(|&i| at[i] > unknowns[i].lower && at[i] < unknowns[i].upper)
+            .filter(|&i| {
+                at[i] > unknowns[i].lower
+                    && at[i] < unknowns[i].upper
+                    && design.column(i).norm_squared() > 1e-100
+            })
             .collect();
         let mut columns = DMatrix::zeros(design.nrows(), free.len());
         let mut ridge = vec![0.0; free.len()];

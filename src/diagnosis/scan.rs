@@ -30,6 +30,13 @@ pub(super) struct Group {
 }
 
 impl Group {
+    /// Changes every column in place.
+    pub fn change(&mut self, mut each: impl FnMut(&mut [f64])) {
+        for column in self.columns.iter_mut().flatten() {
+            each(column.as_mut_slice());
+        }
+    }
+
     /// The columns with the effect on these actuators.
     pub fn columns_on(&self, on: [bool; 3]) -> Vec<DVector<f64>> {
         self.columns
@@ -257,28 +264,6 @@ fn solve(
         hidden_share: 1.0 - (gram[(0, 0)] / whole[0].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
         strength: (gram[(0, 0)].max(0.0), one),
     })
-}
-
-/// What the best hypothesis would promise on noise alone: the mean over the drawn tracks.
-pub(super) fn promised_by_noise(problem: &Problem, tangent: &Tangent, groups: &[Group]) -> f64 {
-    let draws = problem.train.noise_rows();
-    let largest: Vec<f64> = draws
-        .into_par_iter()
-        .filter(|d| d.len() == tangent.residual.len())
-        .map(|d| {
-            let noise = DVector::from_vec(d);
-            groups
-                .iter()
-                .filter_map(|g| {
-                    let on = [true; 3];
-                    let columns = g.columns_on(on);
-                    solve(g.effect, &g.values, on, &columns, tangent, &noise)
-                })
-                .map(|s| s.promised)
-                .fold(0.0, f64::max)
-        })
-        .collect();
-    largest.iter().sum::<f64>() / largest.len().max(1) as f64
 }
 
 /// A change that lasts, as if it had been there from the first sample on.

@@ -62,6 +62,8 @@ pub struct Trial {
     pub most_surprising: String,
     /// Largest surprise of each effect.
     pub surprises: Vec<(String, f64)>,
+    /// Models that were fitted: effects, score less the plain model's, weighted mean square, that of the held-out recordings.
+    pub tried: Vec<(String, f64, f64, f64)>,
     /// What simpler methods said: their name, whether they saw anything, what they named.
     pub rivals: Vec<(String, bool, Option<String>)>,
     /// Seconds that the diagnosis took.
@@ -185,6 +187,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         evidence: [f64::NAN; 6],
         most_surprising: String::new(),
         surprises: Vec::new(),
+        tried: Vec::new(),
         rivals: Vec::new(),
         seconds,
         failure: None,
@@ -236,6 +239,11 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
     out.evidence = [e.surprise, e.limit, e.p_value, e.fall, e.fall_by_chance, e.noise_scale];
     out.surprises = e.each.iter().map(|s| (s.0.to_string(), s.1)).collect();
     out.most_surprising = e.whose.into();
+    out.tried = e
+        .tried
+        .iter()
+        .map(|t| (t.0.join(" + "), t.1, t.2, t.3))
+        .collect();
     out.rivals = d
         .rivals
         .iter()

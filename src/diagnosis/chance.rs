@@ -53,6 +53,7 @@ struct Column {
 /// A hypothesis: its columns, and whether only one sign is possible.
 struct Hypothesis {
     id: &'static str,
+    on: [bool; 3],
     columns: Vec<usize>,
     one_sided: bool,
     inverse: DMatrix<f64>,
@@ -75,11 +76,21 @@ pub(super) struct Chance {
     pub scale: f64,
     /// Variance of a score over the one that white noise of the promised size would give it, median over the hypotheses.
     pub colour: f64,
+    /// Effect, actuators, their largest surprise, and how much larger the variance of that score is than white noise of the promised
+    /// size would make it.
+    designs: Vec<(&'static str, [bool; 3], f64, f64)>,
     /// Largest surprises of drawn noise, rising.
     drawn: Vec<f64>,
 }
 
 impl Chance {
+    /// By how much the fall of the sum of squares that an effect brings about overstates the evidence: the noise of its score is not
+    /// white, and scatters from block to block.
+    pub fn design(&self, id: &str, on: [bool; 3]) -> f64 {
+        let own = self.designs.iter().find(|d| d.0 == id && d.1 == on);
+        own.map_or(1.0, |d| d.3)
+    }
+
     /// The surprise that noise exceeds in this share of scans.
     pub fn limit(&self, rate: f64) -> f64 {
         let n = self.drawn.len();
@@ -248,7 +259,7 @@ pub(super) fn chance(
             let first = columns.len();
             columns.extend(own.iter().map(|f| blocks.column(tangent, f, 0)));
             let own: Vec<usize> = (first..columns.len()).collect();
-            push(&mut hypotheses, &blocks, &columns, own, g.effect.id(), one_sided);
+            push(&mut hypotheses, &blocks, &columns, own, g.effect.id(), on, one_sided);
             columns[first..].iter_mut().for_each(Column::forget);
         }
     }
@@ -258,7 +269,7 @@ pub(super) fn chance(
         for from in (0..column.len()).step_by(3 * MOMENTS) {
             let at = columns.len();
             columns.push(blocks.column(tangent, &column, from));
-            push(&mut hypotheses, &blocks, &columns, vec![at], id, q.lower == q.off);
+            push(&mut hypotheses, &blocks, &columns, vec![at], id, unit.acting.on, q.lower == q.off);
             columns[at].forget();
         }
     }
@@ -280,7 +291,14 @@ pub(super) fn chance(
         ..Chance::default()
     };
     for h in &hypotheses {
-        let s = h.surprise(&own, h.scatter(&columns) / scale);
+        let scatter = (h.scatter(&columns) / scale).max(1.0);
+        let s = h.surprise(&own, scatter);
+        let design = (h.white(&own) / h.robust(&own) * scatter).max(1.0);
+        match out.designs.iter_mut().find(|d| d.0 == h.id && d.1 == h.on) {
+            Some(d) if d.2 < s => (d.2, d.3) = (s, design),
+            Some(_) => {}
+            None => out.designs.push((h.id, h.on, s, design)),
+        }
         match out.each.iter_mut().find(|e| e.0 == h.id) {
             Some(e) => e.1 = e.1.max(s),
             None => out.each.push((h.id, s)),
@@ -335,6 +353,7 @@ fn push(
     columns: &[Column],
     own: Vec<usize>,
     id: &'static str,
+    on: [bool; 3],
     one_sided: bool,
 ) {
     let tracks = blocks.tracks.len();
@@ -369,6 +388,7 @@ fn push(
     if let (Some(v), Some(whole)) = (v.cholesky(), whole.cholesky()) {
         list.push(Hypothesis {
             id,
+            on,
             columns: own,
             one_sided: one_sided && n == 1,
             inverse: v.inverse(),
@@ -402,27 +422,38 @@ impl Hypothesis {
         (sum / model).max(1.0)
     }
 
+    fn own(&self, scores: &[f64]) -> DVector<f64> {
+        DVector::from_iterator(self.columns.len(), self.columns.iter().map(|&c| scores[c]))
+    }
+
+    /// s'V^-1 s.
+    fn robust(&self, scores: &[f64]) -> f64 {
+        let s = self.own(scores);
+        s.dot(&(&self.inverse * &s))
+    }
+
+    /// The fall of the sum of squares that the scores promise.
+    fn white(&self, scores: &[f64]) -> f64 {
+        let s = self.own(scores);
+        s.dot(&(&self.whole * &s))
+    }
+
     fn surprise(&self, scores: &[f64], scatter: f64) -> f64 {
         let scatter = scatter.max(1.0);
-        if let [only] = self.columns[..] {
-            let s = scores[only];
+        let n = self.columns.len();
+        let mut more = 0.0;
+        if n == 1 && self.one_sided {
             // A positive size lowers the sum of squares where the residual and its column point against each other.
-            if self.one_sided && s >= 0.0 {
+            if scores[self.columns[0]] >= 0.0 {
                 return 0.0;
             }
-            let t = s * s * self.inverse[(0, 0)] / scatter;
-            let half = if self.one_sided {
-                std::f64::consts::LN_2
-            } else {
-                0.0
-            };
-            return surprise(t, 1) + half;
+            more = std::f64::consts::LN_2;
         }
-        let s = DVector::from_iterator(
-            self.columns.len(),
-            self.columns.iter().map(|&c| scores[c]),
-        );
-        surprise((s.transpose() * &self.inverse * &s)[(0, 0)] / scatter, s.len())
+        let t = match self.columns[..] {
+            [only] => scores[only] * scores[only] * self.inverse[(0, 0)],
+            _ => self.robust(scores),
+        };
+        surprise(t / scatter, n) + more
     }
 }
 

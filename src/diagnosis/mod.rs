@@ -47,6 +47,8 @@ const POLISH: usize = 25;
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
 const PAIR_ABOVE: f64 = 1.15;
+/// Mean square of the plain model below which a cause is weak: slow noise, which the weights do not have, matters beside it.
+const WEAK_BELOW: f64 = 2.0;
 /// ln of how much noisier than shown a film may be until its noise is not believed.
 const NOISIER: f64 = 0.2;
 /// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
@@ -114,6 +116,15 @@ pub fn diagnose(
         .into_par_iter()
         .map(|f| Judged::new(&problem, f))
         .collect();
+    // A weak cause is told from slow noise only by how its score scatters.
+    let weigh_down = |list: &mut [Judged]| {
+        for j in list.iter_mut().filter(|_| plain.mean_square < WEAK_BELOW) {
+            let over = j.fitted.effects.iter();
+            let over = over.map(|a| chance.design(a.effect.id(), a.on));
+            j.score = plain.score + (j.score - plain.score) / over.fold(1.0, f64::max);
+        }
+    };
+    weigh_down(&mut singles);
     singles.sort_by(|a, b| a.score.total_cmp(&b.score));
     let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
     let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
@@ -135,6 +146,7 @@ pub fn diagnose(
         for base in std::iter::once(first).chain(second) {
             both.extend(with_partner(&problem, base, &groups, &units, &wanted)?);
         }
+        weigh_down(&mut both);
         both.sort_by(|a, b| a.score.total_cmp(&b.score));
         // The best partner of the best partner: a first choice may have stood in for two others.
         if let Some(other) = both.first().map(|p| p.fitted.effects[1].clone()) {
@@ -142,7 +154,9 @@ pub fn diagnose(
             if !tried(first) && !second.is_some_and(tried) {
                 let alone = problem.nominal(std::slice::from_ref(&other), POLISH);
                 let alone = Judged::new(&problem, alone);
-                both.extend(with_partner(&problem, &alone, &groups, &units, &wanted)?);
+                let mut more = with_partner(&problem, &alone, &groups, &units, &wanted)?;
+                weigh_down(&mut more);
+                both.extend(more);
                 both.sort_by(|a, b| a.score.total_cmp(&b.score));
             }
         }
@@ -175,6 +189,7 @@ pub fn diagnose(
         pair.as_ref(),
         &partners,
         verdict,
+        surprise / limit,
     );
     let groups_alike = if in_model {
         (0..best.fitted.effects.len())
@@ -217,7 +232,7 @@ pub fn diagnose(
     } else {
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
-    let confidence = confidence(verdict, surprise / limit, &plain, &best, &candidates);
+    let confidence = confidence(verdict, surprise / limit, &plain, &best);
     let next_experiment = next_experiment(verdict, &groups_alike, &candidates);
     let says = says(
         verdict,
@@ -504,6 +519,7 @@ fn candidates(
     pair: Option<&Judged>,
     partners: &[Judged],
     verdict: Verdict,
+    surprise: f64,
 ) -> Vec<Candidate> {
     let mut out: Vec<Candidate> = Vec::new();
     let in_model = verdict == Verdict::MissingPhysics;
@@ -549,7 +565,7 @@ fn candidates(
     };
     // Odds among rivals; each effect by its best variant.
     let known = match verdict {
-        Verdict::MissingPhysics => 1.0,
+        Verdict::MissingPhysics => catalogued(plain, best, surprise),
         Verdict::Adequate => 0.05,
         Verdict::Unexplained => 0.25,
     };
@@ -607,6 +623,17 @@ fn candidates(
     });
     out
 }
+
+/// Probability that a cause that is named is in the catalogue at all: noise may have made it, and something else may look like it, the
+/// more likely the more of the excess is left.
+fn catalogued(plain: &Judged, best: &Judged, surprise: f64) -> f64 {
+    let left = best.excess() / plain.excess().max(1e-9);
+    let real = 1.0 / (1.0 + (-(4.0 * (surprise - 1.0) + 1.0)).exp());
+    real * (1.0 - (MIMICRY + 0.5 * left).min(0.5))
+}
+
+/// Share of what is named that something in no catalogue mimics, where nothing is left that would betray it.
+const MIMICRY: f64 = 0.04;
 
 fn values(problem: &Problem, fitted: &Fitted, own: usize, errors: &[f64]) -> Vec<Value> {
     let acting = &fitted.effects[own];
@@ -834,15 +861,11 @@ fn confidence(
     surprise: f64,
     plain: &Judged,
     best: &Judged,
-    candidates: &[Candidate],
 ) -> f64 {
     let odds = |x: f64| 1.0 / (1.0 + (-x).exp());
     match verdict {
         Verdict::Adequate => odds(4.0 * (1.0 - surprise) + 1.0),
-        Verdict::MissingPhysics => {
-            candidates.first().map_or(0.5, |c| c.probability)
-                * odds(4.0 * (surprise - 1.0) + 1.0)
-        }
+        Verdict::MissingPhysics => catalogued(plain, best, surprise),
         Verdict::Unexplained => {
             let left = best.excess() / plain.excess().max(1e-9);
             odds(3.0 * (best.mean_square.max(1.0) / 4.0).ln() + 2.0 * (left / 0.05).ln().min(2.0))

@@ -196,7 +196,7 @@ pub struct Diagnosis {
 }
 
 /// How far the largest score of a scan stands out of what noise makes of the largest score.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Evidence {
     /// Largest surprise of a hypothesis: -ln of its p-value, taken alone.
     pub surprise: f64,

@@ -6,9 +6,7 @@ use super::progress::Progress;
 use super::series::{self, Series};
 use super::{Failure, Talk, load};
 use crate::dataset::Dataset;
-use crate::diagnosis::{
-    Diagnosis, Entry, Error, NEXT_DRIVE_STEP_S, Request, Verdict, next_drive,
-};
+use crate::diagnosis::{Diagnosis, Entry, Error, NEXT_DRIVE_STEP_S, Request, Verdict, next_drive};
 use crate::effects::CATALOGUE;
 use crate::model::Robot;
 use crate::recording::{Kind, suggestion};

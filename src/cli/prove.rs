@@ -189,8 +189,7 @@ fn likeness(
     truth: &Truth,
     progress: &Progress,
 ) -> Result<Vec<(String, f64)>, Failure> {
-    let recordings =
-        load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
+    let recordings = load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, None, progress)?;
     let series = series::order(&recordings, &datasets)?;

@@ -242,10 +242,10 @@ pub(super) fn chance(
     let mut hypotheses: Vec<Hypothesis> = Vec::new();
     for g in groups {
         let q = g.effect.parameters();
-        let one_sided =
-            q.iter()
-                .filter(|q| q.size)
-                .all(|q| q.lower == q.off || q.off.is_infinite());
+        let one_sided = q
+            .iter()
+            .filter(|q| q.size)
+            .all(|q| q.lower == q.off || q.off.is_infinite());
         let single = [0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k));
         let mut sets = Vec::new();
         if g.effect.reach() != Reach::One {
@@ -259,7 +259,15 @@ pub(super) fn chance(
             let first = columns.len();
             columns.extend(own.iter().map(|f| blocks.column(tangent, f, 0)));
             let own: Vec<usize> = (first..columns.len()).collect();
-            push(&mut hypotheses, &blocks, &columns, own, g.effect.id(), on, one_sided);
+            push(
+                &mut hypotheses,
+                &blocks,
+                &columns,
+                own,
+                g.effect.id(),
+                on,
+                one_sided,
+            );
             columns[first..].iter_mut().for_each(Column::forget);
         }
     }
@@ -269,7 +277,15 @@ pub(super) fn chance(
         for from in (0..column.len()).step_by(3 * MOMENTS) {
             let at = columns.len();
             columns.push(blocks.column(tangent, &column, from));
-            push(&mut hypotheses, &blocks, &columns, vec![at], id, unit.acting.on, q.lower == q.off);
+            push(
+                &mut hypotheses,
+                &blocks,
+                &columns,
+                vec![at],
+                id,
+                unit.acting.on,
+                q.lower == q.off,
+            );
             columns[at].forget();
         }
     }
@@ -315,13 +331,20 @@ pub(super) fn chance(
         let pick: Vec<(usize, f64)> = (0..count)
             .map(|b| {
                 let m = generator.random_range(0..tracks);
-                let sign = if generator.random::<bool>() { 1.0 } else { -1.0 };
+                let sign = if generator.random::<bool>() {
+                    1.0
+                } else {
+                    -1.0
+                };
                 (b * tracks + m, sign)
             })
             .collect();
         let known = DVector::from_fn(priors, |_, _| normal(&mut generator));
         for (s, c) in scores.iter_mut().zip(&columns) {
-            *s = pick.iter().map(|(at, sign)| sign * c.noise[*at]).sum::<f64>()
+            *s = pick
+                .iter()
+                .map(|(at, sign)| sign * c.noise[*at])
+                .sum::<f64>()
                 + c.prior.dot(&known);
         }
         let largest = hypotheses
@@ -468,7 +491,10 @@ mod tests {
             let table = ChiSquared::new(n as f64).unwrap();
             for t in [0.1, 1.0, 7.0, 30.0] {
                 let want = -table.sf(t).ln();
-                assert!((surprise(t, n) - want).abs() < 1e-6 * want.max(1.0), "{n} {t}");
+                assert!(
+                    (surprise(t, n) - want).abs() < 1e-6 * want.max(1.0),
+                    "{n} {t}"
+                );
             }
         }
     }

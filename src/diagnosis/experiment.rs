@@ -31,8 +31,13 @@ fn blocks(id: &str) -> &'static [Block] {
     match id {
         "series_resistance" | "slew_limit" | "time_offset" | "clock_skew" | "mocap_lag"
         | "joint_damping" => &[Rates, Staircase],
-        "leakage" | "amplifier_gain" | "amplifier_deadband" | "amplifier_saturation"
-        | "permittivity_stretch" | "dielectric_relaxation" | "electrode_failure"
+        "leakage"
+        | "amplifier_gain"
+        | "amplifier_deadband"
+        | "amplifier_saturation"
+        | "permittivity_stretch"
+        | "dielectric_relaxation"
+        | "electrode_failure"
         | "loss_of_tension" => &[Staircase, Corners],
         "joint_friction" => &[Reversals, Rates],
         "mullins_softening" | "slow_creep" | "temperature_drift" | "payload_change" => {
@@ -156,7 +161,10 @@ mod tests {
             append(block, 5000.0, &mut out);
             assert!(out.iter().flatten().all(|v| v.abs() <= 5000.0 + 1e-9));
             assert_eq!(out[0], [0.0; 3], "{block:?}");
-            assert!(out[out.len() - 1].iter().all(|v| v.abs() < 30.0), "{block:?}");
+            assert!(
+                out[out.len() - 1].iter().all(|v| v.abs() < 30.0),
+                "{block:?}"
+            );
         }
     }
 }

@@ -856,12 +856,7 @@ fn hidden(scanned: &[Scanned], allowed: f64) -> Vec<Hidden> {
     out
 }
 
-fn confidence(
-    verdict: Verdict,
-    surprise: f64,
-    plain: &Judged,
-    best: &Judged,
-) -> f64 {
+fn confidence(verdict: Verdict, surprise: f64, plain: &Judged, best: &Judged) -> f64 {
     let odds = |x: f64| 1.0 / (1.0 + (-x).exp());
     match verdict {
         Verdict::Adequate => odds(4.0 * (1.0 - surprise) + 1.0),

@@ -107,6 +107,10 @@ pub fn group(truth: &Truth, robot: &Robot, entries: &[Entry]) -> Vec<(String, f6
         return Vec::new();
     };
     alike_at(robot, entries, &parameters, &acting)
-        .map(|list| list.into_iter().map(|(id, c)| (id.to_string(), c)).collect())
+        .map(|list| {
+            list.into_iter()
+                .map(|(id, c)| (id.to_string(), c))
+                .collect()
+        })
         .unwrap_or_default()
 }

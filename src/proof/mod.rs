@@ -236,7 +236,14 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
             .collect();
     }
     let e = &d.evidence;
-    out.evidence = [e.surprise, e.limit, e.p_value, e.fall, e.fall_by_chance, e.noise_scale];
+    out.evidence = [
+        e.surprise,
+        e.limit,
+        e.p_value,
+        e.fall,
+        e.fall_by_chance,
+        e.noise_scale,
+    ];
     out.surprises = e.each.iter().map(|s| (s.0.to_string(), s.1)).collect();
     out.most_surprising = e.whose.into();
     out.tried = e

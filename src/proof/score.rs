@@ -155,8 +155,12 @@ pub fn score(trials: &[Trial]) -> Proof {
     let unknown = select(&is_unknown);
     let pairs = select(&|t| t.truth.len() == 2);
     let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
-    let grouped =
-        |t: &Trial| first(t) || t.named.first().is_some_and(|n| t.true_group.iter().any(|g| g.0 == *n));
+    let grouped = |t: &Trial| {
+        first(t)
+            || t.named
+                .first()
+                .is_some_and(|n| t.true_group.iter().any(|g| g.0 == *n))
+    };
     let placed = select(&|t| t.located.is_some() && t.verdict != "adequate");
     let right = select(&|t| single(t) && first(t));
     let (mut inside, mut measured) = (0, 0);

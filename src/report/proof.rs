@@ -182,7 +182,13 @@ fn moved(list: &[(String, f64)]) -> String {
     let words: Vec<String> = list
         .iter()
         .take(3)
-        .map(|(name, by)| format!("{} x {}", name.replace('_', " "), number::significant(1.0 + by, 2)))
+        .map(|(name, by)| {
+            format!(
+                "{} x {}",
+                name.replace('_', " "),
+                number::significant(1.0 + by, 2)
+            )
+        })
         .collect();
     words.join(", ")
 }

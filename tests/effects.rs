@@ -63,7 +63,7 @@ const PROMISED: &[(&str, &[(&str, &str)])] = &[
     ("clock_skew", &[("skew", "1")]),
     ("frame_tilt", &[("rotation", "rad")]),
     ("marker_offset", &[("offset", "m")]),
-    ("mocap_lag", &[("delay", "s")]),
+    ("mocap_lag", &[("delay", "s"), ("pure", "1")]),
 ];
 
 #[test]

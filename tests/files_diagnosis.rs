@@ -2,7 +2,9 @@
 
 mod common;
 
-use deacal::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place, Traces, Value, Verdict};
+use deacal::diagnosis::{
+    Candidate, Diagnosis, Evidence, Gain, Hidden, Law, Place, Traces, Value, Verdict,
+};
 use deacal::effects::{Acting, by_id};
 use deacal::film::Film;
 use deacal::model::{ForearmTorque, Parameters};
@@ -198,6 +200,7 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
         remarks: vec!["Not every recording states its `start`.".into()],
         says: "The plain model leaves ten times the noise. A series resistance in actuator 2 accounts for 97 % of it.".into(),
         rivals: vec![("whiteness test", true, None)],
+        evidence: Evidence::default(),
     }
 }
 

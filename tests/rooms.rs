@@ -172,6 +172,7 @@ const ROOMS: &[Room] = &[
             ("dataset", ANY),
             ("diagnosis", ANY),
             ("effects", ANY),
+            ("film", &["Film"]),
             ("model", ANY),
         ]),
         NO_FILES,

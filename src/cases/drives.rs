@@ -199,6 +199,21 @@ pub fn ordinary(dice: &mut Dice, share: f64) -> Result<Vec<Planned>, String> {
     Ok(out)
 }
 
+/// Two short recordings to train on, one held out: for cases that travel with a program.
+///
+/// # Errors
+/// A drive that makes no sense.
+pub fn short(dice: &mut Dice, share: f64) -> Result<Vec<Planned>, String> {
+    let (high, middle) = (5400.0 * share, 4860.0 * share);
+    let f = dice.range(0.35, 0.5);
+    let together = sampled(8.0, |t| [raised(high, f * (t - 0.5)); 3])?;
+    Ok(vec![
+        planned("symmetric", true, together),
+        planned("multisine", true, multisine(dice, middle, 10.0)?),
+        planned("steps", false, steps(dice, 0.92 * middle, 8.0)?),
+    ])
+}
+
 /// The program's own protocol: three rates up to 2 Hz, holds off the axis, a staircase repeated with the polarity turned, a payload
 /// that is put on while the voltages are held; then the first drive once more. Held out: a circle and a multisine.
 ///

@@ -7,7 +7,8 @@ use super::series::{self, Occasion, Series};
 use super::{Failure, Talk, load};
 use crate::dataset::Dataset;
 use crate::diagnosis::{
-    Diagnosis, Entry, Error, LineEntry, Request, Verdict, diagnose_lines, in_unit,
+    Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, Verdict,
+    diagnose_lines, in_unit, next_drive,
 };
 use crate::effects::CATALOGUE;
 use crate::model::Robot;
@@ -18,6 +19,8 @@ use crate::report::json::to_text;
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
 use crate::report::provenance::Provenance;
+use crate::simulate::write::{VoltageLog, voltage_csv};
+use crate::simulate::{Hold, Sampled};
 
 /// What to diagnose.
 #[derive(clap::Args)]
@@ -254,6 +257,13 @@ pub(super) fn write(
         ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml(),
     )?;
     set.write("diagnosis.json", to_text(&json))?;
+    if diagnosis.rig == RigKind::Robot {
+        let next = Sampled::new(0.0, NEXT_DRIVE_STEP_S, next_drive(diagnosis), Hold::Linear)?;
+        let log = VoltageLog::default();
+        set.write_with("next_experiment.csv", |mut out| {
+            voltage_csv(&mut out, &log, &next)
+        })?;
+    }
     set.commit()?;
     Ok(json)
 }

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use super::progress::Progress;
 use super::series;
 use super::{Failure, Talk, diagnose, load};
-use crate::cases::{Truth, plan};
-use crate::diagnosis::{self, Diagnosis};
-use crate::proof::{Trial, compare, run as run_own, score};
+use crate::cases::{DriveSet, Spec, Truth, generate, plan};
+use crate::diagnosis::{self, Diagnosis, Entry};
+use crate::proof::{Trial, compare, group, run as run_own, score};
 use crate::recording::Kind;
 use crate::report::json::to_text;
 use crate::report::output::OutputSet;
@@ -31,9 +31,40 @@ pub(super) struct Arguments {
     /// Seed of the own cases
     #[arg(long, default_value_t = 1, conflicts_with = "cases")]
     seed: u64,
+    /// Drives of the own cases: what an experimenter ordinarily does, the program's own protocol, or three short recordings
+    #[arg(long, value_name = "ordinary|protocol|short", default_value = "ordinary", value_parser = parse_drive, conflicts_with = "cases")]
+    drive: DriveSet,
+    /// Folder to leave the own cases in: `cases/` and, apart from them, `answers/`
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    keep: Option<PathBuf>,
     /// Folder for the results
     #[arg(short, long, default_value = "out/prove")]
     output: PathBuf,
+}
+
+/// Writes cases with their answers apart.
+fn keep(specs: &[Spec], dir: &Path) -> Result<(), Failure> {
+    let mut cases = OutputSet::new(&dir.join("cases"))?;
+    let mut answers = OutputSet::new(&dir.join("answers"))?;
+    for spec in specs {
+        let case = generate(spec)?;
+        for (name, bytes) in case.files() {
+            cases.write(&name, bytes)?;
+        }
+        answers.write(&case.answer_file(), case.truth.to_json())?;
+    }
+    cases.commit()?;
+    answers.commit()?;
+    Ok(())
+}
+
+fn parse_drive(text: &str) -> Result<DriveSet, String> {
+    match text {
+        "ordinary" => Ok(DriveSet::Ordinary),
+        "protocol" => Ok(DriveSet::Protocol),
+        "short" => Ok(DriveSet::Short),
+        _ => Err("expected `ordinary`, `protocol` or `short`".into()),
+    }
 }
 
 pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
@@ -41,7 +72,14 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     let trials = match &a.cases {
         Some(cases) => of_folder(cases, a.answers.as_deref(), &progress)?,
         None => {
-            let specs = plan(a.number, a.seed);
+            let mut specs = plan(a.number, a.seed);
+            for spec in &mut specs {
+                spec.drive = a.drive;
+            }
+            if let Some(dir) = &a.keep {
+                progress.step("writing the cases");
+                keep(&specs, dir)?;
+            }
             let done = AtomicUsize::new(0);
             let total = specs.len();
             run_own(&specs, &|_| {
@@ -138,9 +176,32 @@ fn of_folder(
                 )
             })?;
             let truth = Truth::from_json(&text).map_err(|e| format!("{}: {e}", path.display()))?;
-            Ok(compare(&truth, diagnosis, seconds))
+            let mut trial = compare(&truth, diagnosis, seconds);
+            trial.true_group = likeness(case, &truth, progress).unwrap_or_default();
+            Ok(trial)
         })
         .collect()
+}
+
+/// What the recordings of a case cannot tell from its true effect.
+fn likeness(
+    case: &Path,
+    truth: &Truth,
+    progress: &Progress,
+) -> Result<Vec<(String, f64)>, Failure> {
+    let recordings = load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
+    let robot = load::robot(load::rig(&recordings)?, None)?;
+    let datasets = load::datasets(&recordings, None, progress)?;
+    let series = series::order(&recordings, &datasets)?;
+    let entries: Vec<Entry> = datasets
+        .iter()
+        .zip(&series.entries)
+        .map(|(dataset, entry)| Entry {
+            dataset,
+            when: series::when(entry, dataset.start_s),
+        })
+        .collect();
+    Ok(group(truth, &robot, &entries))
 }
 
 /// Diagnoses a case from its recordings alone.

@@ -62,26 +62,6 @@ fn steps(fitted: &Fitted) -> usize {
     2 * fitted.effects.iter().filter(is_step).count()
 }
 
-/// The fall of the sum of squares that noise alone may bring about in the whole scan of `rows` residuals, where the best hypothesis
-/// promises `by_noise` on drawn noise. A fit can do more than a scan promises: thresholds move, and noise sits in the columns too.
-pub(super) fn by_chance(rows: usize, by_noise: f64) -> f64 {
-    (60.0 + 0.06 * rows as f64).max(SCAN_TO_FIT * by_noise)
-}
-
-/// What noise brings about in fits, over what it promises in a scan.
-const SCAN_TO_FIT: f64 = 6.0;
-
-/// Whether a weak cause does on held-out recordings next to nothing of what it does where it was fitted: chance, not physics.
-pub(super) fn only_where_fitted(plain: &Judged, best: &Judged) -> bool {
-    let fitted = plain.mean_square - best.mean_square;
-    plain.holdout - best.holdout < CARRIES_OVER * fitted
-}
-
-/// Share of the fitted gain that a weak cause must show on held-out recordings.
-const CARRIES_OVER: f64 = 0.2;
-/// Up to this many times the fall that chance allows a cause is weak.
-pub(super) const WEAK: f64 = 6.0;
-
 /// Plain mean square above which a model is never adequate.
 pub(super) const NEVER_ADEQUATE: f64 = 1.6;
 
@@ -96,15 +76,30 @@ pub(super) fn alike<S: Subject>(
     let Ok((film, column)) = own_column(problem, fitted, own) else {
         return Vec::new();
     };
-    let along = film.columns.tr_mul(&column);
+    let me = &fitted.effects[own];
+    alike_to(&film, &column, me.effect.id(), me.on, groups)
+        .into_iter()
+        .map(|o| o.0)
+        .collect()
+}
+
+/// Ids whose fingerprints on the actuators `on` span a column up to an angle that cannot be told, with its cosine, largest first;
+/// `id` is the column's own.
+pub(super) fn alike_to(
+    film: &Tangent,
+    column: &DVector<f64>,
+    id: &str,
+    on: [bool; 3],
+    groups: &[Group],
+) -> Vec<(&'static str, f64)> {
+    let along = film.columns.tr_mul(column);
     let length = film.projected(column.norm_squared(), &along, &along);
     if length <= 0.0 {
         return Vec::new();
     }
-    let me = &fitted.effects[own];
     let mut out: Vec<(&'static str, f64)> = Vec::new();
-    for g in groups.iter().filter(|g| g.effect.id() != me.effect.id()) {
-        let columns = g.columns_on(me.on);
+    for g in groups.iter().filter(|g| g.effect.id() != id) {
+        let columns = g.columns_on(on);
         let n = columns.len();
         let theirs: Vec<DVector<f64>> = columns.iter().map(|c| film.columns.tr_mul(c)).collect();
         let gram = DMatrix::from_fn(n, n, |i, j| {
@@ -116,7 +111,7 @@ pub(super) fn alike<S: Subject>(
                 }
         });
         let b = DVector::from_fn(n, |i, _| {
-            film.projected(columns[i].dot(&column), &theirs[i], &along)
+            film.projected(columns[i].dot(column), &theirs[i], &along)
         });
         let Some(c) = gram.cholesky().map(|f| f.solve(&b)) else {
             continue;
@@ -128,10 +123,8 @@ pub(super) fn alike<S: Subject>(
         }
     }
     out.sort_by(|a, b| b.1.total_cmp(&a.1));
-    out.into_iter()
-        .filter(|o| o.1 > ALIKE)
-        .map(|o| o.0)
-        .collect()
+    out.retain(|o| o.1 > ALIKE);
+    out
 }
 
 /// The tangent space without an effect, and the derivative with respect to that effect's first size.

@@ -9,16 +9,22 @@
 //!
 //! Residuals are torques: linear in the squared voltage, without a special case near 0 V.
 
+mod chance;
+mod experiment;
 mod judge;
 mod law;
+mod likeness;
 mod line;
 mod locate;
 mod outcome;
 mod problem;
+mod rewhiten;
 mod robot;
 mod scan;
 mod subject;
 
+pub use experiment::{STEP_S as NEXT_DRIVE_STEP_S, next_drive};
+pub use likeness::alike_at;
 pub use line::{COUPON_BRANCHES, LineEntry, diagnose_lines};
 pub use outcome::*;
 pub use robot::diagnose;
@@ -26,10 +32,10 @@ pub use robot::diagnose;
 use rayon::prelude::*;
 
 use crate::effects::{Acting, Effect, When};
-use judge::{Judged, NEVER_ADEQUATE, WEAK, alike, by_chance, only_where_fitted};
+use judge::{Judged, NEVER_ADEQUATE, alike};
 use locate::{Spot, locate};
 use problem::{Fitted, Problem, Tangent, value_errors};
-use scan::{Group, Scanned, fingerprints, promised_by_noise, rivals, scan};
+use scan::{Group, Scanned, Unit, fingerprints, rivals, scan, units};
 use subject::Subject;
 
 /// Tracks that are drawn to see what the capture's noise does.
@@ -44,6 +50,10 @@ const POLISH: usize = 25;
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
 const PAIR_ABOVE: f64 = 1.15;
+/// Mean square of the plain model below which a cause is weak: slow noise, which the weights do not have, matters beside it.
+const WEAK_BELOW: f64 = 2.0;
+/// ln of how much noisier than shown a film may be until its noise is not believed.
+const NOISIER: f64 = 0.2;
 /// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
 /// their face value.
 const TEMPERATURE: f64 = 12.0;
@@ -61,9 +71,10 @@ fn doubt<S: Subject>(
     let mut plain = baseline(&mut problem)?;
     watch("scanning the catalogue");
     let tangent = Tangent::new(&problem, &plain)?;
-    let groups = fingerprints(&problem, &plain, &wanted);
-    let scanned = scan(&problem, &plain, &tangent, &groups, &wanted)?;
-    let by_noise = promised_by_noise(&problem, &tangent, &groups);
+    let mut groups = fingerprints(&problem, &plain, &wanted);
+    let mut units = units(&problem, &plain)?;
+    let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
+    let chance = chance::chance(&problem, &tangent, &groups, &units);
     let rivals = rivals(&tangent, &groups, &scanned);
     drop(tangent);
     watch("fitting the leading effects");
@@ -71,7 +82,9 @@ fn doubt<S: Subject>(
     let mut fits = refit(&problem, &plain, &chosen, &[]);
     if let Some(leader) = fits.first().filter(|f| f.cost() < 0.8 * plain.cost()) {
         // The noise gain depends on the film, and the plain refit of a wrong model runs to an extreme one.
+        let before = rewhiten::Before::new(&problem);
         problem.weigh(leader)?;
+        before.change(&problem).of(&mut groups, &mut units);
         let again = problem.fit(&[], &plain.state.eta, &plain.state.beta, POLISH);
         let nominal = problem.nominal(&[], POLISH);
         plain = if again.cost() < nominal.cost() {
@@ -112,17 +125,22 @@ fn doubt<S: Subject>(
         .into_par_iter()
         .map(|f| Judged::new(&problem, f))
         .collect();
+    // A weak cause is told from slow noise only by how its score scatters.
+    let weigh_down = |list: &mut [Judged]| {
+        for j in list.iter_mut().filter(|_| plain.mean_square < WEAK_BELOW) {
+            let over = j.fitted.effects.iter();
+            let over = over.map(|a| chance.design(a.effect.id(), a.on));
+            j.score = plain.score + (j.score - plain.score) / over.fold(1.0, f64::max);
+        }
+    };
+    weigh_down(&mut singles);
     singles.sort_by(|a, b| a.score.total_cmp(&b.score));
-    let rows = plain.fitted.state.rows;
     let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
     let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
-    let allowed = by_chance(rows, by_noise) * allowance(request.false_alarm_rate);
-    let by_chance_only = largest_drop < allowed
-        || (largest_drop < WEAK * allowed
-            && singles
-                .first()
-                .is_some_and(|best| only_where_fitted(&plain, best)));
-    let adequate = by_chance_only && plain.mean_square < NEVER_ADEQUATE;
+    let rate = request.false_alarm_rate;
+    let allowed = chance.fall(rate);
+    let (surprise, limit) = (chance.largest, chance.limit(rate));
+    let adequate = surprise < limit && plain.mean_square < NEVER_ADEQUATE * chance.scale.max(1.0);
     // Pairs
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
@@ -135,12 +153,25 @@ fn doubt<S: Subject>(
             .filter(|s| s.excess() < 4.0 * first.excess() && s.mean_square > PAIR_ABOVE);
         let mut both: Vec<Judged> = Vec::new();
         for base in std::iter::once(first).chain(second) {
-            both.extend(with_partner(&problem, base, &groups, &wanted)?);
+            both.extend(with_partner(&problem, base, &groups, &units, &wanted)?);
         }
+        weigh_down(&mut both);
         both.sort_by(|a, b| a.score.total_cmp(&b.score));
+        // The best partner of the best partner: a first choice may have stood in for two others.
+        if let Some(other) = both.first().map(|p| p.fitted.effects[1].clone()) {
+            let tried = |j: &Judged| j.fitted.effects[0].effect.id() == other.effect.id();
+            if !tried(first) && !second.is_some_and(tried) {
+                let alone = problem.nominal(std::slice::from_ref(&other), POLISH);
+                let alone = Judged::new(&problem, alone);
+                let mut more = with_partner(&problem, &alone, &groups, &units, &wanted)?;
+                weigh_down(&mut more);
+                both.extend(more);
+                both.sort_by(|a, b| a.score.total_cmp(&b.score));
+            }
+        }
         if let Some(best) = both.first() {
             let gained = first.fitted.cost() - best.fitted.cost();
-            let better = gained > 150.0_f64.max(allowed)
+            let better = gained > 150.0_f64.max(3.0 * allowed)
                 && best.excess() * 1.35 < first.excess()
                 && (best.holdout.is_nan() || best.holdout <= first.holdout);
             if better {
@@ -153,7 +184,8 @@ fn doubt<S: Subject>(
             .clone()
             .filter(|p| p.fitted.effects.len() < S::MOST_EFFECTS && p.mean_square > PAIR_ABOVE)
         {
-            let more = with_partner(&problem, &base, &groups, &wanted)?;
+            let mut more = with_partner(&problem, &base, &groups, &units, &wanted)?;
+            weigh_down(&mut more);
             let next = more
                 .into_iter()
                 .min_by(|a, b| a.score.total_cmp(&b.score))
@@ -186,6 +218,7 @@ fn doubt<S: Subject>(
         pair.as_ref(),
         &partners,
         verdict,
+        surprise / limit,
     );
     let groups_alike = if in_model {
         (0..best.fitted.effects.len())
@@ -234,7 +267,7 @@ fn doubt<S: Subject>(
     } else {
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
-    let confidence = confidence(verdict, largest_drop, allowed, &plain, &best, &candidates);
+    let confidence = confidence(verdict, surprise / limit, &plain, &best);
     let next_experiment = next_experiment(verdict, &groups_alike, &candidates, &words);
     let says = says(
         verdict,
@@ -277,13 +310,25 @@ fn doubt<S: Subject>(
         remarks,
         says,
         rivals,
+        evidence: Evidence {
+            surprise: chance.largest,
+            whose: chance.whose,
+            limit: chance.limit(request.false_alarm_rate),
+            noise_scale: chance.scale,
+            each: chance.each.clone(),
+            tried: singles
+                .iter()
+                .chain(&partners)
+                .map(|j| {
+                    let ids = j.fitted.effects.iter().map(|a| a.effect.id()).collect();
+                    (ids, j.score - plain.score, j.mean_square, j.holdout)
+                })
+                .collect(),
+            p_value: chance.p_value(),
+            fall: largest_drop,
+            fall_by_chance: allowed,
+        },
     })
-}
-
-/// How much more than chance a drop must be for the asked rate of false alarms; 1 at 2 %.
-fn allowance(rate: f64) -> f64 {
-    // Drops on clean recordings fall off about exponentially, by a factor of e every quarter of the limit.
-    (1.0 + 0.25 * (0.02 / rate.clamp(1e-6, 0.5)).ln()).max(0.3)
 }
 
 /// Relaxation times in rising order, their moduli with them.
@@ -303,15 +348,27 @@ fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
     p
 }
 
-/// The plain model: from the nominal film and from where equal weights lead.
+/// The plain model, weighted by the noise of an ordinary film and then by that of its own.
+///
+/// The plain refit of a wrong model may run to a film so extreme that it makes much noise of little; weights set there would hide
+/// everything. Such weights are taken only where the residual itself is as noisy.
 fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<Fitted, Error> {
-    let rough = problem.nominal(&[], 25);
-    if !rough.cost().is_finite() {
-        return Err(Error::Baseline(rough.state.failure.unwrap_or_default()));
+    problem.weigh(&problem.typical())?;
+    let first = problem.nominal(&[], 40);
+    if !first.cost().is_finite() {
+        return Err(Error::Baseline(first.state.failure.unwrap_or_default()));
     }
-    problem.weigh(&rough)?;
+    let ordinary = problem.log_noise();
+    let tangent = Tangent::new(problem, &first)?;
+    let shown = 0.5 * problem.noise_scale(&tangent.residual).ln();
+    problem.weigh(&first)?;
+    let own = problem.log_noise() - ordinary;
+    if S::CHAINS > 1 && own > NOISIER && own > shown + NOISIER {
+        problem.weigh(&problem.typical())?;
+        return Ok(first);
+    }
     let (a, b) = rayon::join(
-        || problem.fit(&[], &rough.state.eta, &rough.state.beta, 40),
+        || problem.fit(&[], &first.state.eta, &first.state.beta, 40),
         || problem.nominal(&[], 40),
     );
     Ok(if a.cost() < b.cost() { a } else { b })
@@ -399,11 +456,12 @@ fn with_partner<S: Subject>(
     problem: &Problem<S>,
     first: &Judged,
     groups: &[Group],
+    units: &[Unit],
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Vec<Judged>, Error> {
     let tangent = Tangent::new(problem, &first.fitted)?;
     let own: Vec<&str> = first.fitted.effects.iter().map(|a| a.effect.id()).collect();
-    let scanned: Vec<Scanned> = scan(problem, &first.fitted, &tangent, groups, wanted)?
+    let scanned: Vec<Scanned> = scan(problem, &tangent, groups, units, wanted)
         .into_iter()
         .filter(|s| !own.contains(&s.acting.effect.id()))
         .collect();
@@ -424,6 +482,7 @@ fn candidates<S: Subject>(
     pair: Option<&Judged>,
     partners: &[Judged],
     verdict: Verdict,
+    surprise: f64,
 ) -> Vec<Candidate> {
     let mut out: Vec<Candidate> = Vec::new();
     let in_model = verdict == Verdict::MissingPhysics;
@@ -469,7 +528,7 @@ fn candidates<S: Subject>(
     };
     // Odds among rivals; each effect by its best variant.
     let known = match verdict {
-        Verdict::MissingPhysics => 1.0,
+        Verdict::MissingPhysics => catalogued(plain, best, surprise),
         Verdict::Adequate => 0.05,
         Verdict::Unexplained => 0.25,
     };
@@ -527,6 +586,17 @@ fn candidates<S: Subject>(
     });
     out
 }
+
+/// Probability that a cause that is named is in the catalogue at all: noise may have made it, and something else may look like it, the
+/// more likely the more of the excess is left.
+fn catalogued(plain: &Judged, best: &Judged, surprise: f64) -> f64 {
+    let left = best.excess() / plain.excess().max(1e-9);
+    let real = 1.0 / (1.0 + (-(4.0 * (surprise - 1.0) + 1.0)).exp());
+    real * (1.0 - (MIMICRY + 0.5 * left).min(0.5))
+}
+
+/// Share of what is named that something in no catalogue mimics, where nothing is left that would betray it.
+const MIMICRY: f64 = 0.04;
 
 fn values<S: Subject>(
     problem: &Problem<S>,
@@ -752,21 +822,11 @@ fn hidden<S: Subject>(problem: &Problem<S>, scanned: &[Scanned], allowed: f64) -
     out
 }
 
-fn confidence(
-    verdict: Verdict,
-    drop: f64,
-    allowed: f64,
-    plain: &Judged,
-    best: &Judged,
-    candidates: &[Candidate],
-) -> f64 {
+fn confidence(verdict: Verdict, surprise: f64, plain: &Judged, best: &Judged) -> f64 {
     let odds = |x: f64| 1.0 / (1.0 + (-x).exp());
     match verdict {
-        Verdict::Adequate => odds(6.0 * (allowed / drop.max(1.0)).ln() + 1.0),
-        Verdict::MissingPhysics => {
-            candidates.first().map_or(0.5, |c| c.probability)
-                * odds(6.0 * (drop / allowed).ln() + 1.0)
-        }
+        Verdict::Adequate => odds(4.0 * (1.0 - surprise) + 1.0),
+        Verdict::MissingPhysics => catalogued(plain, best, surprise),
         Verdict::Unexplained => {
             let left = best.excess() / plain.excess().max(1e-9);
             odds(3.0 * (best.mean_square.max(1.0) / 4.0).ln() + 2.0 * (left / 0.05).ln().min(2.0))

@@ -201,6 +201,32 @@ pub struct Diagnosis {
     pub says: String,
     /// What simpler methods say of the same recordings: their name, whether they see anything, and the effect that they name.
     pub rivals: Vec<(&'static str, bool, Option<&'static str>)>,
+    /// What the verdict rests on: how far the scan stands out of noise.
+    pub evidence: Evidence,
+}
+
+/// How far the largest score of a scan stands out of what noise makes of the largest score.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Evidence {
+    /// Largest surprise of a hypothesis: -ln of its p-value, taken alone.
+    pub surprise: f64,
+    /// Id of that effect.
+    pub whose: &'static str,
+    /// Surprise that noise exceeds at the asked rate of false alarms, over the whole scan.
+    pub limit: f64,
+    /// Probability that noise alone surprises as much, over the whole scan.
+    pub p_value: f64,
+    /// Variance of the noise that the residual shows over the one that the capture promises.
+    pub noise_scale: f64,
+    /// Largest surprise of each effect.
+    pub each: Vec<(&'static str, f64)>,
+    /// Models that were fitted in full: their effects, score less that of the plain model (lower is better), weighted mean square, that of
+    /// the held-out recordings.
+    pub tried: Vec<(Vec<&'static str>, f64, f64, f64)>,
+    /// Largest fall of the sum of squares, priors included, by a refit with one effect.
+    pub fall: f64,
+    /// Fall that chance may bring about.
+    pub fall_by_chance: f64,
 }
 
 /// What can be diagnosed.

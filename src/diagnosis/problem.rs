@@ -221,6 +221,72 @@ impl<S: Subject> Problem<S> {
         )
     }
 
+    /// The film that the priors describe, unfitted: its noise is that of an ordinary film.
+    pub fn typical(&self) -> Fitted {
+        let eta: Vec<f64> = self.nonlinear.iter().map(|u| u.start).collect();
+        Fitted {
+            effects: Vec::new(),
+            free: Vec::new(),
+            state: State::at(&eta, &self.nonlinear, &self.linear),
+        }
+    }
+
+    /// Mean logarithm of the noise's standard deviation over all residuals, as the weights have it.
+    pub fn log_noise(&self) -> f64 {
+        let (mut sum, mut rows) = (0.0, 0.0);
+        for number in 0..self.train_when.len() {
+            for w in self.train.whitening(number) {
+                sum -= match S::CHAINS {
+                    1 => w[0].ln(),
+                    _ => (w[0] * w[2] * w[5]).ln(),
+                };
+                rows += S::CHAINS as f64;
+            }
+        }
+        sum / f64::max(rows, 1.0)
+    }
+
+    /// Variance of the noise that the residual shows over the one that the weights promise: from second differences of neighbouring
+    /// kept samples, where slow causes leave little, against those of the drawn tracks (medians, so that jumps count little).
+    pub fn noise_scale(&self, residual: &DVector<f64>) -> f64 {
+        let chains = S::CHAINS;
+        let tracks: Vec<Vec<f64>> = self
+            .train
+            .noise_rows()
+            .into_iter()
+            .filter(|t| t.len() == residual.len())
+            .collect();
+        let mut own: Vec<f64> = Vec::new();
+        let mut drawn: Vec<f64> = Vec::new();
+        let mut first = 0;
+        for number in 0..self.train_when.len() {
+            let times = self.train.kept_times_s(number);
+            for (j, t) in times.windows(3).enumerate() {
+                let (a, b) = (t[1] - t[0], t[2] - t[1]);
+                if (a - b).abs() > 1e-6 * a {
+                    continue;
+                }
+                let at = first + chains * j;
+                let bend =
+                    |r: &[f64], a: usize| (r[a] - 2.0 * r[a + chains] + r[a + 2 * chains]).powi(2);
+                for a in at..at + chains {
+                    own.push(bend(residual.as_slice(), a));
+                    drawn.extend(tracks.iter().map(|t| bend(t, a)));
+                }
+            }
+            first += chains * times.len();
+        }
+        let median = |list: &mut Vec<f64>| {
+            let middle = list.len() / 2;
+            if list.is_empty() {
+                return f64::NAN;
+            }
+            *list.select_nth_unstable_by(middle, f64::total_cmp).1
+        };
+        let scale = median(&mut own) / median(&mut drawn);
+        if scale.is_finite() { scale } else { 1.0 }
+    }
+
     /// The plain unknowns of the held-out recordings: the fitted model, clock offsets as far as they are known.
     pub fn holdout_eta(&self, fitted: &Fitted) -> Option<Vec<f64>> {
         let holdout = self.holdout.as_ref()?;
@@ -278,6 +344,10 @@ pub(super) struct Tangent {
     pub residual: DVector<f64>,
     /// Inverse of columns' columns + priors.
     inverse: DMatrix<f64>,
+    /// Roots of the priors' weights in the scaled unknowns.
+    prior_roots: DVector<f64>,
+    /// Slope of half the sum of squares, priors included, in the scaled unknowns: zero where a fit has ended.
+    slope: DVector<f64>,
 }
 
 impl Tangent {
@@ -300,14 +370,30 @@ impl Tangent {
             .chain(&fitted.state.beta)
             .copied()
             .collect();
+        // A node that no recording reaches changes nothing.
         let free: Vec<usize> = (0..width)
-            .filter(|&i| at[i] > unknowns[i].lower && at[i] < unknowns[i].upper)
+            .filter(|&i| {
+                at[i] > unknowns[i].lower
+                    && at[i] < unknowns[i].upper
+                    && design.column(i).norm_squared() > 1e-100
+            })
             .collect();
         let mut columns = DMatrix::zeros(design.nrows(), free.len());
         let mut ridge = vec![0.0; free.len()];
+        let mut slope = design.column(width).tr_mul(&design).transpose();
+        slope = DVector::from_iterator(
+            free.len(),
+            free.iter().map(|&i| {
+                let pull = unknowns[i]
+                    .prior
+                    .map_or(0.0, |p| (at[i] - p.mean) / (p.sd * p.sd));
+                slope[i] + pull
+            }),
+        );
         for (j, &i) in free.iter().enumerate() {
             let norm = design.column(i).norm().max(f64::MIN_POSITIVE);
             columns.set_column(j, &(design.column(i) / norm));
+            slope[j] /= norm;
             ridge[j] = unknowns[i].prior.map_or(0.0, |p| (p.sd * norm).powi(-2)) + 1e-12;
         }
         let mut gram = columns.tr_mul(&columns);
@@ -322,7 +408,24 @@ impl Tangent {
             columns,
             residual: design.column(width).into_owned(),
             inverse,
+            prior_roots: DVector::from_iterator(size, ridge.iter().map(|r| r.sqrt())),
+            slope,
         })
+    }
+
+    /// Coefficients with which the tangent space takes up a column, from the column's products with the columns here.
+    pub fn absorbed(&self, a: &DVector<f64>) -> DVector<f64> {
+        &self.inverse * a
+    }
+
+    /// Slope of half the sum of squares, priors included, in the scaled unknowns.
+    pub fn slope(&self) -> &DVector<f64> {
+        &self.slope
+    }
+
+    /// Roots of the priors' weights in the scaled unknowns.
+    pub fn prior_roots(&self) -> &DVector<f64> {
+        &self.prior_roots
     }
 
     /// The part of a'r that lies in the tangent space, from the product of a with the columns. At the fit's own residual there is none.

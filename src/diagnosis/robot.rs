@@ -30,7 +30,7 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
-fn open<'a>(
+pub(super) fn open<'a>(
     robot: &'a Robot,
     train: &[Entry<'a>],
     holdout: &[Entry<'a>],

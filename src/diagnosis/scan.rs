@@ -31,6 +31,13 @@ pub(super) struct Group {
 }
 
 impl Group {
+    /// Changes every column in place.
+    pub fn change(&mut self, mut each: impl FnMut(&mut [f64])) {
+        for column in self.columns.iter_mut().flatten() {
+            each(column.as_mut_slice());
+        }
+    }
+
     /// The columns with the effect on these actuators.
     pub fn columns_on(&self, on: [bool; 3]) -> Vec<DVector<f64>> {
         self.columns
@@ -101,25 +108,25 @@ pub(super) fn fingerprints<S: Subject>(
         .collect()
 }
 
-/// What every hypothesis promises at a fitted model, most promising first.
+/// What every hypothesis promises at a fitted model, most promising first; `units` are changes that might come at a moment.
 pub(super) fn scan<S: Subject>(
     problem: &Problem<S>,
-    fitted: &Fitted,
     tangent: &Tangent,
     groups: &[Group],
+    units: &[Unit],
     wanted: &(dyn Fn(&str) -> bool + Sync),
-) -> Result<Vec<Scanned>, Locked> {
+) -> Vec<Scanned> {
     let mut out: Vec<Scanned> = groups
         .par_iter()
         .flat_map_iter(|g| hypotheses(g, tangent))
         .collect();
     out.extend(
-        steps(problem, fitted, tangent)?
+        steps(problem, tangent, units)
             .into_iter()
             .filter(|s| wanted(s.acting.effect.id())),
     );
     out.sort_by(|a, b| b.promised.total_cmp(&a.promised));
-    Ok(out)
+    out
 }
 
 fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
@@ -256,38 +263,24 @@ fn solve(
     })
 }
 
-/// What the best hypothesis would promise on noise alone: the mean over the drawn tracks.
-pub(super) fn promised_by_noise<S: Subject>(
-    problem: &Problem<S>,
-    tangent: &Tangent,
-    groups: &[Group],
-) -> f64 {
-    let draws = problem.train.noise_rows();
-    let largest: Vec<f64> = draws
-        .into_par_iter()
-        .filter(|d| d.len() == tangent.residual.len())
-        .map(|d| {
-            let noise = DVector::from_vec(d);
-            groups
-                .iter()
-                .filter_map(|g| {
-                    let on = [true; 3];
-                    let columns = g.columns_on(on);
-                    solve(g.effect, &g.values, on, &columns, tangent, &noise)
-                })
-                .map(|s| s.promised)
-                .fold(0.0, f64::max)
-        })
-        .collect();
-    largest.iter().sum::<f64>() / largest.len().max(1) as f64
+/// A change that lasts, as if it had been there from the first sample on.
+pub(super) struct Unit {
+    /// The effect with the value that the column belongs to.
+    pub acting: Acting,
+    /// Its first value.
+    pub size: f64,
+    /// Whitened change of the residual.
+    pub column: Vec<f64>,
 }
 
-/// Changes at a moment: an electrode that fails, a payload that comes or goes, at every kept sample of the series and between recordings.
-fn steps<S: Subject>(
+/// The changes that might come at a moment, at a fitted model: an electrode that fails, a payload that comes or goes.
+///
+/// # Errors
+/// [`Locked`] when the film is past its locking stretch.
+pub(super) fn units<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
-    tangent: &Tangent,
-) -> Result<Vec<Scanned>, Locked> {
+) -> Result<Vec<Unit>, Locked> {
     if problem.train.moments().is_empty() {
         return Ok(Vec::new());
     }
@@ -296,28 +289,36 @@ fn steps<S: Subject>(
     let failure = crate::effects::by_id("electrode_failure").expect("in the catalogue");
     let payload = crate::effects::by_id("payload_change").expect("in the catalogue");
     let always = [-1e6, -1.0];
-    let on = |k: usize| [0, 1, 2].map(|j| j == k);
-    let mut unit: Vec<(Acting, f64, Vec<f64>)> = Vec::new();
+    let mut out = Vec::new();
     let whole =
         residual.fingerprint_by_actuator(eta, beta, failure, &[0.01, always[0], always[1]])?;
     for (k, column) in whole.into_iter().enumerate() {
         let acting = Acting {
             effect: failure,
             values: vec![0.0, 0.0, 0.0],
-            on: on(k),
+            on: [0, 1, 2].map(|j| j == k),
         };
-        unit.push((acting, 0.01, column));
+        out.push(Unit {
+            acting,
+            size: 0.01,
+            column,
+        });
     }
     let acting = Acting {
         effect: payload,
         values: vec![1e-4, always[0], always[1]],
         on: [true; 3],
     };
-    unit.push((
-        acting.clone(),
-        1e-4,
-        residual.fingerprint(eta, beta, &acting)?,
-    ));
+    out.push(Unit {
+        column: residual.fingerprint(eta, beta, &acting)?,
+        acting,
+        size: 1e-4,
+    });
+    Ok(out)
+}
+
+/// The best moment of each change: at every kept sample of the series and between recordings.
+fn steps<S: Subject>(problem: &Problem<S>, tangent: &Tangent, units: &[Unit]) -> Vec<Scanned> {
     // Rows in the order of the series, latest first.
     let mut rows: Vec<(f64, f64, usize, usize)> = Vec::new(); // recording, time, first row, recording number
     let mut at = 0;
@@ -330,7 +331,12 @@ fn steps<S: Subject>(
     rows.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
     let p = tangent.columns.ncols();
     let mut out = Vec::new();
-    for (acting, size, column) in unit {
+    for Unit {
+        acting,
+        size,
+        column,
+    } in units
+    {
         let mut along = DVector::zeros(p);
         let (mut whole, mut product) = (0.0, 0.0);
         let mut best: Option<(f64, f64, usize)> = None; // promised, coefficient, row
@@ -366,7 +372,7 @@ fn steps<S: Subject>(
         let (recording, time_s, ..) = rows[i];
         // Where the sample before is of an earlier recording the change lies between the two.
         let between = rows.get(i + 1).is_some_and(|b| b.0 < recording);
-        let mut acting = acting;
+        let mut acting = acting.clone();
         acting.values = vec![value, if between { -1e6 } else { time_s }, recording];
         out.push(Scanned {
             acting,
@@ -375,7 +381,7 @@ fn steps<S: Subject>(
             strength: (promised, (value / q.spread).abs()),
         });
     }
-    Ok(out)
+    out
 }
 
 /// Hypotheses that the sparse regression may choose from.

@@ -1,13 +1,40 @@
-//! The capture system filters and delays positions: a second-order low-pass of damping 0.7, whose inverse is
-//! u = u_m + 1.4 tau u_m' + tau^2 u_m''; `delay` is 1.4 tau.
+//! The capture system filters and delays positions: a second-order low-pass of damping 0.7 and a pure delay of rho tau, whose inverse is
+//! u(t) = (u_m + 1.4 tau u_m' + tau^2 u_m'')(t + rho tau). `delay` is what slow motion lags by, (1.4 + rho) tau; `pure` is rho, at most
+//! 1: a delay that were free would take the place of every clock offset.
 
-use super::{Effect, Quantity, Reach, Reading, Seen, Site, size};
+use super::{Effect, Quantity, Reach, Reading, Seen, Site, shape, size};
 use crate::kinematics::Vec3;
 
 pub struct MocapLag;
 
 /// Damping of the low-pass, twice: delay over tau.
 const DELAY_PER_TAU: f64 = 1.4;
+
+/// The time constant of a lag with these values, s.
+pub(crate) fn tau_s(v: &[f64]) -> f64 {
+    v[0] / (DELAY_PER_TAU + v[1])
+}
+
+/// A series and its derivative read a time later: cubics between samples; beyond the last sample the last value.
+fn later(x: &mut [Vec3], rate: &[Vec3], by_samples: f64, step_s: f64) {
+    let n = x.len();
+    let old = x.to_vec();
+    for (i, x) in x.iter_mut().enumerate() {
+        let place = (i as f64 + by_samples).clamp(0.0, (n - 1) as f64);
+        let a = (place as usize).min(n.saturating_sub(2));
+        let b = (a + 1).min(n - 1);
+        let s = place - a as f64;
+        for k in 0..3 {
+            let (h00, h10) = (
+                (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s),
+                s * (1.0 - s) * (1.0 - s),
+            );
+            x[k] = h00 * old[a][k]
+                + (1.0 - h00) * old[b][k]
+                + step_s * (h10 * rate[a][k] + s * s * (s - 1.0) * rate[b][k]);
+        }
+    }
+}
 
 /// The derivative of a sampled series by central differences.
 fn derivative(x: &[Vec3], step_s: f64) -> Vec<Vec3> {
@@ -32,7 +59,12 @@ impl Effect for MocapLag {
         "second-order low-pass, inverted"
     }
     fn parameters(&self) -> &'static [Quantity] {
-        const { &[size("delay", "s", 0.0, 0.4, 0.05)] }
+        const {
+            &[
+                size("delay", "s", 0.0, 0.4, 0.05),
+                shape("pure", "1", 0.0, 0.0, 1.0, 0.5),
+            ]
+        }
     }
     fn site(&self) -> Site {
         Site::Motion
@@ -41,7 +73,10 @@ impl Effect for MocapLag {
         Reach::All
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [0.005, 0.03, 0.08].iter().map(|&d| vec![vec![d]]).collect()
+        [[0.005, 0.0], [0.03, 0.0], [0.03, 0.7], [0.08, 0.3]]
+            .iter()
+            .map(|d| vec![d.to_vec()])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "fast drives above 2 Hz: a filter rounds the motion, an offset does not"
@@ -50,17 +85,30 @@ impl Effect for MocapLag {
         if v[0] == 0.0 {
             return;
         }
-        let square = (v[0] / DELAY_PER_TAU).powi(2);
+        let tau = tau_s(v);
+        let (first, square) = (DELAY_PER_TAU * tau, tau * tau);
         let jerk = derivative(motion.acceleration_m_s2, motion.step_s);
         let snap = derivative(&jerk, motion.step_s);
         for i in 0..motion.position_m.len() {
             for k in 0..3 {
                 motion.position_m[i][k] +=
-                    v[0] * motion.velocity_m_s[i][k] + square * motion.acceleration_m_s2[i][k];
+                    first * motion.velocity_m_s[i][k] + square * motion.acceleration_m_s2[i][k];
                 motion.velocity_m_s[i][k] +=
-                    v[0] * motion.acceleration_m_s2[i][k] + square * jerk[i][k];
-                motion.acceleration_m_s2[i][k] += v[0] * jerk[i][k] + square * snap[i][k];
+                    first * motion.acceleration_m_s2[i][k] + square * jerk[i][k];
+                motion.acceleration_m_s2[i][k] += first * jerk[i][k] + square * snap[i][k];
             }
+        }
+        let by = v[1] * tau / motion.step_s;
+        if by != 0.0 {
+            let change = derivative(motion.acceleration_m_s2, motion.step_s);
+            later(motion.position_m, motion.velocity_m_s, by, motion.step_s);
+            later(
+                motion.velocity_m_s,
+                motion.acceleration_m_s2,
+                by,
+                motion.step_s,
+            );
+            later(motion.acceleration_m_s2, &change, by, motion.step_s);
         }
     }
 }

@@ -25,7 +25,7 @@ pub mod line;
 mod link_length_error;
 mod loss_of_tension;
 mod marker_offset;
-mod mocap_lag;
+pub(crate) mod mocap_lag;
 mod mullins_softening;
 mod payload_change;
 mod permittivity_stretch;

@@ -5,8 +5,10 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
+mod concealment;
 mod score;
 
+pub use concealment::{Concealment, group};
 pub use score::{Count, Median, Method, Proof, score};
 
 use crate::cases::{Case, CaseRecording, Spec, Truth, generate};
@@ -39,6 +41,10 @@ pub struct Trial {
     pub candidates: Vec<(String, f64)>,
     /// Ids that the diagnosis calls indistinguishable from the first.
     pub group: Vec<String>,
+    /// Ids that the recordings cannot tell from the true effect, with the cosine of the projected fingerprints at the truth.
+    pub true_group: Vec<(String, f64)>,
+    /// What the plain refit makes of the case.
+    pub concealment: Concealment,
     /// Share of the gap to the floor that is closed on held-out recordings.
     pub gap_closed: f64,
     /// Whether a place among the first three overlaps the truth by half; none where the truth has no place.
@@ -49,6 +55,15 @@ pub struct Trial {
     pub true_values: Vec<(String, f64)>,
     /// Weighted mean squares: plain, best, held out best.
     pub mean_squares: [f64; 3],
+    /// Evidence: largest surprise of the scan, what noise allows, p-value; fall of the sum of squares, what chance allows;
+    /// variance of the noise over the promised one.
+    pub evidence: [f64; 6],
+    /// The effect with the largest surprise.
+    pub most_surprising: String,
+    /// Largest surprise of each effect.
+    pub surprises: Vec<(String, f64)>,
+    /// Models that were fitted: effects, score less the plain model's, weighted mean square, that of the held-out recordings.
+    pub tried: Vec<(String, f64, f64, f64)>,
     /// What simpler methods said: their name, whether they saw anything, what they named.
     pub rivals: Vec<(String, bool, Option<String>)>,
     /// Seconds that the diagnosis took.
@@ -90,12 +105,7 @@ fn entries<'a>(datasets: &'a [Dataset], first: usize, series_s: &[f64]) -> Vec<E
 /// Why there is no diagnosis.
 pub fn blind(case: &Case) -> Result<Diagnosis, String> {
     let (train, holdout) = (datasets(case, &case.train)?, datasets(case, &case.holdout)?);
-    let mut series_s = Vec::new();
-    let mut now = 0.0;
-    for d in train.iter().chain(&holdout) {
-        series_s.push(now);
-        now += 120.0 + d.step_s * d.samples() as f64;
-    }
+    let series_s = series(train.iter().chain(&holdout));
     diagnose(
         &case.robot,
         &entries(&train, 0, &series_s),
@@ -115,7 +125,23 @@ pub fn trial(spec: &Spec) -> Result<Trial, String> {
     let begin = std::time::Instant::now();
     let diagnosis = blind(&case);
     let seconds = begin.elapsed().as_secs_f64();
-    Ok(compare(&case.truth, diagnosis, seconds))
+    let mut out = compare(&case.truth, diagnosis, seconds);
+    let train = datasets(&case, &case.train)?;
+    let series_s = series(&train);
+    out.true_group = group(&case.truth, &case.robot, &entries(&train, 0, &series_s));
+    Ok(out)
+}
+
+/// Beginnings of recordings that are taken to be two minutes apart, s.
+fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
+    let mut now = 0.0;
+    list.into_iter()
+        .map(|d| {
+            let begins = now;
+            now += 120.0 + d.step_s * d.samples() as f64;
+            begins
+        })
+        .collect()
 }
 
 /// Runs all cases, in parallel. `watch` hears of each.
@@ -146,6 +172,8 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         named: Vec::new(),
         candidates: Vec::new(),
         group: Vec::new(),
+        true_group: Vec::new(),
+        concealment: Concealment::default(),
         gap_closed: f64::NAN,
         located: None,
         values: Vec::new(),
@@ -156,6 +184,10 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
                 .collect()
         }),
         mean_squares: [f64::NAN; 3],
+        evidence: [f64::NAN; 6],
+        most_surprising: String::new(),
+        surprises: Vec::new(),
+        tried: Vec::new(),
         rivals: Vec::new(),
         seconds,
         failure: None,
@@ -167,6 +199,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
             return out;
         }
     };
+    out.concealment = Concealment::new(truth, &d);
     out.detectability = d.train.before_v / d.train.noise_floor_v;
     out.verdict = d.verdict.name().into();
     out.confidence = d.confidence;
@@ -202,6 +235,22 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
             .map(|v| (v.name.to_string(), v.value, v.std_error))
             .collect();
     }
+    let e = &d.evidence;
+    out.evidence = [
+        e.surprise,
+        e.limit,
+        e.p_value,
+        e.fall,
+        e.fall_by_chance,
+        e.noise_scale,
+    ];
+    out.surprises = e.each.iter().map(|s| (s.0.to_string(), s.1)).collect();
+    out.most_surprising = e.whose.into();
+    out.tried = e
+        .tried
+        .iter()
+        .map(|t| (t.0.join(" + "), t.1, t.2, t.3))
+        .collect();
     out.rivals = d
         .rivals
         .iter()

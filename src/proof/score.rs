@@ -99,13 +99,13 @@ pub struct Proof {
     pub top1_detectable: Count,
     /// The same among the first three candidates.
     pub top3_detectable: Count,
-    /// The same, or within the group that the diagnosis states.
+    /// The same, or within the group that the prover draws at the truth.
     pub group_detectable: Count,
     /// Single effects below 1.5 times the floor that were named first.
     pub top1_hidden: Count,
-    /// The same, or within the group that the diagnosis states.
+    /// The same, or within the group that the prover draws at the truth.
     pub group_hidden: Count,
-    /// Single effects below 1.5 times the floor for which another name was claimed, outside the stated group.
+    /// Single effects below 1.5 times the floor for which another name was claimed, outside the prover's group.
     pub wrong_hidden: Count,
     /// Effects in no catalogue that were called unexplained.
     pub unknown_called_unexplained: Count,
@@ -155,8 +155,12 @@ pub fn score(trials: &[Trial]) -> Proof {
     let unknown = select(&is_unknown);
     let pairs = select(&|t| t.truth.len() == 2);
     let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
-    let grouped =
-        |t: &Trial| first(t) || (!t.named.is_empty() && t.group.iter().any(|g| *g == t.truth[0]));
+    let grouped = |t: &Trial| {
+        first(t)
+            || t.named
+                .first()
+                .is_some_and(|n| t.true_group.iter().any(|g| g.0 == *n))
+    };
     let placed = select(&|t| t.located.is_some() && t.verdict != "adequate");
     let right = select(&|t| single(t) && first(t));
     let (mut inside, mut measured) = (0, 0);

@@ -94,7 +94,7 @@ fn scores(proof: &Proof) -> Section {
             &proof.top3_detectable,
         ),
         (
-            "Visible: right effect or its stated group",
+            "Visible: right effect, or one that the recordings cannot tell from it",
             &proof.group_detectable,
         ),
         (
@@ -102,7 +102,7 @@ fn scores(proof: &Proof) -> Section {
             &proof.top1_hidden,
         ),
         (
-            "Below: right effect or its stated group",
+            "Below: right effect, or one that the recordings cannot tell from it",
             &proof.group_hidden,
         ),
         ("Below: another name outside the group", &proof.wrong_hidden),
@@ -177,6 +177,22 @@ fn confusion(proof: &Proof) -> Section {
     section("confusion", "Confusion", "", table)
 }
 
+/// The three that moved furthest.
+fn moved(list: &[(String, f64)]) -> String {
+    let words: Vec<String> = list
+        .iter()
+        .take(3)
+        .map(|(name, by)| {
+            format!(
+                "{} x {}",
+                name.replace('_', " "),
+                number::significant(1.0 + by, 2)
+            )
+        })
+        .collect();
+    words.join(", ")
+}
+
 fn concealed(trials: &[Trial]) -> Section {
     let mut table = Table::new(
         "Each case: what the plain refit makes of it",
@@ -184,6 +200,8 @@ fn concealed(trials: &[Trial]) -> Section {
             Cell::text("Case"),
             Cell::text("Truth"),
             Cell::number("Plain refit over floor"),
+            Cell::number("held out"),
+            Cell::text("Film moved to"),
             Cell::number("Weighted mean square, plain"),
             Cell::number("with the effect named"),
             Cell::text("Said"),
@@ -198,6 +216,8 @@ fn concealed(trials: &[Trial]) -> Section {
             Cell::of("file", t.case.clone()),
             Cell::text(or(&t.truth, "none")),
             Cell::number(format!("{:.2}", t.detectability)),
+            Cell::number(format!("{:.2}", t.concealment.held_out_over_floor)),
+            Cell::text(moved(&t.concealment.moved)),
             Cell::number(number::significant(t.mean_squares[0], 3)),
             Cell::number(number::significant(t.mean_squares[1], 3)),
             Cell::text(format!("{} {}", t.verdict, t.named.join(" + "))),
@@ -206,7 +226,7 @@ fn concealed(trials: &[Trial]) -> Section {
     section(
         "cases",
         "The concealment, case by case",
-        "A ratio near 1 means that wrong moduli hide the effect in volts; the weighted torque residual still sees it.",
+        "Film moved to: the three parameters of the plain refit that are furthest from the true ones, over these. A ratio near 1 means that wrong moduli hide the effect in volts; the weighted torque residual still sees it.",
         table,
     )
 }

@@ -28,6 +28,8 @@ const HELD: usize = 512;
 const REPLICATES: usize = 12;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
 const COVARIANCE_REACH_S: f64 = 0.6;
+/// Kept samples to each side over which the size of the noise is averaged where it is followed from place to place.
+const NEAR: usize = 2;
 /// Length of a block of the noise scores, s: long against the correlation of the residual's noise.
 const SCORE_BLOCK_S: f64 = 4.0;
 /// How far a free clock offset may wander from where it starts, s.
@@ -129,6 +131,8 @@ pub struct RobotResidual<'a> {
     recordings: Vec<Prepared<'a>>,
     effects: Vec<Acting>,
     replicates: usize,
+    /// Whether the size of the noise is followed from place to place.
+    by_place: bool,
     layout: Layout,
     arch: Arch,
     forearm: ForearmTorque,
@@ -301,6 +305,7 @@ impl<'a> RobotResidual<'a> {
             },
             effects: Vec::new(),
             replicates: REPLICATES,
+            by_place: false,
             arch: Arch::new(),
             forearm: forearm.clone(),
         })
@@ -327,6 +332,7 @@ impl<'a> RobotResidual<'a> {
             },
             effects,
             replicates: self.replicates,
+            by_place: self.by_place,
             arch: self.arch,
             forearm: self.forearm.clone(),
         }
@@ -1207,8 +1213,9 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the noise is of second
-    /// order), so that setting the weights again is cheap.
+    /// order), so that setting the weights again is cheap. The size of the noise is then followed from place to place.
     pub fn keep_drawn(&mut self, count: usize) {
+        self.by_place = true;
         self.replicates = count;
         for number in 0..self.recordings.len() {
             self.recordings[number].drawn = Arc::new(self.draw(number, &[]));
@@ -1257,11 +1264,28 @@ impl<'a> RobotResidual<'a> {
                     sum / filtered.len() as f64
                 })
                 .collect();
+            // Where many tracks are drawn only to set weights, the noise's size may change faster than its shape: near a pose of
+            // little leverage, or near locking.
+            let near: Vec<f64> = (0..kept)
+                .map(|j| {
+                    let window = &outer[j.saturating_sub(NEAR)..(j + NEAR + 1).min(kept)];
+                    let mean = window.iter().map(Matrix3::trace).sum::<f64>();
+                    mean / window.len() as f64 + f64::MIN_POSITIVE
+                })
+                .collect();
+            let outer: Vec<Matrix3<f64>> = if self.by_place {
+                outer.iter().zip(&near).map(|(o, n)| o / *n).collect()
+            } else {
+                outer
+            };
             let mut largest = 0.0_f64;
             for (j, &centre) in r.centres.iter().enumerate() {
                 let window = &outer[j.saturating_sub(reach)..(j + reach + 1).min(kept)];
                 let mut covariance: Matrix3<f64> =
                     window.iter().sum::<Matrix3<f64>>() / window.len() as f64;
+                if self.by_place {
+                    covariance *= near[j];
+                }
                 for k in 0..3 {
                     let slope = r.mechanics.chains[k].half_capacitance_slope[centre];
                     let phi = r.dataset.command_v(k, centre, offset);

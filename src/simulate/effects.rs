@@ -218,7 +218,7 @@ pub fn effect_robot(acting: &Acting, robot: &Robot) -> Robot {
 pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion {
     let mut out = motion.clone();
     if acting.effect.id() == "mocap_lag" {
-        lagged(acting.values[0], &mut out);
+        lagged(&acting.values, &mut out);
         return out;
     }
     // A shift and a rotation are undone by their opposites.
@@ -236,13 +236,14 @@ pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion
     out
 }
 
-/// u_m + delay u_m' + tau^2 u_m'' = u with delay = 1.4 tau, from rest at the first position; u is a straight line between samples,
-/// and the step is split until tau is many of them.
-fn lagged(delay_s: f64, motion: &mut Motion) {
-    if delay_s == 0.0 {
+/// u_m + 1.4 tau u_m' + tau^2 u_m'' = u, from rest at the first position, then read rho tau earlier; u is a straight line between
+/// samples, and the step is split until tau is many of them.
+fn lagged(values: &[f64], motion: &mut Motion) {
+    if values[0] == 0.0 {
         return;
     }
-    let square = (delay_s / 1.4).powi(2);
+    let tau = crate::effects::mocap_lag::tau_s(values);
+    let (delay_s, square) = (1.4 * tau, tau * tau);
     let parts = (40.0 * motion.step_s / delay_s).ceil().max(4.0);
     let h = motion.step_s / parts;
     for axis in 0..3 {
@@ -267,6 +268,25 @@ fn lagged(delay_s: f64, motion: &mut Motion) {
             motion.position_m[i][axis] = state[0];
             motion.velocity_m_s[i][axis] = state[1];
             motion.acceleration_m_s2[i][axis] = rates(state, truth[i])[1];
+        }
+    }
+    let by = values[1] * tau / motion.step_s;
+    if by == 0.0 {
+        return;
+    }
+    let n = motion.position_m.len();
+    for series in [
+        &mut motion.position_m,
+        &mut motion.velocity_m_s,
+        &mut motion.acceleration_m_s2,
+    ] {
+        let old = series.clone();
+        for (i, x) in series.iter_mut().enumerate() {
+            let place = (i as f64 - by).max(0.0);
+            let a = (place as usize).min(n - 1);
+            let b = (a + 1).min(n - 1);
+            let s = place - a as f64;
+            *x = [0, 1, 2].map(|k| old[a][k] + s * (old[b][k] - old[a][k]));
         }
     }
 }

@@ -1,0 +1,116 @@
+//! What conceals a case: how little a plain refit leaves, at the price of which wrong moduli; and which effects its recordings cannot
+//! tell from the true one. All of it from the answer: nothing here is seen by the diagnosis.
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::cases::Truth;
+use crate::diagnosis::{Diagnosis, Entry, alike_at};
+use crate::effects::{Acting, by_id};
+use crate::film::Film;
+use crate::model::{ForearmTorque, Parameters, Robot};
+
+/// What the plain refit makes of a case.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Concealment {
+    /// What it leaves above 1 kV over the noise floor there, on the recordings that were fitted.
+    pub residual_over_floor: f64,
+    /// The same on the held-out ones.
+    pub held_out_over_floor: f64,
+    /// Film parameters over the true ones less 1, those that moved furthest first: `mu_1`, ..., `T_1`, ..., `J`.
+    pub moved: Vec<(String, f64)>,
+}
+
+impl Concealment {
+    /// Compares a plain refit with the true film.
+    pub fn new(truth: &Truth, d: &Diagnosis) -> Self {
+        let film = &d.plain.film;
+        let mut moved = Vec::new();
+        let mut compare = |name: &str, own: &[f64], truth: &[f64]| {
+            for (i, (a, b)) in own.iter().zip(truth).enumerate() {
+                if *b > 0.0 && own.len() == truth.len() {
+                    moved.push((format!("{name}_{}", i + 1), a / b - 1.0));
+                }
+            }
+        };
+        compare("mu", &film.mu_pa, &truth.film.mu_Pa);
+        compare("T", &film.relaxation_time_s, &truth.film.T_s);
+        if truth.film.J > 0.0 {
+            moved.push(("J".into(), film.locking / truth.film.J - 1.0));
+        }
+        // Twice as much and half as much are equally far.
+        moved.sort_by(|a, b| {
+            let far = |m: f64| (1.0 + m).max(1e-3).ln().abs();
+            far(b.1).total_cmp(&far(a.1))
+        });
+        let over = |g: &crate::diagnosis::Gain| g.before_v / g.noise_floor_v;
+        Concealment {
+            residual_over_floor: over(&d.train),
+            held_out_over_floor: d.holdout.as_ref().map_or(f64::NAN, over),
+            moved,
+        }
+    }
+}
+
+/// The true film and forearm, where the answer has them.
+fn parameters(truth: &Truth) -> Option<Parameters> {
+    let f = &truth.film;
+    if f.mu_Pa.len() != f.T_s.len() + 1 || f.forearm_nodes_deg.is_empty() {
+        return None;
+    }
+    let nodes = f.forearm_nodes_deg.iter().map(|d| d.to_radians()).collect();
+    Some(Parameters {
+        film: Film {
+            mu_pa: f.mu_Pa.clone(),
+            relaxation_time_s: f.T_s.clone(),
+            locking: f.J,
+        },
+        forearm: ForearmTorque::new(nodes, f.forearm_torque_Nm.clone()).ok()?,
+    })
+}
+
+/// The only effect of an answer as the catalogue has it; `None` for clean cases, pairs and what is in no catalogue.
+fn acting(truth: &Truth, entries: &[Entry]) -> Option<Acting> {
+    let ([id], Some(detail)) = (&truth.effects[..], truth.detail.first()) else {
+        return None;
+    };
+    let effect = by_id(id)?;
+    let on = [1, 2, 3].map(|k| detail.actuators.contains(&k));
+    let mut out = Acting::off(effect, on);
+    for (i, q) in effect.parameters().iter().enumerate() {
+        let (name, part) = q.part();
+        let Some(value) = detail.parameters.get(name) else {
+            continue;
+        };
+        let number = match (value, part) {
+            (Value::Number(v), None) => v.as_f64(),
+            (Value::Array(list), Some(p)) => list.get(p).and_then(Value::as_f64),
+            (Value::String(word), None) => {
+                let form = effect.variants().iter().position(|w| w == word);
+                let recording = entries
+                    .iter()
+                    .position(|e| e.dataset.id.rsplit('/').next() == word.rsplit('/').next());
+                form.or(recording).map(|n| n as f64)
+            }
+            _ => None,
+        };
+        if let Some(number) = number {
+            out.values[i] = number.clamp(q.lower, q.upper);
+        }
+    }
+    Some(out)
+}
+
+/// Ids that the recordings cannot tell from the true effect, with the cosine: projected fingerprints at the true film.
+pub fn group(truth: &Truth, robot: &Robot, entries: &[Entry]) -> Vec<(String, f64)> {
+    let (Some(parameters), Some(acting)) = (parameters(truth), acting(truth, entries)) else {
+        return Vec::new();
+    };
+    alike_at(robot, entries, &parameters, &acting)
+        .map(|list| {
+            list.into_iter()
+                .map(|(id, c)| (id.to_string(), c))
+                .collect()
+        })
+        .unwrap_or_default()
+}

@@ -139,7 +139,6 @@ fn the_inverse_model_with_the_cause_asks_for_the_voltage_that_was_given() {
         ("clock_skew", &[3e-3], all, 2.0),
         ("frame_tilt", &[0.01, -0.02, 0.03], all, 2.0),
         ("marker_offset", &[5e-4, -3e-4, 4e-4], all, 2.0),
-        ("mocap_lag", &[0.02, 0.0], all, 2.0),
         ("mocap_lag", &[0.02, 0.6], all, 2.0),
     ];
     assert_eq!(cases.len(), deacal::effects::CATALOGUE.len());

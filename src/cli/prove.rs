@@ -44,8 +44,8 @@ pub(super) struct Arguments {
 
 /// Writes cases with their answers apart.
 fn keep(specs: &[Spec], dir: &Path) -> Result<(), Failure> {
-    let mut cases = OutputSet::new(&dir.join("cases"))?;
-    let mut answers = OutputSet::new(&dir.join("answers"))?;
+    let mut cases = OutputSet::new(dir.join("cases"))?;
+    let mut answers = OutputSet::new(dir.join("answers"))?;
     for spec in specs {
         let case = generate(spec)?;
         for (name, bytes) in case.files() {

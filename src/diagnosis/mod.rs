@@ -533,7 +533,17 @@ fn candidates<S: Subject>(
         Verdict::Unexplained => 0.25,
     };
     if let Some(pair) = pair {
-        for own in 0..pair.fitted.effects.len() {
+        // First the one that explains more alone.
+        let rank = |own: usize| {
+            let id = pair.fitted.effects[own].effect.id();
+            let place = singles
+                .iter()
+                .position(|j| j.fitted.effects[0].effect.id() == id);
+            place.unwrap_or(usize::MAX)
+        };
+        let mut members: Vec<usize> = (0..pair.fitted.effects.len()).collect();
+        members.sort_by_key(|&own| rank(own));
+        for own in members {
             // How sure each member is: against the best model that lacks it.
             let id = pair.fitted.effects[own].effect.id();
             let without = singles

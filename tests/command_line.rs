@@ -649,7 +649,7 @@ fn causes_that_do_not_exist_are_refused_with_those_that_do() {
 fn recordings_that_cannot_be_diagnosed() {
     let bench = Bench::new("single-1");
     let coupon = concat!(env!("CARGO_MANIFEST_DIR"), "/datasets/miles2015_vhb4910");
-    let text = bench.refused(&["diagnose", coupon, "-o", "out"]);
+    let text = bench.refused(&["diagnose", "rec", coupon, "-o", "out"]);
     assert_says(&text, &["film-coupon", "robot"]);
     let other = Bench::new("single-2");
     other.edit("rig.toml", |t| t.replace("q_mm = 50.0", "q_mm = 50.5"));

@@ -4,7 +4,7 @@
 //! # Band of an axis
 //! The balance of an axis needs an acceleration, and noise grows with the square of the frequency. Motion, input and load go through one
 //! and the same low-pass, flat up to f and zero from 1.3 f on; the derivatives are part of it (a finite kernel each), so that nothing is
-//! differentiated that was not measured. f is where the spectrum of the coordinate falls to four times its floor, read from the data.
+//! differentiated that was not measured. f is the highest frequency at which the spectrum of the coordinate stands four times above its floor, read from the data.
 
 use super::{Coupon, CouponError};
 use crate::recording::{
@@ -630,13 +630,11 @@ fn band(values: &[f64], step_s: f64) -> (f64, f64) {
         let (a, b) = (k.saturating_sub(3), (k + 4).min(bins));
         power[a..b].iter().sum::<f64>() / (b - a) as f64
     };
-    let peak = (1..bins)
-        .max_by(|&a, &b| smooth(a).total_cmp(&smooth(b)))
-        .unwrap_or(1);
-    let end = (peak..bins)
-        .find(|&k| smooth(k) < ABOVE_FLOOR * floor)
-        .unwrap_or(bins)
-        .max(6);
+    // from above: a drive of several tones has gaps in its spectrum
+    let end = (1..bins)
+        .rev()
+        .find(|&k| smooth(k) >= ABOVE_FLOOR * floor)
+        .map_or(6, |k| (k + 1).max(6));
     let highest = (WIDEST * size as f64) as usize;
     (floor, end.min(highest) as f64 / (size as f64 * step_s))
 }

@@ -75,6 +75,7 @@ fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
                     let phase = turn * rate_hz * i as f64 * STEP_S;
                     out.push([0.5 * share * peak_v * (1.0 - phase.cos()); 3]);
                 }
+                out.push([0.0; 3]);
             }
         }
         Block::Staircase => {

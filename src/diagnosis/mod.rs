@@ -850,8 +850,16 @@ fn next_experiment(
     candidates: &[Candidate],
     words: &subject::Words,
 ) -> String {
+    // what was fitted knows its own drive; others are looked up
     let by = |id: &str| {
-        crate::effects::by_id(id).map_or(String::new(), |e| e.brought_out_by().to_string())
+        let own = candidates.iter().map(|c| c.acting.effect);
+        let own = own.into_iter().find(|e| e.id() == id);
+        let robot = || crate::effects::by_id(id).map(|e| e.brought_out_by());
+        let line = || crate::effects::line::by_id(id).map(|e| e.brought_out_by());
+        own.map(|e| e.brought_out_by())
+            .or_else(robot)
+            .or_else(line)
+            .unwrap_or_default()
     };
     match (verdict, groups.first()) {
         (Verdict::MissingPhysics, Some(g)) => format!(

@@ -4,7 +4,7 @@
 //! # Band of an axis
 //! The balance of an axis needs an acceleration, and noise grows with the square of the frequency. Motion, input and load go through one
 //! and the same low-pass, flat up to f and zero from 1.3 f on; the derivatives are part of it (a finite kernel each), so that nothing is
-//! differentiated that was not measured. f is the highest frequency at which the spectrum of the coordinate stands four times above its floor, read from the data.
+//! differentiated that was not measured. f is where a wider band would bring more noise than motion to the balance, read from the spectrum of the coordinate and its floor.
 
 use super::{Coupon, CouponError};
 use crate::recording::{
@@ -466,7 +466,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             "the coordinate stands at the end of its range in {stuck} samples while the input changes: look whether its sensor is at its rail"
         ));
     }
-    let (floor, band_hz) = band(&x, step_s);
+    let (floor, band_hz) = band(&x, step_s, if velocity { 1 } else { 2 });
     // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at its ends.
     let (mut grid, mut x, mut gaps) = (grid, x, gaps);
     let still = |part: &[f64]| {
@@ -493,7 +493,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             load.splice(0..0, std::iter::repeat_n(held, more));
         }
     }
-    let (input_floor, _) = band(&input, median_step(&input_time_s));
+    let (input_floor, _) = band(&input, median_step(&input_time_s), 0);
     let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
     let si = |c: NumberOrEstimate| Constant::of(c);
     Ok(Line {
@@ -586,9 +586,9 @@ const ABOVE_FLOOR: f64 = 4.0;
 /// The band never reaches further than this share of the sampling rate.
 const WIDEST: f64 = 0.36;
 
-/// Variance of the white floor of a signal, and the frequency up to which it stands above that floor, Hz (Welch's averaged
-/// periodogram, Hann window).
-fn band(values: &[f64], step_s: f64) -> (f64, f64) {
+/// Variance of the white floor of a signal, and the frequency up to which its derivative (of the order that the balance needs) stands
+/// above that floor, Hz (Welch's averaged periodogram, Hann window).
+fn band(values: &[f64], step_s: f64, derivatives: i32) -> (f64, f64) {
     let size = PIECE.min(values.len() / 2 * 2).max(8);
     let count = (2 * values.len() / size).saturating_sub(1).clamp(1, PIECES);
     let stride = if count > 1 {
@@ -626,15 +626,15 @@ fn band(values: &[f64], step_s: f64) -> (f64, f64) {
     let mut top: Vec<f64> = power[bins * 85 / 100..].to_vec();
     top.sort_by(f64::total_cmp);
     let floor = top[top.len() / 2];
-    let smooth = |k: usize| {
-        let (a, b) = (k.saturating_sub(3), (k + 4).min(bins));
-        power[a..b].iter().sum::<f64>() / (b - a) as f64
-    };
-    // from above: a drive of several tones has gaps in its spectrum
-    let end = (1..bins)
-        .rev()
-        .find(|&k| smooth(k) >= ABOVE_FLOOR * floor)
-        .map_or(6, |k| (k + 1).max(6));
+    // what a wider band brings of the balance's derivative, less the noise that comes with it: a far line has to be worth the noise
+    // between
+    let (mut sum, mut best, mut end) = (0.0, 0.0, 6);
+    for (k, p) in power.iter().enumerate().skip(1) {
+        sum += (p - ABOVE_FLOOR * floor) * (k as f64).powi(2 * derivatives);
+        if sum > best {
+            (best, end) = (sum, (k + 2).max(6));
+        }
+    }
     let highest = (WIDEST * size as f64) as usize;
     (floor, end.min(highest) as f64 / (size as f64 * step_s))
 }
@@ -655,7 +655,7 @@ mod tests {
                 (6.0 * t).sin() + 0.5 * (60.0 * t).sin() + 0.01 * z
             })
             .collect();
-        let (floor, f) = band(&values, 0.01);
+        let (floor, f) = band(&values, 0.01, 2);
         // the fastest sine is at 9.5 Hz
         assert!((9.0..12.5).contains(&f), "{f}");
         assert!((floor.sqrt() / 0.01 - 1.0).abs() < 0.15, "{}", floor.sqrt());

@@ -79,7 +79,7 @@ pub struct Spec {
 /// One recording of a case.
 #[derive(Debug, Clone)]
 pub struct CaseRecording {
-    /// "<case>/01-symmetric".
+    /// `<case>/01-symmetric`.
     pub id: String,
     /// What a tool sees.
     pub parts: Parts,

@@ -282,18 +282,25 @@ impl Subject for LineResidual<'_> {
         let mut out = vec![
             Coordinate {
                 dimension: "position",
+                says: "position",
                 unit: coordinate.into(),
                 at: 6,
                 rounding: fine(scales.coordinate),
             },
             Coordinate {
                 dimension: "largest_stretch",
+                says: "largest excursion so far",
                 unit: coordinate.into(),
                 at: 5,
                 rounding: fine(scales.coordinate),
             },
             Coordinate {
                 dimension: "voltage",
+                says: match self.kind() {
+                    Kind::Axis => "input",
+                    Kind::Bench => "torque",
+                    Kind::Coupon => "stress",
+                },
                 unit: drive,
                 at: 0,
                 rounding: fine(largest),
@@ -302,6 +309,7 @@ impl Subject for LineResidual<'_> {
         if self.lines().all(|l| l.timed) {
             out.push(Coordinate {
                 dimension: "time",
+                says: "time",
                 unit: "s".into(),
                 at: 2,
                 rounding: 1e3,

@@ -106,6 +106,7 @@ pub(super) fn locate(
     }
     for c in coordinates {
         let (dimension, unit, at, rounding) = (c.dimension, c.unit.as_str(), c.at, c.rounding);
+        let says = c.says;
         let mut order: Vec<usize> = (0..spots.len()).collect();
         order.sort_by(|&a, &b| spots[a].at[at].total_cmp(&spots[b].at[at]));
         let edge = |i: usize| spots[order[(i * spots.len() / BINS).min(spots.len() - 1)]].at[at];
@@ -144,7 +145,7 @@ pub(super) fn locate(
                 says: format!(
                     "{:.0} % of the excess lies at a {} of {} to {} {unit}, where {:.0} % of the samples are",
                     100.0 * e,
-                    dimension.replace('_', " "),
+                    says,
                     range[0],
                     range[1],
                     100.0 * c
@@ -188,6 +189,13 @@ pub(super) fn locate(
                 p_value(ratio),
             ),
         );
+        if let (true, Some(last)) = (chains == 1, found.last_mut()) {
+            last.1.says = format!(
+                "{:.0} % of the excess lies where the coordinate is {value}, {:.0} % of the samples",
+                100.0 * e,
+                100.0 * c
+            );
+        }
     }
     for (r, entry) in entries.iter().enumerate() {
         let id = entry.id.clone();

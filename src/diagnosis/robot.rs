@@ -177,14 +177,15 @@ impl Subject for RobotResidual<'_> {
 
     fn coordinates(&self) -> Vec<Coordinate> {
         [
-            ("voltage", "V", 0, 1.0),
-            ("voltage_rate", "V/s", 1, 1.0),
-            ("height", "mm", 3, 100.0),
-            ("largest_stretch", "1", 5, 1e4),
-            ("position", "deg", 6, 100.0),
+            ("voltage", "voltage", "V", 0, 1.0),
+            ("voltage_rate", "voltage rate", "V/s", 1, 1.0),
+            ("height", "height", "mm", 3, 100.0),
+            ("largest_stretch", "largest stretch", "1", 5, 1e4),
+            ("position", "position", "deg", 6, 100.0),
         ]
-        .map(|(dimension, unit, at, rounding)| Coordinate {
+        .map(|(dimension, says, unit, at, rounding)| Coordinate {
             dimension,
+            says,
             unit: unit.into(),
             at,
             rounding,

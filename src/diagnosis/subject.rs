@@ -16,6 +16,8 @@ pub(super) type At = [f64; 7];
 #[derive(Clone)]
 pub(super) struct Coordinate {
     pub dimension: &'static str,
+    /// The same in a sentence.
+    pub says: &'static str,
     pub unit: String,
     /// Its place in [`At`].
     pub at: usize,

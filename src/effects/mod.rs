@@ -302,7 +302,7 @@ pub trait Effect: Sync + Send {
     fn capacitance(&self, _v: &[f64], _along: &Along, _half_slope: &mut [f64]) {}
     /// Multiplies the stress of [equilibrium spring, branches].
     fn stress(&self, _v: &[f64], _along: &Along, _film: &Film, _factor: &mut [[f64; 2]]) {}
-    /// Changes what is asked of, or given to, a single coordinate ([`line`]).
+    /// Changes what is asked of, or given to, a single coordinate ([`mod@line`]).
     fn line(&self, _v: &[f64], _view: &line::View, _terms: &mut line::Terms) {}
     /// Adds the torque that acts on theta_DEA, N m, positive where it opens the lozenge.
     fn torque(&self, _v: &[f64], _along: &Along, _torque_n_m: &mut [f64]) {}

@@ -290,7 +290,12 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         if !text.is_empty() && !text.ends_with('.') {
             text.push('.');
         }
-        text += &format!(" In {}; {}.", sits_in(&actuators(c.acting.on)), values(c));
+        text += &match d.rig {
+            RigKind::Robot => {
+                format!(" In {}; {}.", sits_in(&actuators(c.acting.on)), values(c))
+            }
+            _ => format!(" {}.", super::summary::capital(&values(c))),
+        };
         let others = mistaken_for(d, id);
         if !others.is_empty() {
             text += &format!(" Could be mistaken for {}.", others.join(", "));

@@ -61,7 +61,7 @@ fn locking_is_an_error_that_names_the_spring() {
         let history = History::sampled(
             InitialState::Relaxed,
             0.01,
-            &[lambda.map(f64::ln); 3],
+            &[lambda; 3],
             &[[0.0; 2]; 3],
             &[[1.0, 0.0]; 3],
         );
@@ -120,12 +120,18 @@ fn sampled(
             sines(&case["history"]["lambda_2"], t),
         ]
     };
-    let log: Vec<[f64; 2]> = times.iter().map(|&t| both(t).map(|s| s[0].ln())).collect();
+    let stretch: Vec<[f64; 2]> = times.iter().map(|&t| both(t).map(|s| s[0])).collect();
     let rate: Vec<[f64; 2]> = times
         .iter()
         .map(|&t| both(t).map(|s| s[1] / s[0]))
         .collect();
-    let history = History::sampled(initial(&case["start"]), step, &log, &rate, &vec![lever; n]);
+    let history = History::sampled(
+        initial(&case["start"]),
+        step,
+        &stretch,
+        &rate,
+        &vec![lever; n],
+    );
     (history, times)
 }
 

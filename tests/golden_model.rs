@@ -16,10 +16,7 @@ fn reference_film_torque(
     [0, 1, 2].map(|k| {
         let theta = |t: f64| {
             let u = track(case, &[t], 1.0).position_m[0];
-            robot.mechanism.chains[k]
-                .pose(u, k + 1)
-                .unwrap()
-                .theta_dea_rad
+            robot.mechanism.pose(u).unwrap()[k].theta_dea_rad
         };
         let lozenge = robot.lozenges[k];
         let start = initial(&case["film"]["start"]);

@@ -2,7 +2,7 @@
 mod common;
 use common::*;
 use deacal::film::InitialState;
-use deacal::kinematics::{Joint, Mechanism};
+use deacal::kinematics::Joint;
 use deacal::model::{Mechanics, Parameters, Robot};
 use deacal::simulate::write::{
     Capture, Noise, Placement, RecordingText, VoltageLog, nexus_csv, recording_toml, voltage_csv,
@@ -655,16 +655,17 @@ fn a_robot_at_rest_under_voltage_stays_there() {
 #[test]
 fn mechanism_curvatures_are_derivatives_of_the_slopes() {
     let (robot, _) = subject();
-    let Mechanism { chains } = robot.mechanism;
+    let mechanism = robot.mechanism;
     let u = [4e-3, -3e-3, -45e-3];
-    for (k, chain) in chains.iter().enumerate() {
-        let h = chain.curvature(&chain.pose(u, k + 1).unwrap());
+    for (k, chain) in mechanism.chains.iter().enumerate() {
+        let pose = |u: [f64; 3]| mechanism.pose(u).unwrap()[k];
+        let h = chain.curvature(&pose(u));
         for j in 0..3 {
             let step = 1e-6;
             let (mut up, mut down) = (u, u);
             up[j] += step;
             down[j] -= step;
-            let (up, down) = (chain.pose(up, 1).unwrap(), chain.pose(down, 1).unwrap());
+            let (up, down) = (pose(up), pose(down));
             let along = up.theta_b_rad - down.theta_b_rad;
             let second = (up.dtheta_dea_dtheta_b - down.dtheta_dea_dtheta_b) / along;
             assert!((second / h.theta_dea_theta_b - 1.0).abs() < 1e-6);
@@ -679,7 +680,7 @@ fn mechanism_curvatures_are_derivatives_of_the_slopes() {
             }
         }
     }
-    let error = chains[0].pose([0.0, 0.06, -0.04], 1).unwrap_err();
+    let error = mechanism.pose([0.0, 0.06, -0.04]).unwrap_err();
     assert_eq!(error.joint, Joint::ForearmSwing);
 }
 

@@ -50,6 +50,18 @@ pub enum Kind {
     Unknown(&'static str),
 }
 
+impl Kind {
+    /// clean, single, pair, unknown.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Clean => "clean",
+            Kind::Effect(_) => "single",
+            Kind::Pair(..) => "pair",
+            Kind::Unknown(_) => "unknown",
+        }
+    }
+}
+
 /// Which drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

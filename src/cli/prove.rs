@@ -10,7 +10,7 @@ use super::series;
 use super::{Failure, Talk, diagnose, load};
 use crate::cases::{DriveSet, Spec, Truth, generate, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
-use crate::proof::{Trial, compare, group, run as run_own, score};
+use crate::proof::{StandsOut, Trial, compare, run as run_own, score, stands_out};
 use crate::recording::Kind;
 use crate::report::json::to_text;
 use crate::report::output::OutputSet;
@@ -34,6 +34,9 @@ pub(super) struct Arguments {
     /// Drives of the own cases: what an experimenter ordinarily does, the program's own protocol, or three short recordings
     #[arg(long, value_name = "ordinary|protocol|short", default_value = "ordinary", value_parser = parse_drive, conflicts_with = "cases")]
     drive: DriveSet,
+    /// Kinds of the planned cases that are made: clean, single, pair, unknown (default: all)
+    #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = ["clean", "single", "pair", "unknown"], conflicts_with = "cases")]
+    kinds: Vec<String>,
     /// Folder to leave the own cases in: `cases/` and, apart from them, `answers/`
     #[arg(long, value_name = "DIR", conflicts_with = "cases")]
     keep: Option<PathBuf>,
@@ -73,6 +76,7 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
         Some(cases) => of_folder(cases, a.answers.as_deref(), &progress)?,
         None => {
             let mut specs = plan(a.number, a.seed);
+            specs.retain(|s| a.kinds.is_empty() || a.kinds.iter().any(|k| k == s.kind.name()));
             for spec in &mut specs {
                 spec.drive = a.drive;
             }
@@ -177,18 +181,14 @@ fn of_folder(
             })?;
             let truth = Truth::from_json(&text).map_err(|e| format!("{}: {e}", path.display()))?;
             let mut trial = compare(&truth, diagnosis, seconds);
-            trial.true_group = likeness(case, &truth, progress).unwrap_or_default();
+            trial.stands_out = likeness(case, &truth, progress).unwrap_or_default();
             Ok(trial)
         })
         .collect()
 }
 
-/// What the recordings of a case cannot tell from its true effect.
-fn likeness(
-    case: &Path,
-    truth: &Truth,
-    progress: &Progress,
-) -> Result<Vec<(String, f64)>, Failure> {
+/// How the true effects of a case stand out in its recordings.
+fn likeness(case: &Path, truth: &Truth, progress: &Progress) -> Result<Vec<StandsOut>, Failure> {
     let recordings = load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, None, progress)?;
@@ -201,7 +201,7 @@ fn likeness(
             when: series::when(entry, dataset.start_s),
         })
         .collect();
-    Ok(group(truth, &robot, &entries))
+    Ok(stands_out(truth, &robot, &entries))
 }
 
 /// Diagnoses a case from its recordings alone.

@@ -95,6 +95,18 @@ impl Chance {
         own.map_or(1.0, |d| d.3)
     }
 
+    /// Largest surprise of an effect on these actuators.
+    pub fn surprise(&self, id: &str, on: [bool; 3]) -> f64 {
+        let own = self.designs.iter().find(|d| d.0 == id && d.1 == on);
+        own.map_or(0.0, |d| d.2)
+    }
+
+    /// Largest surprise of an effect.
+    pub fn surprise_of(&self, id: &str) -> f64 {
+        let own = self.each.iter().find(|e| e.0 == id);
+        own.map_or(0.0, |e| e.1)
+    }
+
     /// The surprise that noise exceeds in this share of scans.
     pub fn limit(&self, rate: f64) -> f64 {
         let n = self.drawn.len();

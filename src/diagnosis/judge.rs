@@ -8,8 +8,9 @@ use super::subject::Subject;
 
 /// Share of the residuals that count as independent.
 pub(super) const INDEPENDENT: f64 = 0.8;
-/// Weight of the held-out recordings in a score: a little, because drift and creep extrapolate badly from the right model.
-const HELD_OUT_WEIGHT: f64 = 0.1;
+/// Weight of the held-out recordings in a score: less than that of the fitted ones, because drift and creep extrapolate badly from the
+/// right model.
+const HELD_OUT_WEIGHT: f64 = 0.5;
 /// Smallest weighted mean square that is believed.
 const NOISE: f64 = 0.1;
 /// Directions of fingerprints whose cosine is above this cannot be told apart.

@@ -423,7 +423,7 @@ impl Subject for LineResidual<'_> {
         LineResidual::effects(self, eta)
     }
 
-    fn linearise(&mut self, _: &[f64], _: &[f64]) -> Result<(), Locked> {
+    fn linearise(&mut self, _: &[f64], _: &[f64], _: bool) -> Result<(), Locked> {
         Ok(())
     }
 

@@ -24,7 +24,7 @@ mod scan;
 mod subject;
 
 pub use experiment::{STEP_S as NEXT_DRIVE_STEP_S, next_drive};
-pub use likeness::alike_at;
+pub use likeness::{Likeness, alike_at};
 pub use line::{COUPON_BRANCHES, LineEntry, diagnose_lines};
 pub use outcome::*;
 pub use robot::diagnose;
@@ -34,7 +34,7 @@ use rayon::prelude::*;
 use crate::effects::{Acting, Effect, When};
 use judge::{Judged, NEVER_ADEQUATE, alike};
 use locate::{Spot, locate};
-use problem::{Fitted, Problem, Tangent, value_errors};
+use problem::{Effort, Fitted, Problem, Tangent, value_errors};
 use scan::{Group, Scanned, Unit, fingerprints, rivals, scan, units};
 use subject::Subject;
 
@@ -43,17 +43,34 @@ const DRAWN: usize = 6;
 /// Hypotheses that are fitted in full, and of one effect at most.
 const FITTED: usize = 10;
 const OF_ONE: usize = 2;
-/// Evaluations of a first fit with an effect, and of a polished one.
-const FIRST: usize = 12;
-const POLISH: usize = 25;
+/// Hypotheses that are fitted where no score comes near what noise makes, and what near is.
+const FITTED_IF_QUIET: usize = 3;
+/// Hypotheses that are fitted because their scores surprise most, beside those that promise most, where a cause is weak.
+const SURPRISING: usize = 4;
+const QUIET: f64 = 0.6;
+/// A first fit with an effect, which only has to rank it, and a polished one.
+const FIRST: Effort = Effort {
+    evaluations: 12,
+    cost_tolerance: 1e-4,
+    motion_rounds: 1,
+};
+const BASELINE: Effort = Effort {
+    evaluations: 40,
+    ..POLISH
+};
+const POLISH: Effort = Effort {
+    evaluations: 25,
+    cost_tolerance: 1e-5,
+    motion_rounds: 3,
+};
 /// Leading effects that are fitted again at the leader's weights.
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
 const PAIR_ABOVE: f64 = 1.15;
 /// Mean square of the plain model below which a cause is weak: slow noise, which the weights do not have, matters beside it.
 const WEAK_BELOW: f64 = 2.0;
-/// ln of how much noisier than shown a film may be until its noise is not believed.
-const NOISIER: f64 = 0.2;
+/// Share of the largest surprise that a weak cause's own must have.
+const SURPRISES_TOO: f64 = 0.4;
 /// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
 /// their face value.
 const TEMPERATURE: f64 = 12.0;
@@ -68,7 +85,7 @@ fn doubt<S: Subject>(
     let words = problem.train.words();
     let wanted = |id: &str| request.only.is_empty() || request.only.iter().any(|o| o == id);
     watch("fitting the plain model");
-    let mut plain = baseline(&mut problem)?;
+    let (mut plain, ordinary) = baseline(&mut problem)?;
     watch("scanning the catalogue");
     let tangent = Tangent::new(&problem, &plain)?;
     let mut groups = fingerprints(&problem, &plain, &wanted);
@@ -78,12 +95,22 @@ fn doubt<S: Subject>(
     let rivals = rivals(&tangent, &groups, &scanned);
     drop(tangent);
     watch("fitting the leading effects");
-    let chosen = choose(&scanned, FITTED);
+    let quiet = chance.largest < QUIET * chance.limit(request.false_alarm_rate)
+        && plain.cost() < PAIR_ABOVE * chance.scale.max(1.0) * plain.state.rows as f64;
+    let mut chosen = choose(&scanned, if quiet { FITTED_IF_QUIET } else { FITTED });
+    if plain.cost() < WEAK_BELOW * plain.state.rows as f64 {
+        let mut by_surprise: Vec<&Scanned> = scanned.iter().collect();
+        let of = |s: &Scanned| chance.surprise(s.acting.effect.id(), s.acting.on);
+        by_surprise.sort_by(|a, b| of(b).total_cmp(&of(a)));
+        by_surprise.truncate(SURPRISING);
+        by_surprise.retain(|s| !chosen.iter().any(|c| std::ptr::eq(*c, *s)));
+        chosen.extend(by_surprise);
+    }
     let mut fits = refit(&problem, &plain, &chosen, &[]);
     if let Some(leader) = fits.first().filter(|f| f.cost() < 0.8 * plain.cost()) {
         // The noise gain depends on the film, and the plain refit of a wrong model runs to an extreme one.
         let before = rewhiten::Before::new(&problem);
-        problem.weigh(leader)?;
+        problem.weigh_if_believed(leader, ordinary)?;
         before.change(&problem).of(&mut groups, &mut units);
         let again = problem.fit(&[], &plain.state.eta, &plain.state.beta, POLISH);
         let nominal = problem.nominal(&[], POLISH);
@@ -125,12 +152,30 @@ fn doubt<S: Subject>(
         .into_par_iter()
         .map(|f| Judged::new(&problem, f))
         .collect();
-    // A weak cause is told from slow noise only by how its score scatters.
+    // A weak cause is told from slow noise by how its score scatters: what surprises little beside the most surprising one only takes
+    // up slow noise, and what is left over counts for less by as much as the leader's score overstates the evidence.
+    let weak = plain.mean_square < WEAK_BELOW;
+    if weak {
+        let least = SURPRISES_TOO * chance.largest;
+        let surprises = |j: &Judged| {
+            let own = |a: &Acting| chance.surprise_of(a.effect.id()) >= least;
+            j.fitted.effects.iter().any(own)
+        };
+        if singles.iter().any(surprises) {
+            singles.retain(surprises);
+        }
+    }
+    let overstated = singles
+        .iter()
+        .min_by(|a, b| a.score.total_cmp(&b.score))
+        .filter(|_| weak)
+        .map_or(1.0, |j| {
+            let a = &j.fitted.effects[0];
+            chance.design(a.effect.id(), a.on)
+        });
     let weigh_down = |list: &mut [Judged]| {
-        for j in list.iter_mut().filter(|_| plain.mean_square < WEAK_BELOW) {
-            let over = j.fitted.effects.iter();
-            let over = over.map(|a| chance.design(a.effect.id(), a.on));
-            j.score = plain.score + (j.score - plain.score) / over.fold(1.0, f64::max);
+        for j in list.iter_mut() {
+            j.score = plain.score + (j.score - plain.score) / overstated;
         }
     };
     weigh_down(&mut singles);
@@ -140,7 +185,8 @@ fn doubt<S: Subject>(
     let rate = request.false_alarm_rate;
     let allowed = chance.fall(rate);
     let (surprise, limit) = (chance.largest, chance.limit(rate));
-    let adequate = surprise < limit && plain.mean_square < NEVER_ADEQUATE * chance.scale.max(1.0);
+    let adequate = (surprise < limit || largest_drop < allowed)
+        && plain.mean_square < NEVER_ADEQUATE * chance.scale.max(1.0);
     // Pairs
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
@@ -348,30 +394,23 @@ fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
     p
 }
 
-/// The plain model, weighted by the noise of an ordinary film and then by that of its own.
-///
-/// The plain refit of a wrong model may run to a film so extreme that it makes much noise of little; weights set there would hide
-/// everything. Such weights are taken only where the residual itself is as noisy.
-fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<Fitted, Error> {
+/// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is believed; with the logarithm
+/// of an ordinary film's noise.
+fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, f64), Error> {
     problem.weigh(&problem.typical())?;
-    let first = problem.nominal(&[], 40);
+    let ordinary = problem.log_noise();
+    let first = problem.several(BASELINE);
     if !first.cost().is_finite() {
         return Err(Error::Baseline(first.state.failure.unwrap_or_default()));
     }
-    let ordinary = problem.log_noise();
-    let tangent = Tangent::new(problem, &first)?;
-    let shown = 0.5 * problem.noise_scale(&tangent.residual).ln();
-    problem.weigh(&first)?;
-    let own = problem.log_noise() - ordinary;
-    if S::CHAINS > 1 && own > NOISIER && own > shown + NOISIER {
-        problem.weigh(&problem.typical())?;
-        return Ok(first);
+    if !problem.weigh_if_believed(&first, ordinary)? {
+        return Ok((first, ordinary));
     }
     let (a, b) = rayon::join(
-        || problem.fit(&[], &first.state.eta, &first.state.beta, 40),
-        || problem.nominal(&[], 40),
+        || problem.fit(&[], &first.state.eta, &first.state.beta, BASELINE),
+        || problem.nominal(&[], BASELINE),
     );
-    Ok(if a.cost() < b.cost() { a } else { b })
+    Ok((if a.cost() < b.cost() { a } else { b }, ordinary))
 }
 
 /// The most promising hypotheses, not too many of one effect.

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::subject::Subject;
 use crate::effects::{Acting, Site, When};
@@ -108,7 +109,7 @@ pub(super) fn unknowns(
 }
 
 /// Unknowns of the free values of effects, over their spreads.
-fn value_unknowns(effects: &[Acting], free: &[(usize, usize)]) -> Vec<Unknown> {
+pub(super) fn value_unknowns(effects: &[Acting], free: &[(usize, usize)]) -> Vec<Unknown> {
     free.iter()
         .map(|&(e, v)| {
             let q = &effects[e].effect.parameters()[v];
@@ -128,8 +129,22 @@ fn value_unknowns(effects: &[Acting], free: &[(usize, usize)]) -> Vec<Unknown> {
         .collect()
 }
 
-/// Times that effects on the motion are worked out anew where a fit ended.
-const MOTION_ROUNDS: usize = 3;
+/// Distance of the films from which a plain fit starts, in standard deviations of what is known of them.
+const APART: f64 = 0.8;
+/// ln of how much noisier than shown a film may be until its noise is not believed.
+const NOISIER: f64 = 0.2;
+
+/// What a fit may cost.
+#[derive(Clone, Copy)]
+pub(super) struct Effort {
+    /// Evaluations, in each round.
+    pub evaluations: usize,
+    /// Share of the cost below which a step is not worth taking.
+    pub cost_tolerance: f64,
+    /// Times that effects on the motion are worked out anew where a fit ended.
+    pub motion_rounds: usize,
+}
+
 /// What is known of a size, in its spread: strong effects are not rare.
 const SIZE_SD: f64 = 4.0;
 
@@ -150,7 +165,7 @@ pub(super) fn free_values(acting: &Acting) -> Vec<usize> {
 
 impl<S: Subject> Problem<S> {
     /// Fits the plain model with `effects`, from the film at `eta` (plain unknowns) and `beta`.
-    pub fn fit(&self, effects: &[Acting], eta: &[f64], beta: &[f64], evaluations: usize) -> Fitted {
+    pub fn fit(&self, effects: &[Acting], eta: &[f64], beta: &[f64], effort: Effort) -> Fitted {
         let free: Vec<(usize, usize)> = effects
             .iter()
             .enumerate()
@@ -169,13 +184,13 @@ impl<S: Subject> Problem<S> {
             u.start = *b;
         }
         let options = Options {
-            evaluations,
-            cost_tolerance: 1e-5,
+            evaluations: effort.evaluations,
+            cost_tolerance: effort.cost_tolerance,
             step_tolerance: 1e-6,
         };
         let watch = |_: &State| ControlFlow::Continue(());
         let moving = effects.iter().any(|a| a.effect.site() == Site::Motion);
-        if moving && residual.linearise(&start, beta).is_err() {
+        if moving && residual.linearise(&start, beta, true).is_err() {
             // The mechanism cannot follow: from off instead.
             let off: Vec<f64> = value_unknowns(effects, &free)
                 .iter()
@@ -183,12 +198,12 @@ impl<S: Subject> Problem<S> {
                 .collect();
             start.truncate(eta.len());
             start.extend(off);
-            let _ = residual.linearise(&start, beta);
+            let _ = residual.linearise(&start, beta, true);
         }
         let mut state = minimise(&residual, &nonlinear, &linear, &start, &options, watch);
-        for _ in 0..if moving { MOTION_ROUNDS } else { 0 } {
+        for _ in 0..if moving { effort.motion_rounds } else { 0 } {
             let before = state.cost;
-            if residual.linearise(&state.eta, &state.beta).is_err() {
+            if residual.linearise(&state.eta, &state.beta, false).is_err() {
                 break;
             }
             for (u, b) in linear.iter_mut().zip(&state.beta) {
@@ -211,14 +226,39 @@ impl<S: Subject> Problem<S> {
     }
 
     /// Fits the plain model with `effects` from the nominal film.
-    pub fn nominal(&self, effects: &[Acting], evaluations: usize) -> Fitted {
+    pub fn nominal(&self, effects: &[Acting], effort: Effort) -> Fitted {
         let start = |list: &[Unknown]| list.iter().map(|u| u.start).collect::<Vec<f64>>();
         self.fit(
             effects,
             &start(&self.nonlinear),
             &start(&self.linear),
-            evaluations,
+            effort,
         )
+    }
+
+    /// Fits the plain model from several films: the nominal one, faster and slower ones, stiffer and softer at large stretch; the best.
+    pub fn several(&self, effort: Effort) -> Fitted {
+        let (times, locking) = (0..BRANCHES, BRANCHES..BRANCHES + 1);
+        let starts = [
+            (times.clone(), 0.0),
+            (times.clone(), -APART),
+            (times, APART),
+            (locking.clone(), -APART),
+            (locking, APART),
+        ];
+        let beta: Vec<f64> = self.linear.iter().map(|u| u.start).collect();
+        let count = if S::CHAINS > 1 { starts.len() } else { 1 };
+        let best = starts[..count]
+            .par_iter()
+            .map(|(which, shift)| {
+                let mut eta: Vec<f64> = self.nonlinear.iter().map(|u| u.start).collect();
+                for i in which.start..which.end.min(eta.len()) {
+                    eta[i] += shift * self.nonlinear[i].prior.map_or(0.0, |p| p.sd);
+                }
+                self.fit(&[], &eta, &beta, effort)
+            })
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()));
+        best.expect("there are starts")
     }
 
     /// The film that the priors describe, unfitted: its noise is that of an ordinary film.
@@ -326,6 +366,27 @@ impl<S: Subject> Problem<S> {
         Ok(())
     }
 
+    /// Sets the weights at a fitted model, unless its film is so extreme that it makes more noise than the residual shows: weights set
+    /// there would hide everything, and those of an ordinary film are taken. `ordinary` is the logarithm of that one's noise. Says
+    /// whether the model's own were taken.
+    ///
+    /// # Errors
+    /// Those of [`Problem::weigh`].
+    pub fn weigh_if_believed(&mut self, fitted: &Fitted, ordinary: f64) -> Result<bool, Locked> {
+        let residual = self.residual(fitted);
+        let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
+        let scale = self.noise_scale(&design.column(design.ncols() - 1).into_owned());
+        drop(residual);
+        let shown = self.log_noise() - ordinary + 0.5 * scale.ln();
+        self.weigh(fitted)?;
+        let own = self.log_noise() - ordinary;
+        if S::CHAINS > 1 && own > NOISIER && own > shown + NOISIER {
+            self.weigh(&self.typical())?;
+            return Ok(false);
+        }
+        Ok(true)
+    }
+
     /// The residual of the training recordings with the effects of a fitted model.
     pub fn residual(&self, fitted: &Fitted) -> S {
         self.train.with_effects(
@@ -357,7 +418,7 @@ impl Tangent {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn new<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Self, Locked> {
         let mut residual = problem.residual(fitted);
-        residual.linearise(&fitted.state.eta, &fitted.state.beta)?;
+        residual.linearise(&fitted.state.eta, &fitted.state.beta, true)?;
         let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
         let width = design.ncols() - 1;
         let mut unknowns = problem.nonlinear.clone();
@@ -451,7 +512,7 @@ pub(super) fn value_errors<S: Subject>(
     fitted: &Fitted,
 ) -> Result<Vec<f64>, Locked> {
     let mut residual = problem.residual(fitted);
-    residual.linearise(&fitted.state.eta, &fitted.state.beta)?;
+    residual.linearise(&fitted.state.eta, &fitted.state.beta, true)?;
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
     let scores = residual.score_covariance(eta, beta)?;
     let gram = fitted.state.gram();

@@ -308,8 +308,8 @@ impl Subject for RobotResidual<'_> {
         RobotResidual::effects(self, eta)
     }
 
-    fn linearise(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {
-        RobotResidual::linearise(self, eta, beta)
+    fn linearise(&mut self, eta: &[f64], beta: &[f64], anew: bool) -> Result<(), Locked> {
+        RobotResidual::linearise(self, eta, beta, anew)
     }
 
     fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {

@@ -96,8 +96,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Self;
     /// The effects at eta.
     fn effects(&self, eta: &[f64]) -> Vec<Acting>;
-    /// Works out what is linear in some values of effects until called again.
-    fn linearise(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked>;
+    /// Works out what is linear in some values of effects until called again; with `anew` the slopes as well, where there are some.
+    fn linearise(&mut self, eta: &[f64], beta: &[f64], anew: bool) -> Result<(), Locked>;
     /// Sets the weights to what noise makes of the residual at a model.
     fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked>;
     /// The whitened design: d r/d eta, B, residual.

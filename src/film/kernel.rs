@@ -73,32 +73,32 @@ const LEAD_IN_SUBSTEPS: usize = 16;
 const LEAD_IN_SAMPLES: usize = 32;
 
 impl History {
-    /// A history sampled every `step_s`: `log_stretch`, its `rate` (1/s) and the `lever` at each sample. Between samples
-    /// ln lambda is the cubic through both values and rates. A virgin start is sub-stepped over the first samples.
+    /// A history sampled every `step_s`: `stretch` (lambda_1, lambda_2), the `rate` of its logarithm (1/s) and the `lever` at each sample.
+    /// Between samples ln lambda is the cubic through both values and rates. A virgin start is sub-stepped over the first samples.
     ///
     /// # Panics
     /// When the slices differ in length or are empty.
     pub fn sampled(
         initial: InitialState,
         step_s: f64,
-        log_stretch: &[[f64; 2]],
+        stretch: &[[f64; 2]],
         rate: &[[f64; 2]],
         lever: &[[f64; 2]],
     ) -> Self {
-        assert!(!log_stretch.is_empty());
-        assert!(log_stretch.len() == rate.len() && rate.len() == lever.len());
-        let node = |log: [f64; 2], middle: [f64; 2], lever: [f64; 2]| {
-            let lambda_squared = log.map(|l| (2.0 * l).exp());
+        assert!(!stretch.is_empty());
+        assert!(stretch.len() == rate.len() && rate.len() == lever.len());
+        let node = |stretch: [f64; 2], mid_rest: [f64; 2], lever: [f64; 2]| {
+            let lambda_squared = stretch.map(|l| l * l);
             Node {
                 lambda_squared,
                 rest: lambda_squared.map(f64::recip),
-                mid_rest: middle.map(|l| (-2.0 * l).exp()),
+                mid_rest,
                 lever,
             }
         };
         // The Hermite cubic at the fraction f of the step that ends at sample i.
-        let value_at = |i: usize, f: f64, j: usize| {
-            let (v0, v1) = (log_stretch[i - 1][j], log_stretch[i][j]);
+        let log_at = |i: usize, f: f64, j: usize| {
+            let (v0, v1) = (stretch[i - 1][j].ln(), stretch[i][j].ln());
             let (r0, r1) = (rate[i - 1][j] * step_s, rate[i][j] * step_s);
             let (f2, f3) = (f * f, f * f * f);
             v0 * (2.0 * f3 - 3.0 * f2 + 1.0)
@@ -108,7 +108,7 @@ impl History {
         };
         let lead = match initial {
             InitialState::Relaxed => 0,
-            InitialState::Virgin => LEAD_IN_SAMPLES.min(log_stretch.len() - 1),
+            InitialState::Virgin => LEAD_IN_SAMPLES.min(stretch.len() - 1),
         };
         let mut segments = Vec::new();
         if lead > 0 {
@@ -116,14 +116,14 @@ impl History {
             let nodes = (1..=lead)
                 .flat_map(|i| (1..=LEAD_IN_SUBSTEPS).map(move |k| (i, k)))
                 .map(|(i, k)| {
-                    let at = |f: f64| [value_at(i, f, 0), value_at(i, f, 1)];
+                    let at = |f: f64, power: f64| [0, 1].map(|j| (power * log_at(i, f, j)).exp());
                     let (f, middle) = (k as f64 / n, (k as f64 - 0.5) / n);
                     let lever = if k == LEAD_IN_SUBSTEPS {
                         lever[i]
                     } else {
                         [0.0; 2]
                     };
-                    node(at(f), at(middle), lever)
+                    node(at(f, 1.0), at(middle, -2.0), lever)
                 })
                 .collect();
             segments.push(Segment {
@@ -132,10 +132,14 @@ impl History {
                 nodes,
             });
         }
-        let nodes: Vec<Node> = (lead + 1..log_stretch.len())
+        let nodes: Vec<Node> = (lead + 1..stretch.len())
             .map(|i| {
-                let middle = [value_at(i, 0.5, 0), value_at(i, 0.5, 1)];
-                node(log_stretch[i], middle, lever[i])
+                // The cubic's middle is (v0 + v1)/2 + (r0 - r1) step/8.
+                let middle = [0, 1].map(|j| {
+                    let bend = (rate[i][j] - rate[i - 1][j]) * step_s / 4.0;
+                    bend.exp() / (stretch[i - 1][j] * stretch[i][j])
+                });
+                node(stretch[i], middle, lever[i])
             })
             .collect();
         if !nodes.is_empty() {
@@ -147,7 +151,7 @@ impl History {
         }
         History {
             initial,
-            first: node(log_stretch[0], log_stretch[0], lever[0]),
+            first: node(stretch[0], [0.0; 2], lever[0]),
             segments,
         }
     }

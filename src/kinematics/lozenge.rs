@@ -31,10 +31,9 @@ impl Lozenge {
         [0.5 * c / s, -0.5 * s / c]
     }
 
-    /// Stretches, their logarithmic slopes, and capacitance per permittivity (m) at an angle: [`Lozenge::stretches`],
-    /// [`Lozenge::log_stretch_slopes`] and [`Lozenge::capacitance_f`] with one sine.
-    pub fn at(&self, theta_dea_rad: f64) -> ([f64; 2], [f64; 2], f64) {
-        let (s, c) = (theta_dea_rad / 2.0).sin_cos();
+    /// Stretches, their logarithmic slopes, and capacitance per permittivity (m) from the sine and the cosine of half the angle:
+    /// [`Lozenge::stretches`], [`Lozenge::log_stretch_slopes`] and [`Lozenge::capacitance_f`] in one.
+    pub fn at(&self, [s, c]: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
         let stretch = [
             2.0 * self.side_m / self.l1_m * s,
             2.0 * self.side_m / self.l2_m * c,

@@ -136,9 +136,18 @@ pub struct ChainPose {
     q: Vec3,
     /// Radial and tangential unit vectors of the chain.
     axes: (Vec3, Vec3),
+    /// Sine and cosine of theta_k1.
+    k1: [f64; 2],
+    closure: four_bar::Closure,
+    half_dea: [f64; 2],
 }
 
 impl ChainPose {
+    /// Sine and cosine of theta_DEA / 2, for [`Lozenge::at`].
+    pub fn half_dea(&self) -> [f64; 2] {
+        self.half_dea
+    }
+
     /// sin theta_b.
     pub fn sine_theta_b(&self) -> f64 {
         self.q[1] / (self.q[0] * self.q[0] + self.q[1] * self.q[1]).sqrt()
@@ -157,6 +166,49 @@ impl Mechanism {
         }
     }
 
+    /// The pose of every chain with the end effector's centre at `u_m` (m, world axes). Along a track [`Mechanism::fixed`] is faster.
+    ///
+    /// # Errors
+    /// [`OutOfReach`] names the first chain and joint that cannot follow.
+    pub fn pose(&self, u_m: Vec3) -> Result<[ChainPose; 3], OutOfReach> {
+        self.fixed().pose(u_m)
+    }
+
+    /// The mechanism with all that is the same at every pose worked out.
+    pub fn fixed(&self) -> FixedMechanism {
+        FixedMechanism {
+            chains: self.chains.map(|chain| FixedChain {
+                chain,
+                axes: chain.axes(),
+                input: sine_and_cosine(chain.input_offset_rad),
+                dea: sine_and_cosine(chain.dea_offset_rad),
+            }),
+        }
+    }
+}
+
+/// A mechanism with all that is the same at every pose worked out: [`Mechanism::fixed`].
+#[derive(Debug, Clone, Copy)]
+pub struct FixedMechanism {
+    chains: [FixedChain; 3],
+}
+
+#[derive(Debug, Clone, Copy)]
+struct FixedChain {
+    chain: Chain,
+    axes: (Vec3, Vec3),
+    /// Sine and cosine of the input offset.
+    input: [f64; 2],
+    /// Sine and cosine of the lozenge's offset.
+    dea: [f64; 2],
+}
+
+fn sine_and_cosine(angle_rad: f64) -> [f64; 2] {
+    let (s, c) = angle_rad.sin_cos();
+    [s, c]
+}
+
+impl FixedMechanism {
     /// The pose of every chain with the end effector's centre at `u_m` (m, world axes).
     ///
     /// # Errors
@@ -170,18 +222,11 @@ impl Mechanism {
     }
 }
 
-impl Chain {
-    /// Radial and tangential unit vectors r_k and t_k.
-    fn axes(&self) -> (Vec3, Vec3) {
-        let (s, c) = self.azimuth_rad.sin_cos();
-        ([c, s, 0.0], [s, -c, 0.0])
-    }
-
+impl FixedChain {
     /// The pose of this chain; `number` (1 to 3) is used in the error only.
     ///
-    /// # Errors
-    /// [`OutOfReach`] when the forearm, the elbow, the four-bar or the lozenge cannot take it.
-    pub fn pose(&self, u_m: Vec3, number: usize) -> Result<ChainPose, OutOfReach> {
+    /// Sines and cosines of sums are worked out from those of their parts; an angle is taken from them where it is wanted itself.
+    fn pose(&self, u_m: Vec3, number: usize) -> Result<ChainPose, OutOfReach> {
         let fail = |joint, quantity, value, low, high| OutOfReach {
             pose_m: u_m,
             chain: number,
@@ -191,12 +236,13 @@ impl Chain {
             low,
             high,
         };
-        let (r, t) = self.axes();
+        let chain = &self.chain;
+        let (r, t) = self.axes;
         // N_k in local axes: x up, y inwards, z = t (section 1 of the model).
         let nx = u_m[2];
-        let ny = self.base_radius_m - self.effector_radius_m - dot(u_m, r);
+        let ny = chain.base_radius_m - chain.effector_radius_m - dot(u_m, r);
         let nz = dot(u_m, t);
-        let n0 = self.forearm_m;
+        let n0 = chain.forearm_m;
         if nz.is_nan() || nz.abs() >= n0 {
             let quantity = "out-of-plane offset over forearm length";
             return Err(fail(Joint::ForearmSwing, quantity, nz / n0, -1.0, 1.0));
@@ -205,26 +251,47 @@ impl Chain {
         let n_p_squared = n0 * n0 - nz * nz;
         let l_squared = nx * nx + ny * ny;
         let l_bn = l_squared.sqrt();
-        let q = self.bicep_m;
+        let q = chain.bicep_m;
         let cosine = (q * q + l_squared - n_p_squared) / (2.0 * q * l_bn);
         if cosine.is_nan() || cosine.abs() > 1.0 {
             let quantity = "cosine of the bicep angle (Eq 10)";
             return Err(fail(Joint::Elbow, quantity, cosine, -1.0, 1.0));
         }
-        let theta_b = std::f64::consts::PI - ny.atan2(-nx) + cosine.acos();
-        let theta_k1 = theta_b - self.input_offset_rad;
-        let bar = self.four_bar.close(theta_k1).map_err(|cosine| {
+        // theta_b = pi - atan2(ny, -nx) + acos(cosine), in [0, 2 pi)
+        let sine = ((1.0 - cosine) * (1.0 + cosine)).sqrt();
+        let cb = (nx * cosine - ny * sine) / l_bn;
+        let sb = (nx * sine + ny * cosine) / l_bn;
+        let turn = sb.atan2(cb);
+        let theta_b = if turn < 0.0 {
+            turn + std::f64::consts::TAU
+        } else {
+            turn
+        };
+        let theta_k1 = theta_b - chain.input_offset_rad;
+        let [so, co] = self.input;
+        let k1 = [sb * co - cb * so, cb * co + sb * so];
+        let bar = chain.four_bar.close(k1).map_err(|cosine| {
             let quantity = "cosine of the output angle (Eq 11)";
             fail(Joint::FourBar, quantity, cosine, -1.0, 1.0)
         })?;
-        let theta_dea = self.dea_offset_rad - bar.theta_sam_rad;
+        // theta_DEA = offset - theta_SAM = psi + offset - pi
+        let ([sp, cp], [so, co]) = (bar.psi, self.dea);
+        let (sd, cd) = (-(sp * co + cp * so), sp * so - cp * co);
+        let theta_dea = sd.atan2(cd);
         if !(theta_dea > 0.0 && theta_dea < std::f64::consts::PI) {
             let quantity = "theta_DEA in rad";
             let (low, high) = (0.0, std::f64::consts::PI);
             return Err(fail(Joint::Lozenge, quantity, theta_dea, low, high));
         }
+        // theta_DEA / 2 lies in the first quadrant.
+        let half_dea = if cd < 0.0 {
+            let s = (0.5 * (1.0 - cd)).sqrt();
+            [s, 0.5 * sd / s]
+        } else {
+            let c = (0.5 * (1.0 + cd)).sqrt();
+            [0.5 * sd / c, c]
+        };
         // Constraint n.n = n0^2 with n = Q(theta_b) - N(u): its first derivative gives d theta_b / du.
-        let (sb, cb) = theta_b.sin_cos();
         let q_vec = [q * cb, q * sb, 0.0];
         let q_prime = [-q * sb, q * cb, 0.0];
         let n = [q_vec[0] - nx, q_vec[1] - ny, -nz];
@@ -236,7 +303,7 @@ impl Chain {
         Ok(ChainPose {
             theta_b_rad: theta_b,
             theta_k1_rad: theta_k1,
-            theta_sam_rad: bar.theta_sam_rad,
+            theta_sam_rad: chain.dea_offset_rad - theta_dea,
             theta_dea_rad: theta_dea,
             theta_fa_rad: (nz / n0).asin(),
             dtheta_b_du,
@@ -247,7 +314,18 @@ impl Chain {
             q_prime,
             q: q_vec,
             axes: (r, t),
+            k1,
+            closure: bar,
+            half_dea,
         })
+    }
+}
+
+impl Chain {
+    /// Radial and tangential unit vectors r_k and t_k.
+    fn axes(&self) -> (Vec3, Vec3) {
+        let (s, c) = self.azimuth_rad.sin_cos();
+        ([c, s, 0.0], [s, -c, 0.0])
     }
 
     /// d theta_b/dt (rad/s) and d^2 theta_b/dt^2 (rad/s^2) along a track with velocity `v_m_s` and acceleration
@@ -293,7 +371,7 @@ impl Chain {
     /// (n.Q') d^2 theta_b/du^2 = (n.Q - q^2) g g^T + g s^T + s g^T - 1
     /// ```
     pub fn curvature(&self, pose: &ChainPose) -> ChainCurvature {
-        let (r, t) = self.axes();
+        let (r, t) = pose.axes;
         let g = pose.dtheta_b_du;
         let s = [
             -pose.q_prime[1] * r[0],
@@ -302,11 +380,7 @@ impl Chain {
         ];
         let inverse_lever = 1.0 / dot(pose.n, pose.q_prime);
         let along = dot(pose.n, pose.q) - self.bicep_m * self.bicep_m;
-        let closure = four_bar::Closure {
-            theta_sam_rad: pose.theta_sam_rad,
-            dtheta_sam_dtheta_k1: -pose.dtheta_dea_dtheta_b,
-        };
-        let bar = -self.four_bar.curvature(pose.theta_k1_rad, &closure);
+        let bar = -self.four_bar.curvature(pose.k1, &pose.closure);
         // theta_FA = asin(Nz/n0): second derivative Nz / (n0^2 - Nz^2)^(3/2) along t.
         let (nz, inverse) = (-pose.n[2], dot(pose.dtheta_fa_du, t));
         let swing = nz * inverse * inverse * inverse;

@@ -163,26 +163,26 @@ impl Mechanics {
         let n = track.position_m.len();
         let eps = robot.eps_r * VACUUM_PERMITTIVITY_F_M;
         let mut unreachable = Vec::new();
-        let mut poses: Vec<Option<[ChainPose; 3]>> = Vec::with_capacity(n);
-        for (i, &u) in track.position_m.iter().enumerate() {
-            match robot.mechanism.pose(u) {
-                Ok(pose) => poses.push(Some(pose)),
-                Err(error) => {
-                    unreachable.push((i, Unreachable::Pose(error)));
-                    poses.push(None);
-                }
+        let mechanism = robot.mechanism.fixed();
+        // Until the first sample that can be followed, its pose is held.
+        let reachable = track.position_m.iter().map(|&u| mechanism.pose(u));
+        let mut last = match reachable.clone().find_map(Result::ok) {
+            Some(pose) => pose,
+            None => {
+                let why = reachable.clone().find_map(Result::err);
+                return Err((
+                    0,
+                    why.map_or(
+                        Unreachable::Singular {
+                            condition: f64::INFINITY,
+                            limit: CONDITION_LIMIT,
+                        },
+                        Unreachable::Pose,
+                    ),
+                ));
             }
-        }
-        let Some(mut last) = poses.iter().find_map(|p| *p) else {
-            return Err(unreachable.first().copied().unwrap_or((
-                0,
-                Unreachable::Singular {
-                    condition: f64::INFINITY,
-                    limit: CONDITION_LIMIT,
-                },
-            )));
         };
-        let mut log_stretch: [Vec<[f64; 2]>; 3] = Default::default();
+        let mut stretch_of: [Vec<[f64; 2]>; 3] = Default::default();
         let mut rate: [Vec<[f64; 2]>; 3] = Default::default();
         let mut lever: [Vec<[f64; 2]>; 3] = Default::default();
         let mut half_c: [Vec<f64>; 3] = Default::default();
@@ -197,7 +197,7 @@ impl Mechanics {
             theta_b[k].reserve_exact(n);
             bicep_lever[k].reserve_exact(n);
             force_lever[k].reserve_exact(n);
-            log_stretch[k].reserve_exact(n);
+            stretch_of[k].reserve_exact(n);
             rate[k].reserve_exact(n);
             lever[k].reserve_exact(n);
             half_c[k].reserve_exact(n);
@@ -210,9 +210,12 @@ impl Mechanics {
         let mut forearm_slopes = Vec::with_capacity(n);
         let mut gravity_and_inertia_n = Vec::with_capacity(n);
         let mut bicep_force_n = Vec::with_capacity(n);
-        for i in 0..n {
-            let reached = poses[i].is_some();
-            let pose = poses[i].unwrap_or(last);
+        for (i, pose) in reachable.enumerate() {
+            let reached = pose.is_ok();
+            let pose: [ChainPose; 3] = pose.unwrap_or_else(|error| {
+                unreachable.push((i, Unreachable::Pose(error)));
+                last
+            });
             last = pose;
             let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
             let g = [0, 1, 2].map(|k| pose[k].dtheta_dea_du);
@@ -227,13 +230,13 @@ impl Mechanics {
             for k in 0..3 {
                 let (p, lozenge) = (&pose[k], &robot.lozenges[k]);
                 let theta = p.theta_dea_rad;
-                let (stretch, slopes, capacitance) = lozenge.at(theta);
+                let (stretch, slopes, capacitance) = lozenge.at(p.half_dea());
                 let theta_rate = if reached {
                     dot(p.dtheta_dea_du, v)
                 } else {
                     0.0
                 };
-                log_stretch[k].push(stretch.map(f64::ln));
+                stretch_of[k].push(stretch);
                 rate[k].push(slopes.map(|s| s * theta_rate));
                 lever[k].push(slopes.map(|s| s * lozenge.volume_m3()));
                 half_c[k].push(eps * capacitance * (slopes[0] + slopes[1]));
@@ -275,7 +278,7 @@ impl Mechanics {
                 history: History::sampled(
                     track.initial,
                     track.step_s,
-                    &std::mem::take(&mut log_stretch[k]),
+                    &std::mem::take(&mut stretch_of[k]),
                     &std::mem::take(&mut rate[k]),
                     &std::mem::take(&mut lever[k]),
                 ),

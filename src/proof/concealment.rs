@@ -4,7 +4,7 @@
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::cases::Truth;
+use crate::cases::{Detail, Truth};
 use crate::diagnosis::{Diagnosis, Entry, alike_at};
 use crate::effects::{Acting, by_id};
 use crate::film::Film;
@@ -69,11 +69,17 @@ fn parameters(truth: &Truth) -> Option<Parameters> {
     })
 }
 
-/// The only effect of an answer as the catalogue has it; `None` for clean cases, pairs and what is in no catalogue.
-fn acting(truth: &Truth, entries: &[Entry]) -> Option<Acting> {
-    let ([id], Some(detail)) = (&truth.effects[..], truth.detail.first()) else {
-        return None;
-    };
+/// How an effect of a case stands out at the truth, beside the others of the case.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct StandsOut {
+    /// Ids that the recordings cannot tell from it, with the cosine of the projected fingerprints.
+    pub alike: Vec<(String, f64)>,
+    /// Weighted mean square beyond noise that a refit without it would leave.
+    pub excess: f64,
+}
+
+/// An effect of an answer as the catalogue has it; `None` for what is in no catalogue.
+fn acting(id: &str, detail: &Detail, entries: &[Entry]) -> Option<Acting> {
     let effect = by_id(id)?;
     let on = [1, 2, 3].map(|k| detail.actuators.contains(&k));
     let mut out = Acting::off(effect, on);
@@ -101,16 +107,26 @@ fn acting(truth: &Truth, entries: &[Entry]) -> Option<Acting> {
     Some(out)
 }
 
-/// Ids that the recordings cannot tell from the true effect, with the cosine: projected fingerprints at the true film.
-pub fn group(truth: &Truth, robot: &Robot, entries: &[Entry]) -> Vec<(String, f64)> {
-    let (Some(parameters), Some(acting)) = (parameters(truth), acting(truth, entries)) else {
+/// How each effect of a case stands out; nothing where the catalogue does not have them.
+pub fn stands_out(truth: &Truth, robot: &Robot, entries: &[Entry]) -> Vec<StandsOut> {
+    let all: Option<Vec<Acting>> = truth
+        .effects
+        .iter()
+        .zip(&truth.detail)
+        .map(|(id, detail)| acting(id, detail, entries))
+        .collect();
+    let (Some(parameters), Some(all)) = (parameters(truth), all) else {
         return Vec::new();
     };
-    alike_at(robot, entries, &parameters, &acting)
-        .map(|list| {
-            list.into_iter()
-                .map(|(id, c)| (id.to_string(), c))
-                .collect()
-        })
-        .unwrap_or_default()
+    let own = |i: usize| {
+        let mut beside = all.clone();
+        let acting = beside.remove(i);
+        alike_at(robot, entries, &parameters, &acting, &beside)
+            .map(|l| StandsOut {
+                alike: l.alike.iter().map(|a| (a.0.to_string(), a.1)).collect(),
+                excess: l.excess,
+            })
+            .unwrap_or_default()
+    };
+    (0..all.len()).map(own).collect()
 }

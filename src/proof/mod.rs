@@ -8,7 +8,7 @@ use serde::Serialize;
 mod concealment;
 mod score;
 
-pub use concealment::{Concealment, group};
+pub use concealment::{Concealment, StandsOut, stands_out};
 pub use score::{Count, Median, Method, Proof, score};
 
 use crate::cases::{Case, CaseRecording, Spec, Truth, generate};
@@ -41,8 +41,8 @@ pub struct Trial {
     pub candidates: Vec<(String, f64)>,
     /// Ids that the diagnosis calls indistinguishable from the first.
     pub group: Vec<String>,
-    /// Ids that the recordings cannot tell from the true effect, with the cosine of the projected fingerprints at the truth.
-    pub true_group: Vec<(String, f64)>,
+    /// How each effect stands out at the truth.
+    pub stands_out: Vec<StandsOut>,
     /// What the plain refit makes of the case.
     pub concealment: Concealment,
     /// Share of the gap to the floor that is closed on held-out recordings.
@@ -53,8 +53,8 @@ pub struct Trial {
     pub values: Vec<(String, f64, f64)>,
     /// The truth's values of it.
     pub true_values: Vec<(String, f64)>,
-    /// Weighted mean squares: plain, best, held out best.
-    pub mean_squares: [f64; 3],
+    /// Weighted mean squares: plain, best; held out plain, best.
+    pub mean_squares: [f64; 4],
     /// Evidence: largest surprise of the scan, what noise allows, p-value; fall of the sum of squares, what chance allows;
     /// variance of the noise over the promised one.
     pub evidence: [f64; 6],
@@ -128,7 +128,7 @@ pub fn trial(spec: &Spec) -> Result<Trial, String> {
     let mut out = compare(&case.truth, diagnosis, seconds);
     let train = datasets(&case, &case.train)?;
     let series_s = series(&train);
-    out.true_group = group(&case.truth, &case.robot, &entries(&train, 0, &series_s));
+    out.stands_out = stands_out(&case.truth, &case.robot, &entries(&train, 0, &series_s));
     Ok(out)
 }
 
@@ -172,7 +172,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         named: Vec::new(),
         candidates: Vec::new(),
         group: Vec::new(),
-        true_group: Vec::new(),
+        stands_out: Vec::new(),
         concealment: Concealment::default(),
         gap_closed: f64::NAN,
         located: None,
@@ -183,7 +183,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
                 .filter_map(|(k, v)| Some((k.clone(), number(v)?)))
                 .collect()
         }),
-        mean_squares: [f64::NAN; 3],
+        mean_squares: [f64::NAN; 4],
         evidence: [f64::NAN; 6],
         most_surprising: String::new(),
         surprises: Vec::new(),
@@ -226,6 +226,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
     out.mean_squares = [
         d.plain_mean_square,
         best.map_or(f64::NAN, |c| c.mean_square),
+        d.plain_holdout_mean_square,
         best.map_or(f64::NAN, |c| c.holdout_mean_square),
     ];
     if let Some(c) = best {

@@ -84,6 +84,9 @@ pub struct Method {
     pub top1_hidden: Count,
     /// Effects in no catalogue for which it claimed no name.
     pub unknown_not_named: Count,
+    /// Brier score of its names: the square of the probability less 1 where the name is right, less 0 where not. A rival knows no doubt: its
+    /// probability is 1.
+    pub brier: Option<f64>,
 }
 
 /// What a proof found.
@@ -109,8 +112,14 @@ pub struct Proof {
     pub wrong_hidden: Count,
     /// Effects in no catalogue that were called unexplained.
     pub unknown_called_unexplained: Count,
-    /// Pairs of which both were named.
+    /// The same of those that a plain refit leaves at 1.5 times the floor or more.
+    pub visible_unknown_called_unexplained: Count,
+    /// Pairs of which both were named, where a refit without either would leave as much as a detectable single one does.
     pub pairs_both_named: Count,
+    /// The same, or one that the recordings cannot tell from it.
+    pub pairs_by_group: Count,
+    /// All pairs of which both were named.
+    pub all_pairs_both_named: Count,
     /// Pairs of which the first named one is right.
     pub pairs_first_right: Count,
     /// Cases whose truth has a place that is among the first three.
@@ -155,11 +164,31 @@ pub fn score(trials: &[Trial]) -> Proof {
     let unknown = select(&is_unknown);
     let pairs = select(&|t| t.truth.len() == 2);
     let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
-    let grouped = |t: &Trial| {
-        first(t)
-            || t.named
-                .first()
-                .is_some_and(|n| t.true_group.iter().any(|g| g.0 == *n))
+    // Whether a name stands for the true effect number i, by the prover's group.
+    let stands_for = |t: &Trial, name: &str, i: usize| {
+        t.truth[i] == name
+            || t.stands_out
+                .get(i)
+                .is_some_and(|s| s.alike.iter().any(|g| g.0 == name))
+    };
+    let grouped = |t: &Trial| t.named.first().is_some_and(|n| stands_for(t, n, 0));
+    let visible_unknown = select(&|t| is_unknown(t) && t.detectability >= DETECTABLE);
+    let clear_pairs: Vec<&Trial> = pairs
+        .iter()
+        .copied()
+        .filter(|t| {
+            t.stands_out.len() == 2
+                && t.stands_out
+                    .iter()
+                    .all(|s| s.excess >= DETECTABLE * DETECTABLE - 1.0)
+        })
+        .collect();
+    let both = |t: &Trial| t.truth.iter().all(|e| t.named.contains(e));
+    let both_grouped = |t: &Trial| {
+        let [a, b] = &t.named[..] else { return false };
+        [(a, b), (b, a)]
+            .iter()
+            .any(|(a, b)| stands_for(t, a, 0) && stands_for(t, b, 1))
     };
     let placed = select(&|t| t.located.is_some() && t.verdict != "adequate");
     let right = select(&|t| single(t) && first(t));
@@ -223,18 +252,25 @@ pub fn score(trials: &[Trial]) -> Proof {
         top1_detectable: Count::of(&visible, first),
         top1_hidden: Count::of(&dim, first),
         unknown_not_named: Count::of(&unknown, |t| t.named.is_empty()),
+        brier: (!calls.is_empty()).then_some(brier),
     }];
     let names = done.first().map_or(Vec::new(), |t| {
         t.rivals.iter().map(|r| r.0.clone()).collect::<Vec<_>>()
     });
     for name in names {
         let of = |t: &Trial| t.rivals.iter().find(|r| r.0 == name).cloned();
+        let claims: Vec<bool> = done
+            .iter()
+            .filter_map(|t| Some(t.truth.contains(&of(t)?.2?)))
+            .collect();
+        let wrong = claims.iter().filter(|c| !**c).count() as f64;
         let says = |t: &Trial| of(t).is_some_and(|r| r.2.as_deref() == Some(t.truth[0].as_str()));
         methods.push(Method {
             false_alarm_rate: Count::of(&clean, |t| of(t).is_some_and(|r| r.1)),
             top1_detectable: Count::of(&visible, says),
             top1_hidden: Count::of(&dim, says),
             unknown_not_named: Count::of(&unknown, |t| of(t).is_some_and(|r| r.2.is_none())),
+            brier: (!claims.is_empty()).then(|| wrong / claims.len() as f64),
             name,
         });
     }
@@ -254,7 +290,12 @@ pub fn score(trials: &[Trial]) -> Proof {
         group_hidden: Count::of(&dim, grouped),
         wrong_hidden: Count::of(&dim, |t| !t.named.is_empty() && !grouped(t)),
         unknown_called_unexplained: Count::of(&unknown, |t| t.verdict == "unexplained"),
-        pairs_both_named: Count::of(&pairs, |t| t.truth.iter().all(|e| t.named.contains(e))),
+        visible_unknown_called_unexplained: Count::of(&visible_unknown, |t| {
+            t.verdict == "unexplained"
+        }),
+        pairs_both_named: Count::of(&clear_pairs, both),
+        pairs_by_group: Count::of(&clear_pairs, both_grouped),
+        all_pairs_both_named: Count::of(&pairs, both),
         pairs_first_right: Count::of(&pairs, |t| {
             t.named.first().is_some_and(|n| t.truth.contains(n))
         }),

@@ -818,18 +818,42 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Works out the recordings at the values in `eta` of the effects that move the mechanism or the motion. Until this is called
-    /// again the residual is linear in those values; evaluating it at other values costs no more than without them.
+    /// again the residual is linear in those values; evaluating it at other values costs no more than without them. With `anew`
+    /// the changes per value are worked out as well, without it those of the last call go on (they change little): a secant step
+    /// that costs one walk through the mechanism instead of one more a value.
     ///
     /// # Errors
     /// [`Locked`] when the mechanism cannot follow.
-    pub fn linearise(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {
+    pub fn linearise(&mut self, eta: &[f64], beta: &[f64], anew: bool) -> Result<(), Locked> {
         let effects = self.effects(eta);
         if effects.iter().all(|a| a.effect.site() != Site::Motion) {
             return Ok(());
         }
+        let first = self.layout.first_value();
         for number in 0..self.recordings.len() {
             let mechanics = self.mechanics_with(number, &effects)?.into_owned();
             let r = &self.recordings[number];
+            let values = match &r.linear {
+                Some(old) if !anew => {
+                    let here = |(place, _, column): &(usize, f64, Triples)| {
+                        (*place, eta[*place], column.clone())
+                    };
+                    old.values.iter().map(here).collect()
+                }
+                _ => {
+                    let motion = |site: Site| site == Site::Motion;
+                    let columns =
+                        self.value_columns(number, eta, beta, &mechanics, &effects, motion)?;
+                    self.layout
+                        .free_values
+                        .iter()
+                        .enumerate()
+                        .zip(columns)
+                        .filter(|((_, (e, _)), _)| motion(effects[*e].effect.site()))
+                        .map(|((place, _), column)| (first + place, eta[first + place], column))
+                        .collect()
+                }
+            };
             let load = filtered_load(&mechanics, &r.decimation, &r.centres);
             let forearm = forearm_columns(
                 &mechanics,
@@ -838,18 +862,6 @@ impl<'a> RobotResidual<'a> {
                 &r.centres,
                 self.arch,
             );
-            let motion = |site: Site| site == Site::Motion;
-            let columns = self.value_columns(number, eta, beta, &mechanics, &effects, motion)?;
-            let first = self.layout.first_value();
-            let values = self
-                .layout
-                .free_values
-                .iter()
-                .enumerate()
-                .zip(columns)
-                .filter(|((_, (e, _)), _)| motion(effects[*e].effect.site()))
-                .map(|((place, _), column)| (first + place, eta[first + place], column))
-                .collect();
             self.recordings[number].linear = Some(Arc::new(Linear {
                 mechanics,
                 load,

@@ -17,7 +17,7 @@ use super::integrator::{
 };
 use super::voltage::{Payload, Voltage};
 use crate::film::{Film, InitialState};
-use crate::kinematics::{ChainCurvature, ChainPose, Lozenge, Vec3, dot};
+use crate::kinematics::{ChainCurvature, ChainPose, FixedMechanism, Lozenge, Vec3, dot};
 use crate::model::{ForearmTorque, Parameters, Robot, Track};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
@@ -273,6 +273,7 @@ impl Motion {
 /// Films, mechanism and inputs together: the system that is integrated.
 struct Plant<'a> {
     robot: &'a Robot,
+    mechanism: FixedMechanism,
     actuators: [Actuator; 3],
     springs: Springs,
     packs: usize,
@@ -425,6 +426,7 @@ impl<'a> Plant<'a> {
         let tolerance = options.tolerance_m;
         Plant {
             robot,
+            mechanism: robot.mechanism.fixed(),
             actuators: [0, 1, 2].map(|k| Actuator::new(&robot.lozenges[k], eps)),
             packs,
             springs,
@@ -453,12 +455,12 @@ impl<'a> Plant<'a> {
     }
 
     fn pose(&self, t_s: f64, u: Vec3) -> Result<Pose, Error> {
-        let mechanism = &self.robot.mechanism;
-        let chains = mechanism
+        let chains = self
+            .mechanism
             .pose(u)
             .map_err(|place| Error::OutOfReach { at_s: t_s, place })?;
         Ok(Pose {
-            curvature: [0, 1, 2].map(|k| mechanism.chains[k].curvature(&chains[k])),
+            curvature: [0, 1, 2].map(|k| self.robot.mechanism.chains[k].curvature(&chains[k])),
             angles: [0, 1, 2].map(|k| self.actuators[k].at(chains[k].theta_dea_rad)),
             chains,
         })

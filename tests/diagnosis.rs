@@ -17,7 +17,7 @@ fn spec(kind: Kind, seed: u64, strength: f64) -> Spec {
 #[test]
 fn a_clean_robot_is_called_adequate() {
     for seed in [11, 12] {
-        let t = trial(&spec(Kind::Clean, seed, 0.5)).unwrap();
+        let t = trial(&generate(&spec(Kind::Clean, seed, 0.5)).unwrap());
         assert_eq!(t.verdict, "adequate", "{t:?}");
     }
 }
@@ -33,7 +33,7 @@ fn effects_of_each_site_are_named_first_and_the_gap_closes() {
     .into_iter()
     .enumerate()
     {
-        let t = trial(&spec(Kind::Effect(id), 100 + i as u64, 0.7)).unwrap();
+        let t = trial(&generate(&spec(Kind::Effect(id), 100 + i as u64, 0.7)).unwrap());
         assert_eq!(t.named.first().map(String::as_str), Some(id), "{t:?}");
         assert!(t.gap_closed > 0.8, "{t:?}");
     }
@@ -41,7 +41,7 @@ fn effects_of_each_site_are_named_first_and_the_gap_closes() {
 
 #[test]
 fn what_is_in_no_catalogue_gets_no_name() {
-    let t = trial(&spec(Kind::Unknown("x_cogging"), 7, 0.9)).unwrap();
+    let t = trial(&generate(&spec(Kind::Unknown("x_cogging"), 7, 0.9)).unwrap());
     assert_eq!(t.verdict, "unexplained", "{t:?}");
     let proof = score(&[t]);
     assert_eq!(proof.unknown_called_unexplained.hits, 1);

@@ -88,6 +88,31 @@ pub struct Spec {
     pub drive: DriveSet,
 }
 
+/// What a motion is made of, for another form of the effects than the ones here: [`generate_as`].
+pub struct Planted<'a> {
+    /// The robot that the user believes in.
+    pub robot: &'a Robot,
+    /// Film and forearm without the effects.
+    pub parameters: &'a Parameters,
+    /// Its voltages.
+    pub drive: &'a Sampled,
+    /// Duration, tolerance, payload.
+    pub options: &'a Options,
+    /// The effects, with equivalent values.
+    pub details: &'a [&'a Detail],
+    /// Names of the recordings, the training ones first.
+    pub names: &'a [&'a str],
+    /// Number of this one among them.
+    pub number: usize,
+    /// Its time in the series, s, all two minutes apart.
+    pub series_s: f64,
+    /// The point about which the capture's axes would turn, as stated, m.
+    pub pivot_m: Vec3,
+}
+
+/// Simulates what is planted: the motion as it is read.
+pub type Simulate<'a> = &'a dyn Fn(&Planted) -> Result<Motion, String>;
+
 /// One recording of a case.
 #[derive(Debug, Clone)]
 pub struct CaseRecording {
@@ -259,7 +284,15 @@ fn parameters(dice: &mut Dice) -> Result<Parameters, String> {
 /// # Errors
 /// A sentence when no drive could be found that the robot follows.
 pub fn generate(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, false)
+    generate_with(spec, false, None)
+}
+
+/// The same case, with its effects in the form that `simulate` gives them.
+///
+/// # Errors
+/// As [`generate`].
+pub fn generate_as(spec: &Spec, simulate: Simulate) -> Result<Case, String> {
+    generate_with(spec, false, Some(simulate))
 }
 
 /// Share of the usual voltages, tried one after the other where the robot leaves its workspace.
@@ -272,10 +305,10 @@ const WEAKER: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 /// # Errors
 /// As [`generate`].
 pub fn generate_off(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, true)
+    generate_with(spec, true, None)
 }
 
-fn generate_with(spec: &Spec, off: bool) -> Result<Case, String> {
+fn generate_with(spec: &Spec, off: bool, simulate: Option<Simulate>) -> Result<Case, String> {
     let believed = Robot::from_rig(&rig()?, None)?;
     let parameters = parameters(&mut Dice::new(spec.seed, 1))?;
     let mut last = String::new();
@@ -285,7 +318,7 @@ fn generate_with(spec: &Spec, off: bool) -> Result<Case, String> {
             ..*spec
         };
         for share in SHARES {
-            match attempt(&spec, off, &believed, &parameters, share) {
+            match attempt(&spec, off, &believed, &parameters, share, simulate) {
                 Ok(case) => return Ok(case),
                 Err(why) => last = why,
             }
@@ -305,6 +338,7 @@ fn attempt(
     believed: &Robot,
     parameters: &Parameters,
     share: f64,
+    simulate: Option<Simulate>,
 ) -> Result<Case, String> {
     let mut dice = Dice::new(spec.seed, 2);
     let planned = match spec.drive {
@@ -353,10 +387,31 @@ fn attempt(
     let mut holdout = Vec::new();
     let mut recordings = Vec::new();
     let capture = capture(spec.seed);
+    let order = order(&slots);
+    let names: Vec<&str> = order.iter().map(|o| &slots[o.0].name[..]).collect();
+    let details: Vec<&Detail> = effects.iter().map(|e| &e.detail).collect();
     for (i, (slot, planned)) in slots.iter().zip(&planned).enumerate() {
         let id = format!("{name}/{}", slot.name);
+        let number = order.iter().position(|o| o.0 == i).unwrap_or_default();
+        let other = |simulate: Simulate, options: &Options| {
+            simulate(&Planted {
+                robot: believed,
+                parameters,
+                drive: &planned.drive,
+                options,
+                details: &details,
+                names: &names,
+                number,
+                series_s: order[number].1,
+                pivot_m: pivot_m(&capture),
+            })
+        };
+        let simulate = simulate.map(|s| move |options: &Options| other(s, options));
+        let simulate = simulate
+            .as_ref()
+            .map(|s| s as &dyn Fn(&Options) -> Result<Motion, String>);
         let recording = record(
-            spec, i, id, planned, believed, parameters, &effects, &capture,
+            spec, i, id, planned, believed, parameters, &effects, simulate, &capture,
         )
         .map_err(|why| format!("{}: {why}", slot.name))?;
         let heights = recording.motion.position_m.iter().map(|u| u[2] * 1e3);
@@ -411,11 +466,28 @@ fn attempt(
         parameters: parameters.clone(),
         train,
         holdout,
-        pivot_m: [0, 1, 2].map(|i| {
-            capture.placement.base_position_m[i] - capture.placement.end_effector_offset_m[i]
-        }),
+        pivot_m: pivot_m(&capture),
         truth,
     })
+}
+
+/// The point about which the capture's axes would turn, as stated, m.
+fn pivot_m(stated: &Capture) -> Vec3 {
+    let place = &stated.placement;
+    [0, 1, 2].map(|i| place.base_position_m[i] - place.end_effector_offset_m[i])
+}
+
+/// The slots with their time in the series, s, as a proof takes them: the training recordings first, all two minutes apart.
+fn order(slots: &[Slot]) -> Vec<(usize, f64)> {
+    let (train, holdout): (Vec<usize>, Vec<usize>) =
+        (0..slots.len()).partition(|&i| slots[i].train);
+    let mut now = 0.0;
+    let begins = |i: usize| {
+        let begins = now;
+        now += 120.0 + slots[i].duration_s;
+        (i, begins)
+    };
+    train.into_iter().chain(holdout).map(begins).collect()
 }
 
 /// The capture system of a case, as stated: where the markers are, how noisy it is.
@@ -458,6 +530,7 @@ fn record(
     believed: &Robot,
     parameters: &Parameters,
     effects: &[Effect],
+    simulate: Option<&dyn Fn(&Options) -> Result<Motion, String>>,
     stated: &Capture,
 ) -> Result<CaseRecording, String> {
     let (mut robot, mut parameters) = (believed.clone(), parameters.clone());
@@ -466,7 +539,7 @@ fn record(
     let mut capture = stated.clone();
     let mut clock = (0.0, 0.0);
     let mut lag = None;
-    for effect in effects {
+    for effect in effects.iter().filter(|_| simulate.is_none()) {
         if let Some(alter) = &effect.alter {
             alter(index, &mut robot, &mut parameters);
         }
@@ -492,8 +565,11 @@ fn record(
         payload: Payload::steps(steps[0].1, steps[1..].to_vec())?,
         ..Options::default()
     };
-    let truth = motion(&robot, &parameters, &planned.drive, &options, &additions)
-        .map_err(|e| e.to_string())?;
+    let truth = match simulate {
+        Some(simulate) => simulate(&options)?,
+        None => motion(&robot, &parameters, &planned.drive, &options, &additions)
+            .map_err(|e| e.to_string())?,
+    };
     let seen = match lag {
         Some(lag) => lagged(&truth, lag),
         None => truth.position_m.clone(),

@@ -10,7 +10,7 @@ use super::series;
 use super::{Failure, Talk, diagnose, load};
 use crate::cases::{DriveSet, Spec, Truth, generate, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
-use crate::proof::{StandsOut, Trial, compare, run as run_own, score, stands_out};
+use crate::proof::{StandsOut, Trial, compare, own_form, run as run_own, score, stands_out};
 use crate::recording::Kind;
 use crate::report::json::to_text;
 use crate::report::output::OutputSet;
@@ -34,6 +34,9 @@ pub(super) struct Arguments {
     /// Drives of the own cases: what an experimenter ordinarily does, the program's own protocol, or three short recordings
     #[arg(long, value_name = "ordinary|protocol|short", default_value = "ordinary", value_parser = parse_drive, conflicts_with = "cases")]
     drive: DriveSet,
+    /// Let effects act in the very form that the catalogue gives them: do the intervals hold what they promise?
+    #[arg(long, conflicts_with_all = ["cases", "keep"])]
+    own_form: bool,
     /// Kinds of the planned cases that are made: clean, single, pair, unknown (default: all)
     #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = ["clean", "single", "pair", "unknown"], conflicts_with = "cases")]
     kinds: Vec<String>,
@@ -86,7 +89,8 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
             }
             let done = AtomicUsize::new(0);
             let total = specs.len();
-            run_own(&specs, &|_| {
+            let make = if a.own_form { own_form } else { generate };
+            run_own(&specs, make, &|_| {
                 let n = 1 + done.fetch_add(1, Ordering::Relaxed);
                 progress.step(format!("{n} of {total} cases"));
                 progress.leave_if_stopped();

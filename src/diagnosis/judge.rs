@@ -64,7 +64,7 @@ fn steps(fitted: &Fitted) -> usize {
 }
 
 /// Plain mean square above which a model is never adequate.
-pub(super) const NEVER_ADEQUATE: f64 = 1.6;
+pub(super) const NEVER_ADEQUATE: f64 = 2.0;
 
 /// Ids that the recordings cannot tell from the effect number `own` of a fitted model: the projected fingerprint of that effect lies
 /// in the span of theirs.

@@ -394,6 +394,6 @@ impl Subject for RobotResidual<'_> {
     fn unexplained(plain: f64, best: f64) -> bool {
         let left = (best - 1.0).max(0.0);
         let share = left / (plain - 1.0).max(1e-9);
-        (best > 4.0 && share > 0.03) || (best > 1.8 && share > 0.08) || (best > 1.25 && share > 0.6)
+        (best > 4.0 && share > 0.03) || (best > 1.8 && share > 0.08) || (best > 1.6 && share > 0.6)
     }
 }

@@ -39,7 +39,7 @@ impl Effect for LossOfTension {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [-0.6, -0.2, 0.1, 0.35, 0.6]
+        [-0.6, -0.2, 0.1, 0.35, 0.6, 0.85]
             .iter()
             .map(|&t| vec![vec![t, 0.15]])
             .collect()

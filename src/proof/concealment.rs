@@ -2,11 +2,11 @@
 //! tell from the true one. All of it from the answer: nothing here is seen by the diagnosis.
 
 use serde::Serialize;
-use serde_json::Value;
 
-use crate::cases::{Detail, Truth};
+use super::own_form::acting;
+use crate::cases::Truth;
 use crate::diagnosis::{Diagnosis, Entry, alike_at};
-use crate::effects::{Acting, by_id};
+use crate::effects::Acting;
 use crate::film::Film;
 use crate::model::{ForearmTorque, Parameters, Robot};
 
@@ -78,42 +78,17 @@ pub struct StandsOut {
     pub excess: f64,
 }
 
-/// An effect of an answer as the catalogue has it; `None` for what is in no catalogue.
-fn acting(id: &str, detail: &Detail, entries: &[Entry]) -> Option<Acting> {
-    let effect = by_id(id)?;
-    let on = [1, 2, 3].map(|k| detail.actuators.contains(&k));
-    let mut out = Acting::off(effect, on);
-    for (i, q) in effect.parameters().iter().enumerate() {
-        let (name, part) = q.part();
-        let Some(value) = detail.parameters.get(name) else {
-            continue;
-        };
-        let number = match (value, part) {
-            (Value::Number(v), None) => v.as_f64(),
-            (Value::Array(list), Some(p)) => list.get(p).and_then(Value::as_f64),
-            (Value::String(word), None) => {
-                let form = effect.variants().iter().position(|w| w == word);
-                let recording = entries
-                    .iter()
-                    .position(|e| e.dataset.id.rsplit('/').next() == word.rsplit('/').next());
-                form.or(recording).map(|n| n as f64)
-            }
-            _ => None,
-        };
-        if let Some(number) = number {
-            out.values[i] = number.clamp(q.lower, q.upper);
-        }
-    }
-    Some(out)
-}
-
 /// How each effect of a case stands out; nothing where the catalogue does not have them.
 pub fn stands_out(truth: &Truth, robot: &Robot, entries: &[Entry]) -> Vec<StandsOut> {
+    let recording = |word: &str| {
+        let name = |id: &str| id.rsplit('/').next() == word.rsplit('/').next();
+        entries.iter().position(|e| name(&e.dataset.id))
+    };
     let all: Option<Vec<Acting>> = truth
         .effects
         .iter()
         .zip(&truth.detail)
-        .map(|(id, detail)| acting(id, detail, entries))
+        .map(|(id, detail)| acting(id, detail, &recording))
         .collect();
     let (Some(parameters), Some(all)) = (parameters(truth), all) else {
         return Vec::new();

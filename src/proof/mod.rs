@@ -6,12 +6,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 mod concealment;
+mod own_form;
 mod score;
 
 pub use concealment::{Concealment, StandsOut, stands_out};
+pub use own_form::own_form;
 pub use score::{Count, Median, Method, Proof, score};
 
-use crate::cases::{Case, CaseRecording, Spec, Truth, generate};
+use crate::cases::{Case, CaseRecording, Spec, Truth};
 use crate::dataset::Dataset;
 use crate::diagnosis::{Diagnosis, Entry, Request, Verdict, diagnose};
 use crate::effects::When;
@@ -53,6 +55,8 @@ pub struct Trial {
     pub values: Vec<(String, f64, f64)>,
     /// The truth's values of it.
     pub true_values: Vec<(String, f64)>,
+    /// Size of the true effect over the smallest that the diagnosis says it would have found.
+    pub over_smallest: Option<f64>,
     /// Weighted mean squares: plain, best; held out plain, best.
     pub mean_squares: [f64; 4],
     /// Evidence: largest surprise of the scan, what noise allows, p-value; fall of the sum of squares, what chance allows;
@@ -116,20 +120,17 @@ pub fn blind(case: &Case) -> Result<Diagnosis, String> {
     .map_err(|e| e.to_string())
 }
 
-/// Generates, diagnoses and compares one case.
-///
-/// # Errors
-/// When the case cannot be generated.
-pub fn trial(spec: &Spec) -> Result<Trial, String> {
-    let case = generate(spec)?;
+/// Diagnoses a case and compares.
+pub fn trial(case: &Case) -> Trial {
     let begin = std::time::Instant::now();
-    let diagnosis = blind(&case);
+    let diagnosis = blind(case);
     let seconds = begin.elapsed().as_secs_f64();
     let mut out = compare(&case.truth, diagnosis, seconds);
-    let train = datasets(&case, &case.train)?;
-    let series_s = series(&train);
-    out.stands_out = stands_out(&case.truth, &case.robot, &entries(&train, 0, &series_s));
-    Ok(out)
+    if let Ok(train) = datasets(case, &case.train) {
+        let series_s = series(&train);
+        out.stands_out = stands_out(&case.truth, &case.robot, &entries(&train, 0, &series_s));
+    }
+    out
 }
 
 /// Beginnings of recordings that are taken to be two minutes apart, s.
@@ -144,12 +145,16 @@ fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
         .collect()
 }
 
-/// Runs all cases, in parallel. `watch` hears of each.
-pub fn run(specs: &[Spec], watch: &(dyn Fn(&Trial) + Sync)) -> Vec<Trial> {
+/// Makes and tries all cases, in parallel; `make` is [`crate::cases::generate`] or [`own_form`]. `watch` hears of each.
+pub fn run(
+    specs: &[Spec],
+    make: fn(&Spec) -> Result<Case, String>,
+    watch: &(dyn Fn(&Trial) + Sync),
+) -> Vec<Trial> {
     specs
         .par_iter()
         .filter_map(|s| {
-            let t = trial(s).ok()?;
+            let t = trial(&make(s).ok()?);
             watch(&t);
             Some(t)
         })
@@ -183,6 +188,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
                 .filter_map(|(k, v)| Some((k.clone(), number(v)?)))
                 .collect()
         }),
+        over_smallest: None,
         mean_squares: [f64::NAN; 4],
         evidence: [f64::NAN; 6],
         most_surprising: String::new(),
@@ -257,6 +263,11 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         .iter()
         .map(|r| (r.0.to_string(), r.1, r.2.map(str::to_string)))
         .collect();
+    out.over_smallest = truth.effects.first().and_then(|id| {
+        let hidden = d.hidden.iter().find(|h| h.effect == id.as_str())?;
+        let size = out.true_values.iter().find(|v| v.0 == hidden.name)?.1;
+        Some(size.abs() / hidden.smallest_detectable)
+    });
     out.located = located(truth, &d);
     out
 }

@@ -110,6 +110,9 @@ pub struct Proof {
     pub group_hidden: Count,
     /// Single effects below 1.5 times the floor for which another name was claimed, outside the prover's group.
     pub wrong_hidden: Count,
+    /// Single effects of three times the smallest size that the diagnosis says it would have found, or more, that were named (or one that
+    /// the recordings cannot tell from them).
+    pub found_at_three_times_smallest: Count,
     /// Effects in no catalogue that were called unexplained.
     pub unknown_called_unexplained: Count,
     /// The same of those that a plain refit leaves at 1.5 times the floor or more.
@@ -289,6 +292,10 @@ pub fn score(trials: &[Trial]) -> Proof {
         top1_hidden: Count::of(&dim, first),
         group_hidden: Count::of(&dim, grouped),
         wrong_hidden: Count::of(&dim, |t| !t.named.is_empty() && !grouped(t)),
+        found_at_three_times_smallest: Count::of(
+            &select(&|t| single(t) && t.over_smallest.is_some_and(|o| o >= 3.0)),
+            grouped,
+        ),
         unknown_called_unexplained: Count::of(&unknown, |t| t.verdict == "unexplained"),
         visible_unknown_called_unexplained: Count::of(&visible_unknown, |t| {
             t.verdict == "unexplained"

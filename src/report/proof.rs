@@ -67,6 +67,7 @@ fn methods(proof: &Proof) -> Section {
             Cell::number("Right effect first, visible"),
             Cell::number("Right effect first, below 1.5 times the floor"),
             Cell::number("No name claimed for what is in no catalogue"),
+            Cell::number("Brier score of its names"),
         ],
     );
     for m in &proof.methods {
@@ -76,19 +77,20 @@ fn methods(proof: &Proof) -> Section {
             share(&m.top1_detectable),
             share(&m.top1_hidden),
             share(&m.unknown_not_named),
+            Cell::number(m.brier.map_or("-".into(), |b| format!("{b:.3}"))),
         ]);
     }
     section(
         "methods",
         "Against simpler methods",
-        "Counts with 95 % intervals (Wilson). Visible: a plain refit with all parameters free leaves 1.5 times the noise or more.",
+        "Counts with 95 % intervals (Wilson). Visible: a plain refit with all parameters free leaves 1.5 times the noise or more. A Brier score is the mean square of the probability of a name less 1 where it is right, less 0 where it is not; simpler methods know no doubt, so theirs is the share of wrong names.",
         table,
     )
 }
 
 fn scores(proof: &Proof) -> Section {
     let mut table = Table::new("Scores", vec![Cell::text("What"), Cell::number("Measured")]);
-    let counts: [(&str, &Count); 10] = [
+    let counts: [(&str, &Count); 14] = [
         (
             "Visible: right effect among the first three",
             &proof.top3_detectable,
@@ -110,7 +112,26 @@ fn scores(proof: &Proof) -> Section {
             "In no catalogue: called unexplained",
             &proof.unknown_called_unexplained,
         ),
-        ("Two effects: both named", &proof.pairs_both_named),
+        (
+            "In no catalogue and visible: called unexplained",
+            &proof.visible_unknown_called_unexplained,
+        ),
+        (
+            "Three times the smallest size that the program states, or more: found",
+            &proof.found_at_three_times_smallest,
+        ),
+        (
+            "Two effects, each detectable beside the other: both named",
+            &proof.pairs_both_named,
+        ),
+        (
+            "The same, or effects that the recordings cannot tell from them",
+            &proof.pairs_by_group,
+        ),
+        (
+            "Two effects, all pairs: both named",
+            &proof.all_pairs_both_named,
+        ),
         (
             "Two effects: the first name is right",
             &proof.pairs_first_right,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use deacal::cases::{DriveSet, Kind, Spec, generate};
-use deacal::proof::{blind, compare, score, trial};
+use deacal::proof::{blind, compare, own_form, score, trial};
 
 fn spec(kind: Kind, seed: u64, strength: f64) -> Spec {
     Spec {
@@ -45,6 +45,19 @@ fn what_is_in_no_catalogue_gets_no_name() {
     assert_eq!(t.verdict, "unexplained", "{t:?}");
     let proof = score(&[t]);
     assert_eq!(proof.unknown_called_unexplained.hits, 1);
+}
+
+#[test]
+fn intervals_hold_the_value_of_the_catalogues_own_form() {
+    for (id, seed) in [("series_resistance", 41), ("hinge_stiffness", 42)] {
+        let t = trial(&own_form(&spec(Kind::Effect(id), seed, 0.6)).unwrap());
+        assert_eq!(t.named.first().map(String::as_str), Some(id), "{t:?}");
+        let (name, value, error) = t.values.iter().find(|v| v.2.is_finite()).unwrap();
+        let truth = t.true_values.iter().find(|v| v.0 == *name).unwrap().1;
+        assert!((value - truth).abs() < 3.0 * error, "{t:?}");
+        assert!(*error < 0.2 * truth.abs(), "{t:?}");
+    }
+    assert!(own_form(&spec(Kind::Unknown("x_cogging"), 7, 0.9)).is_err());
 }
 
 /// Writes the files of a case below `dir`, and its answer where `answer` says so.

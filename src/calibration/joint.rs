@@ -636,7 +636,7 @@ pub(super) fn joint(
         models.sort_by(|a, b| a.1.criterion.total_cmp(&b.1.criterion));
         // As long as nothing fits to the noise, everything is tried.
         let limit = match inflation < MISFIT {
-            true => models[0].1.criterion + NEAR + surprise,
+            true => models.first().map_or(0.0, |m| m.1.criterion) + NEAR + surprise,
             false => f64::INFINITY,
         };
         let near: Vec<usize> = models
@@ -673,7 +673,11 @@ pub(super) fn joint(
             (causes.zip(j.partitions).collect(), j.criterion, i)
         })
         .collect();
-    let best = models[0].1;
+    let Some(&(_, best, _)) = models.first() else {
+        return Err(Error::NothingToFit(
+            "no set of causes could be weighed".into(),
+        ));
+    };
     let weight = |m: &Weighed| (-0.5 * (m.1 - best)).exp();
     let sum: f64 = models.iter().map(weight).sum();
     let probability = |cause: Cause| -> f64 {

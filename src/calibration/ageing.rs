@@ -27,6 +27,8 @@ const FEWEST_CYCLES: usize = 3;
 const POWER_Z: f64 = 0.8416;
 /// Scatter of the loss between samples that is assumed where it was not measured, percentage points.
 pub const ASSUMED_SCATTER: f64 = 5.0;
+/// Probability from which a cause is named: odds of twenty.
+const SURE: f64 = 0.95;
 /// Draws for the day at which a loss is reached.
 const DRAWS: usize = 4000;
 /// A day further than this many times the range of days is not carried by the data.
@@ -79,6 +81,8 @@ pub struct AgeingRequest {
     pub loss_percent: f64,
     /// Cycles over which the stroke is averaged, at most.
     pub cycles: usize,
+    /// Scatter with which samples are hung, m, where it is known: next to nothing for a sample that stays in its frame.
+    pub mount_m: Option<f64>,
 }
 
 impl Default for AgeingRequest {
@@ -88,6 +92,7 @@ impl Default for AgeingRequest {
             threshold_percent: 5.0,
             loss_percent: 50.0,
             cycles: CYCLES,
+            mount_m: None,
         }
     }
 }
@@ -378,6 +383,7 @@ pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingO
             None => "there is nothing to compare".into(),
         });
     }
+    remarks.extend(rigs(&electrodes, &runs, inputs));
     let differences = differences(&electrodes);
     let verdict = verdict(&electrodes, request);
     Ok(AgeingOutcome {
@@ -389,6 +395,49 @@ pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingO
         verdict,
         remarks,
     })
+}
+
+/// What it means that electrodes hang on films of another thickness or under another mass.
+fn rigs(electrodes: &[ElectrodeAgeing], runs: &[Run], inputs: &[AgeingInput]) -> Vec<String> {
+    let of = |e: &ElectrodeAgeing| {
+        let named = |input: &&AgeingInput| {
+            let own = input.electrode.as_deref();
+            own.is_some_and(|n| n.trim().eq_ignore_ascii_case(&e.name))
+        };
+        let own = runs.iter().map(|r| &inputs[r.input]);
+        own.filter(named).find_map(|i| Some(i.hanging.as_ref()?.1))
+    };
+    let mut out = Vec::new();
+    for (i, a) in electrodes.iter().enumerate() {
+        for b in &electrodes[i + 1..] {
+            let (Some(x), Some(y)) = (of(a), of(b)) else {
+                continue;
+            };
+            let mut differ = Vec::new();
+            let mut say = |what: &str, unit: &str, u: f64, v: f64| {
+                if (u - v).abs() > 1e-6 * u.abs() {
+                    differ.push(format!("{what} {u:.4} and {v:.4} {unit}"));
+                }
+            };
+            say("thickness", "mm", x.l3_m * 1e3, y.l3_m * 1e3);
+            say("mass", "g", x.mass_kg * 1e3, y.mass_kg * 1e3);
+            say("width", "mm", x.width_m * 1e3, y.width_m * 1e3);
+            say("length", "mm", x.length_m * 1e3, y.length_m * 1e3);
+            if !differ.is_empty() {
+                out.push(format!(
+                    "{} and {} hang on different rigs ({}): their strokes in mm do not compare, because the stress of the field goes with \
+                     1/thickness^2 ({:.2} times that of {} on {}); losses are compared in percent of each sample's own first stroke.",
+                    a.name,
+                    b.name,
+                    differ.join("; "),
+                    (x.l3_m / y.l3_m).powi(2),
+                    a.name,
+                    b.name,
+                ));
+            }
+        }
+    }
+    out
 }
 
 /// One electrode; the inner error says why there is nothing to compare.
@@ -612,7 +661,7 @@ fn electrode(
 
     let fitted: Vec<SampleAgeing> = samples
         .iter()
-        .map(|s| of_sample(s, &own, inputs, &level_of, what))
+        .map(|s| of_sample(s, &own, inputs, &level_of, what, request.mount_m))
         .collect();
     let trend = match request.by {
         By::Day => trend(&table, request.loss_percent),
@@ -685,6 +734,7 @@ fn of_sample(
     inputs: &[AgeingInput],
     level_of: &(dyn Fn(&Placed) -> usize + Sync),
     what: &str,
+    mount_m: Option<f64>,
 ) -> SampleAgeing {
     let mine: Vec<&Placed> = own.iter().filter(|p| p.sample == name).collect();
     let mut levels: Vec<usize> = mine.iter().map(|p| level_of(p)).collect();
@@ -724,12 +774,26 @@ fn of_sample(
     };
     let rest_shift_m = (0..levels.len()).map(|l| rest(l) - rest(0)).collect();
     let fit = if datasets.len() < mine.len() {
-        Err("causes are fitted to hanging samples only; of a robot the stroke is compared".into())
+        Err(
+            "what aged is told for hanging samples only: of a robot the stroke is compared, and `deacal diagnose` on all its days finds what changed"
+                .into(),
+        )
     } else if levels.len() < 2 {
         Err(format!("one {what} only"))
     } else {
         let refs: Vec<&HangingDataset> = datasets.iter().collect();
-        joint(&refs, &samples, &numbers).map_err(|e| e.to_string())
+        let stroke = |level: usize| {
+            let own: Vec<f64> = mine
+                .iter()
+                .filter(|p| place(p) == level)
+                .map(|p| p.strokes.mean.value)
+                .collect();
+            own.iter().sum::<f64>() / own.len() as f64
+        };
+        let loss: Vec<f64> = (0..levels.len())
+            .map(|l| 1.0 - stroke(l) / stroke(0))
+            .collect();
+        joint(&refs, &samples, &numbers, what == "day", &loss, mount_m).map_err(|e| e.to_string())
     };
     SampleAgeing {
         name: name.into(),
@@ -998,14 +1062,17 @@ fn difference(
     };
     let ci95 = [value - half, value + half];
     let mut says = format!(
-        "{} {} {:.1} percentage points more than {} (95 %: {:.1} to {:.1}, p = {:.1e})",
+        "{} {} {:.1} percentage points more than {} (95 %: {:.1} to {:.1}, p {})",
         a.name,
         if value < 0.0 { "loses" } else { "keeps" },
         value.abs(),
         b.name,
         ci95[0],
         ci95[1],
-        p_value
+        match p_value < 1e-15 {
+            true => "< 1e-15".to_string(),
+            false => format!("= {p_value:.1e}"),
+        }
     );
     says += &if between {
         format!(
@@ -1033,13 +1100,13 @@ fn difference(
     }
 }
 
-/// Causes of a joint fit that are named: in the model, more likely than not, and without a rival that could stand for them.
+/// Causes of a joint fit that are named: in the model, at odds of twenty to one, and without a rival that could stand for them.
 #[must_use]
 pub fn named(joint: &Joint) -> Vec<Cause> {
     let rivalled = |c: Cause| joint.confused.iter().any(|pair| pair[0] == c);
     let in_model = joint.causes.iter().filter(|c| c.in_model);
     in_model
-        .filter(|c| c.probability > 0.5 && !rivalled(c.cause))
+        .filter(|c| c.probability > SURE && !rivalled(c.cause))
         .map(|c| c.cause)
         .collect()
 }
@@ -1069,6 +1136,16 @@ pub fn words(cause: Cause) -> &'static str {
         Cause::ActiveArea => "another active area (or permittivity)",
         Cause::FilmModulus => "another modulus of the film",
         Cause::Load => "another load",
+    }
+}
+
+/// A cause that is not named, with the rivals that could stand for it, as part of a sentence.
+#[must_use]
+pub fn doubtful(group: &[Cause]) -> String {
+    let names: Vec<&str> = group.iter().map(|c| words(*c)).collect();
+    match names.as_slice() {
+        [one] => format!("perhaps by {one}"),
+        several => format!("by {} (not told apart)", several.join(" or ")),
     }
 }
 
@@ -1105,9 +1182,10 @@ fn verdict(electrodes: &[ElectrodeAgeing], request: &AgeingRequest) -> String {
                     false => format!(", by {}", list.join(" and ")),
                 };
                 for group in groups {
-                    let names: Vec<&str> = group.into_iter().map(words).collect();
-                    text += &format!(", by {} (not told apart)", names.join(" or "));
+                    text += &format!(", {}", doubtful(&group));
                 }
+            } else if let Some(Err(why)) = e.samples.first().map(|s| &s.joint) {
+                text += &format!(" ({why})");
             }
             text + "."
         })

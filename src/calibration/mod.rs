@@ -17,7 +17,7 @@ mod stroke;
 
 pub use ageing::{
     ASSUMED_SCATTER, AgeingInput, AgeingOutcome, AgeingRequest, By, CYCLES, Difference,
-    ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, named, open, words,
+    ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, doubtful, named, open, words,
 };
 pub use coupon::{
     CouponFit, CouponOutcome, CouponPlace, CouponRequest, CouponTotal, calibrate_coupons,

@@ -1,6 +1,6 @@
 //! Hanging samples as one dense least-squares problem: one film for all recordings, and what may differ between them.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::dataset::HangingDataset;
@@ -43,13 +43,25 @@ impl Cause {
         }
     }
 
-    /// A change that is worth a look: the search's unit of length.
+    /// How far it goes where it changes: the standard deviation expected beforehand, for each about what takes a third to half of a stroke.
     #[must_use]
-    pub fn size(self) -> f64 {
+    pub fn range(self) -> f64 {
         match self {
-            Cause::ElectrodeStiffness => 5e4,
-            Cause::SeriesResistance => 2e7,
-            Cause::ActiveArea | Cause::FilmModulus | Cause::Load => 0.1,
+            Cause::ElectrodeStiffness => 4e5,
+            Cause::SeriesResistance => 4e8,
+            Cause::ActiveArea => 0.3,
+            Cause::FilmModulus => 0.8,
+            Cause::Load => 0.5,
+        }
+    }
+
+    /// How likely it is beforehand, against a cause in the electrode: silicone keeps for years what grease loses in days, and the load is a
+    /// stated mass.
+    #[must_use]
+    pub fn odds(self) -> f64 {
+        match self {
+            Cause::ElectrodeStiffness | Cause::SeriesResistance | Cause::ActiveArea => 1.0,
+            Cause::FilmModulus | Cause::Load => 0.1,
         }
     }
 
@@ -86,6 +98,7 @@ pub(super) type Prior = Option<(f64, f64)>;
 pub(super) type Levels = [usize; 5];
 
 /// One recording in the problem.
+#[derive(Clone)]
 pub(super) struct Hung<'a> {
     pub residual: SampleResidual<'a>,
     pub sample: HangingSample,
@@ -102,6 +115,31 @@ pub(super) struct SampleProblem<'a> {
     pub priors: Vec<Prior>,
     /// Of each recording.
     pub levels: Vec<Levels>,
+    /// The positions at rest, where they count.
+    pub rest: Option<Rest>,
+}
+
+/// Positions at rest of all recordings: how the samples were hung and how long they are.
+#[derive(Clone)]
+pub(super) struct Rest {
+    /// Of each recording, m; their mean says nothing.
+    pub seen_m: Vec<f64>,
+    /// Standard deviation of one, m.
+    pub sd_m: f64,
+}
+
+/// Least squares linearised.
+pub(super) struct Normal {
+    /// J^T J of rows and priors.
+    pub gram: DMatrix<f64>,
+    /// J^T r of both.
+    pub gradient: DVector<f64>,
+    /// r^T r of both.
+    pub square: f64,
+    /// Derivatives of the lengths at rest, one row a recording, less their mean.
+    pub rest: DMatrix<f64>,
+    /// Lengths at rest less what was seen, m, less their mean.
+    pub rest_left: DVector<f64>,
 }
 
 /// What a recording is run with.
@@ -129,6 +167,7 @@ impl<'a> SampleProblem<'a> {
             slots,
             priors,
             levels,
+            rest: None,
         }
     }
 
@@ -218,50 +257,78 @@ impl<'a> SampleProblem<'a> {
             .collect()
     }
 
-    /// Derivative of the rows of a recording by a slot; `None` where it has none.
-    fn column(&self, number: usize, slot: Slot, p: &[f64], rows: &SampleRows) -> Option<Vec<f64>> {
-        let recording = &self.recordings[number];
-        let knobs = self.knobs(number);
-        let of = |knob| {
-            let at = knobs.iter().position(|k| *k == knob)?;
-            Some(&rows.columns[at])
-        };
-        let scaled = |column: &[f64], by: f64| column.iter().map(|v| v * by).collect::<Vec<f64>>();
+    /// The knobs of a recording that a slot turns, each with its derivative by the slot.
+    fn chain(&self, number: usize, slot: Slot, p: &[f64]) -> Vec<(SampleKnob, f64)> {
+        let sample = &self.recordings[number].sample;
         match slot {
-            Slot::LogTime(n) => of(SampleKnob::LogTime(n)).cloned(),
-            Slot::Modulus(n) => {
-                let factor = self.setting(number, p).film_factor;
-                of(SampleKnob::Modulus(n)).map(|c| scaled(c, factor))
-            }
-            Slot::Shift(r) => (r == number).then(|| rows.shift.clone()),
-            Slot::Offset(r) => (r == number).then(|| rows.offset.clone()),
-            Slot::Cause(cause, level) => {
-                if self.levels[number][cause as usize] != level {
-                    return None;
-                }
+            Slot::LogTime(n) => vec![(SampleKnob::LogTime(n), 1.0)],
+            Slot::Modulus(n) => vec![(SampleKnob::Modulus(n), self.setting(number, p).film_factor)],
+            Slot::Cause(cause, level) if self.levels[number][cause as usize] == level => {
                 match cause {
-                    Cause::ElectrodeStiffness => of(SampleKnob::ElectrodeModulus).cloned(),
-                    Cause::SeriesResistance => of(SampleKnob::Resistance).cloned(),
-                    Cause::ActiveArea => of(SampleKnob::ActiveFraction)
-                        .map(|c| scaled(c, recording.sample.electrode.active_fraction)),
-                    Cause::Load => {
-                        of(SampleKnob::Mass).map(|c| scaled(c, recording.sample.mass_kg))
+                    Cause::ElectrodeStiffness => vec![(SampleKnob::ElectrodeModulus, 1.0)],
+                    Cause::SeriesResistance => vec![(SampleKnob::Resistance, 1.0)],
+                    Cause::ActiveArea => {
+                        vec![(SampleKnob::ActiveFraction, sample.electrode.active_fraction)]
                     }
+                    Cause::Load => vec![(SampleKnob::Mass, sample.mass_kg)],
                     Cause::FilmModulus => {
-                        let setting = self.setting(number, p);
-                        let mut sum = vec![0.0; rows.residuals.len()];
-                        for (n, mu) in setting.film.mu_pa.iter().enumerate() {
-                            let column = of(SampleKnob::Modulus(n))?;
-                            let own = mu / setting.film_factor;
-                            for (s, c) in sum.iter_mut().zip(column) {
-                                *s += own * c;
-                            }
-                        }
-                        Some(sum)
+                        let s = self.setting(number, p);
+                        let springs = s.film.mu_pa.iter().enumerate();
+                        springs
+                            .map(|(n, mu)| (SampleKnob::Modulus(n), mu / s.film_factor))
+                            .collect()
                     }
                 }
             }
+            Slot::Cause(..) | Slot::Shift(_) | Slot::Offset(_) => Vec::new(),
         }
+    }
+
+    /// Derivatives of a recording by a slot: of its rows, and of its length at rest; `None` where it has none.
+    fn column(
+        &self,
+        number: usize,
+        slot: Slot,
+        p: &[f64],
+        knobs: &[SampleKnob],
+        rows: &SampleRows,
+    ) -> Option<(Vec<f64>, f64)> {
+        match slot {
+            Slot::Shift(r) => return (r == number).then(|| (rows.shift.clone(), 0.0)),
+            Slot::Offset(r) => return (r == number).then(|| (rows.offset.clone(), 0.0)),
+            _ => {}
+        }
+        let mut sum = vec![0.0; rows.residuals.len()];
+        let mut rest = 0.0;
+        let chain = self.chain(number, slot, p);
+        for (knob, by) in &chain {
+            let at = knobs.iter().position(|k| k == knob)?;
+            for (s, c) in sum.iter_mut().zip(&rows.columns[at]) {
+                *s += by * c;
+            }
+            rest += by * rows.run.rest_columns[at];
+        }
+        (!chain.is_empty()).then_some((sum, rest))
+    }
+
+    /// Columns of a recording by slot number.
+    fn columns(&self, number: usize, p: &[f64], rows: &SampleRows) -> Vec<(usize, Vec<f64>, f64)> {
+        let knobs = self.knobs(number);
+        let slots = self.slots.iter().enumerate();
+        slots
+            .filter_map(|(j, slot)| {
+                let (column, rest) = self.column(number, *slot, p, &knobs, rows)?;
+                Some((j, column, rest))
+            })
+            .collect()
+    }
+
+    /// Length at rest less what was seen, m, less its mean over the recordings.
+    fn rest_left(&self, rest: &Rest, rows: &[SampleRows]) -> Vec<f64> {
+        let lengths = rows.iter().zip(&rest.seen_m);
+        let left: Vec<f64> = lengths.map(|(r, s)| r.run.rest_length_m - s).collect();
+        let mean = left.iter().sum::<f64>() / left.len() as f64;
+        left.iter().map(|l| l - mean).collect()
     }
 
     /// First row of each recording, and the number of all rows without priors.
@@ -279,7 +346,7 @@ impl<'a> SampleProblem<'a> {
         (first, at)
     }
 
-    /// J^T J of the data alone at `p`, without priors, and J^T r.
+    /// J^T J of the data alone at `p`, without priors.
     pub fn gram(&self, p: &[f64]) -> Result<DMatrix<f64>, SampleTrouble> {
         let mut jacobian = Matrix::zeros(self.residual_count(), self.slots.len());
         self.jacobian(p, &mut jacobian)?;
@@ -287,6 +354,54 @@ impl<'a> SampleProblem<'a> {
         let data = jacobian.rows(0, data);
         Ok(data.tr_mul(&data))
     }
+
+    /// The problem linearised at `p`, apart from the positions at rest, whose weight stays open.
+    pub fn normal(&self, p: &[f64], seen_m: &[f64]) -> Result<Normal, SampleTrouble> {
+        let rows = self.evaluate(p, true)?;
+        let n = self.slots.len();
+        let rest = Rest {
+            seen_m: seen_m.to_vec(),
+            sd_m: 1.0,
+        };
+        let mut out = Normal {
+            gram: DMatrix::zeros(n, n),
+            gradient: DVector::zeros(n),
+            square: 0.0,
+            rest: DMatrix::zeros(rows.len(), n),
+            rest_left: DVector::from_vec(self.rest_left(&rest, &rows)),
+        };
+        for (number, rows) in rows.iter().enumerate() {
+            let own = self.columns(number, p, rows);
+            out.square += dot(&rows.residuals, &rows.residuals);
+            for (at, (i, a, slope)) in own.iter().enumerate() {
+                out.gradient[*i] += dot(a, &rows.residuals);
+                out.rest[(number, *i)] = *slope;
+                for (j, b, _) in &own[..=at] {
+                    let product = dot(a, b);
+                    out.gram[(*i, *j)] += product;
+                    if i != j {
+                        out.gram[(*j, *i)] += product;
+                    }
+                }
+            }
+        }
+        for mut column in out.rest.column_iter_mut() {
+            let mean = column.mean();
+            column.add_scalar_mut(-mean);
+        }
+        for (j, prior) in self.priors.iter().enumerate() {
+            if let Some((middle, sd)) = prior {
+                out.gram[(j, j)] += sd.powi(-2);
+                out.gradient[j] += (p[j] - middle) / (sd * sd);
+                out.square += ((p[j] - middle) / sd).powi(2);
+            }
+        }
+        Ok(out)
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 impl LeastSquares for SampleProblem<'_> {
@@ -297,7 +412,8 @@ impl LeastSquares for SampleProblem<'_> {
     }
 
     fn residual_count(&self) -> usize {
-        self.places().1 + self.priors.iter().flatten().count()
+        let rest = self.rest.as_ref().map_or(0, |r| r.seen_m.len());
+        self.places().1 + self.priors.iter().flatten().count() + rest
     }
 
     fn residuals(&self, p: &[f64], out: &mut [f64]) -> Result<(), Self::Error> {
@@ -313,6 +429,12 @@ impl LeastSquares for SampleProblem<'_> {
                 at += 1;
             }
         }
+        if let Some(rest) = &self.rest {
+            for left in self.rest_left(rest, &rows) {
+                out[at] = left / rest.sd_m;
+                at += 1;
+            }
+        }
         Ok(())
     }
 
@@ -320,11 +442,18 @@ impl LeastSquares for SampleProblem<'_> {
         let rows = self.evaluate(p, true)?;
         out.fill(0.0);
         let (first, data) = self.places();
+        let last = self.residual_count();
         for (number, rows) in rows.iter().enumerate() {
-            for (j, slot) in self.slots.iter().enumerate() {
-                if let Some(column) = self.column(number, *slot, p, rows) {
-                    for (i, v) in column.iter().enumerate() {
-                        out[(first[number] + i, j)] = *v;
+            for (j, column, rest) in self.columns(number, p, rows) {
+                for (i, v) in column.iter().enumerate() {
+                    out[(first[number] + i, j)] = *v;
+                }
+                if let Some(r) = &self.rest {
+                    let count = r.seen_m.len();
+                    let begin = last - count;
+                    for i in 0..count {
+                        let own = f64::from(u8::from(i == number));
+                        out[(begin + i, j)] += (own - 1.0 / count as f64) * rest / r.sd_m;
                     }
                 }
             }

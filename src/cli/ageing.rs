@@ -36,6 +36,9 @@ pub(super) struct Arguments {
     /// Cycles of a run over which the stroke is averaged, at most
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(3..=1000))]
     cycles: u16,
+    /// Scatter with which samples are hung, mm, where it is known: 0 for samples that stay in their frames. Then the position at rest tells causes apart
+    #[arg(long, value_name = "MM")]
+    mount: Option<f64>,
     /// Rig to use instead of the recordings' own
     #[arg(long)]
     rig: Option<PathBuf>,
@@ -49,6 +52,11 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         if !(0.0..100.0).contains(&value) {
             return Err(format!("--{name} {value}: give a loss between 0 and 100 %").into());
         }
+    }
+    if let Some(mount) = a.mount
+        && !(0.0..=100.0).contains(&mount)
+    {
+        return Err(format!("--mount {mount}: give a length between 0 and 100 mm").into());
     }
     let progress = Progress::new(talk);
     let kinds = [Kind::FilmSample, Kind::Robot];
@@ -68,6 +76,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         threshold_percent: a.threshold,
         loss_percent: a.loss,
         cycles: a.cycles.into(),
+        mount_m: a.mount.map(|mm| mm * 1e-3),
     };
     progress.step("comparing");
     let outcome = ageing(&inputs, &request)?;

@@ -5,7 +5,9 @@ use nalgebra::{Rotation3, Vector3};
 use super::{Clocks, Dataset, Error, Event, OffsetSource, Parts, Plan, SyncPlan, Voltage};
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
-use crate::recording::{FilmState, NumberOrEstimate, RawMotion, RawVoltage, Recording};
+use crate::recording::{
+    FilmState, MotionManifest, NumberOrEstimate, RawMotion, RawVoltage, Recording,
+};
 
 /// Frames whose stamp lies further from the grid than this share of a step are said to jitter.
 const JITTER: f64 = 0.25;
@@ -38,27 +40,7 @@ impl Dataset {
             return Err(unsuitable(what));
         }
         let mut notes = Vec::new();
-        let base = match &motion.base {
-            Some(marker) => mean(&marker.xyz),
-            None => {
-                notes.push(
-                    "no base marker: the capture's origin is taken as the base's position"
-                        .to_string(),
-                );
-                [0.0; 3]
-            }
-        };
-        let [a, b, c] = stated.rotation_deg.map(f64::to_radians);
-        let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
-            * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
-            * Rotation3::from_axis_angle(&Vector3::z_axis(), c);
-        let si = motion.unit.to_si;
-        let world = |p: &Vec3| -> Vec3 {
-            let v = rotation * (Vector3::from(*p) - Vector3::from(base)) * si;
-            [0, 1, 2].map(|i| {
-                v[i] + (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3
-            })
-        };
+        let world = world_frame(motion, stated, &mut notes);
         let (start_s, step_s, seen) = grid(motion, &mut notes);
         let measured_m: Vec<Vec3> = seen.iter().map(world).collect();
         let payload_kg = (0..measured_m.len())
@@ -206,7 +188,34 @@ fn clocks(
     Ok(Some((SyncPlan::of(method, &clocks), clocks)))
 }
 
-pub(super) fn mean(xyz: &[Vec3]) -> Vec3 {
+/// From captured positions to metres in the frame of the rig: the base marker's mean is where the recording states it to be.
+pub(super) fn world_frame(
+    motion: &RawMotion,
+    stated: &MotionManifest,
+    notes: &mut Vec<String>,
+) -> impl (Fn(&Vec3) -> Vec3) + use<> {
+    let base = match &motion.base {
+        Some(marker) => mean(&marker.xyz),
+        None => {
+            notes.push(
+                "no base marker: the capture's origin is taken as the base's position".into(),
+            );
+            [0.0; 3]
+        }
+    };
+    let [a, b, c] = stated.rotation_deg.map(f64::to_radians);
+    let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
+        * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
+        * Rotation3::from_axis_angle(&Vector3::z_axis(), c);
+    let si = motion.unit.to_si;
+    let (from, to) = (stated.base_position_mm, stated.end_effector_offset_mm);
+    move |p| {
+        let v = rotation * (Vector3::from(*p) - Vector3::from(base)) * si;
+        [0, 1, 2].map(|i| v[i] + (from[i] - to[i]) * 1e-3)
+    }
+}
+
+fn mean(xyz: &[Vec3]) -> Vec3 {
     let mut sum = [0.0; 3];
     let mut count = 0.0;
     for p in xyz.iter().filter(|p| p.iter().all(|v| !v.is_nan())) {

@@ -2,12 +2,9 @@
 //!
 //! Nothing is smoothed here: the capture's noise is in x alone, and a model that predicts x is held against x as captured.
 
-use nalgebra::{Rotation3, Vector3};
-
-use super::robot::{grid, mean, volts};
+use super::robot::{grid, volts, world_frame};
 use super::smoother::{SmoothedAxis, smooth_axis};
 use super::{Error, OffsetSource, Plan, SmoothingPlan, Voltage, coarse_offset, plan, runs};
-use crate::kinematics::Vec3;
 use crate::recording::{FilmState, NumberOrEstimate, Payload, RawVoltage, Recording};
 
 /// Share of the largest voltage below which the sample counts as at rest, before the drive begins.
@@ -200,21 +197,7 @@ impl HangingDataset {
                     .into(),
             ),
         }
-        let base = match &motion.base {
-            Some(marker) => mean(&marker.xyz),
-            None => {
-                notes.push("no base marker: the capture's origin is taken in its place".into());
-                [0.0; 3]
-            }
-        };
-        let [a, b, c] = stated.rotation_deg.map(f64::to_radians);
-        let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
-            * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
-            * Rotation3::from_axis_angle(&Vector3::z_axis(), c);
-        let below = |p: &Vec3| -> f64 {
-            let v = rotation * (Vector3::from(*p) - Vector3::from(base)) * motion.unit.to_si;
-            -v[2] - (stated.base_position_mm[2] - stated.end_effector_offset_mm[2]) * 1e-3
-        };
+        let world = world_frame(motion, stated, &mut notes);
         let (start_s, step_s, seen) = grid(motion, &mut notes);
         let scale = voltage.unit.to_si * voltage.scale.unwrap_or(1.0);
         let RawVoltage {
@@ -227,7 +210,7 @@ impl HangingDataset {
             id: manifest.id.clone(),
             step_s,
             start_s,
-            below_m: seen.iter().map(below).collect(),
+            below_m: seen.iter().map(|p| -world(p)[2]).collect(),
             payload_kg: mass_g * 1e-3,
             voltage: volts(
                 time_s,

@@ -196,7 +196,7 @@ pub struct SampleAgeingJson {
     pub unchanged_mean_square: Number,
     /// Whether the fit converged.
     pub converged: Option<bool>,
-    /// Change of the position at rest since the first, as captured, downwards, mm. Not used by the fit: it holds how the sample was hung.
+    /// Change of the position at rest since the first, as captured, downwards, mm. Values do not rest on it: it holds how the sample was hung.
     pub rest_shift_mm: Vec<Number>,
     /// The same by the chosen model, mm.
     pub predicted_rest_shift_mm: Vec<Number>,
@@ -340,6 +340,13 @@ fn says(
     let mut text = match (c.in_model, named(joint).contains(&c.cause)) {
         (true, true) => format!("The recordings ask for {}", words(c.cause)),
         (true, false) => format!("The best model has {}, but not surely", words(c.cause)),
+        (false, _) if joint.confused.iter().any(|pair| pair[1] == c.cause) => {
+            return format!(
+                "It may as well be {} (probability {:.2}).",
+                words(c.cause),
+                c.probability
+            );
+        }
         (false, _) => {
             return format!(
                 "The recordings do not ask for {} (probability {:.2}).",
@@ -352,10 +359,9 @@ fn says(
     if let Some(last) = by_day.last() {
         let show = |v: Number| v.map_or("n/a".into(), |v| format!("{v:.3e}"));
         text += &format!(
-            ": {} by {} {} from {} to {} (95 %: {} to {})",
+            ": changed by {} {} from {} to {} (95 %: {} to {})",
             show(last.change.value),
             last.unit,
-            "changed",
             name(0),
             name(by_day.len() - 1),
             show(last.change.ci95[0]),

@@ -1042,6 +1042,23 @@ impl<'a> SampleResidual<'a> {
             .collect()
     }
 
+    /// Length of the sample at rest under the first command, m.
+    ///
+    /// # Errors
+    /// [`SampleTrouble`].
+    pub fn rest_length_m(
+        &self,
+        sample: &HangingSample,
+        film: &Film,
+        offset_s: f64,
+    ) -> Result<f64, SampleTrouble> {
+        let start_s = self.dataset.start_s;
+        let c = Constants::new(sample, film, self.h_s);
+        let phi = self.dataset.voltage.at(0, start_s + offset_s);
+        let (y, _) = rest(&c, phi, start_s)?;
+        Ok(c.lengths[0] * y[0].exp() + c.lengths[1] * y[2].exp())
+    }
+
     /// Residuals, and derivatives by `knobs`, shift and offset.
     ///
     /// # Errors

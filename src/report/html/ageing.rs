@@ -7,7 +7,9 @@ use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, item, note, tile};
 use super::{Provenance, number, provenance};
-use crate::calibration::{AgeingInput, AgeingOutcome, By, ElectrodeAgeing, named, open, words};
+use crate::calibration::{
+    AgeingInput, AgeingOutcome, By, ElectrodeAgeing, doubtful, named, open, words,
+};
 use crate::report::ageing_json::{AgeingJson, Measured};
 
 const TEMPLATE: &str = include_str!("ageing.html");
@@ -209,7 +211,6 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
         "change, % (95 %)",
         "significant",
         "relevant",
-        "drift within runs, um a cycle",
         "samples",
         "paper: mm, %",
     ];
@@ -233,19 +234,43 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
             table.row(vec![
                 Cell::text(&e.name),
                 Cell::number(&l.name),
-                show(l.stroke_mm.value, l.stroke_ci95, 4),
-                show(l.change_mm.value, l.change_ci95, 4),
-                show(l.change_percent.value, l.percent_ci95, 2),
+                show(l.stroke_mm.value, l.stroke_ci95, 3),
+                show(l.change_mm.value, l.change_ci95, 3),
+                show(l.change_percent.value, l.percent_ci95, 1),
                 yes(l.significant),
                 yes(l.relevant),
-                Cell::number(number::fixed(l.drift_mm.value * 1e3, 2)),
                 Cell::number(number::count(l.samples)),
                 Cell::number(paper.map_or(String::new(), |p| format!("-{}, -{}", p.2, p.3))),
             ]);
         }
     }
     let says = "The stroke of a cycle is largest minus smallest x of a curve through its frames, freed of what the noise adds; the mean is over the first cycles of each run, as many in each. Intervals are those of the capture's noise where an electrode has one sample.";
-    let parts = vec![part("", Vec::new(), Some(table.html()), figure)];
+    let mut head = vec![Cell::text("electrode"), Cell::number(what)];
+    head.push(Cell::number("um a cycle (95 %)"));
+    let mut drift = Table::new(
+        "Drift of the stroke within the runs, from cycle to cycle: no part of the change between days.",
+        head,
+    );
+    for e in &outcome.electrodes {
+        for l in &e.levels {
+            let [a, b] = l.drift_mm.ci95();
+            let um = |v: f64| number::fixed(v * 1e3, 2);
+            drift.row(vec![
+                Cell::text(&e.name),
+                Cell::number(&l.name),
+                Cell::number(format!("{} ({} to {})", um(l.drift_mm.value), um(a), um(b))),
+            ]);
+        }
+    }
+    let parts = vec![
+        part("", Vec::new(), Some(table.html()), figure),
+        part(
+            "Within the runs",
+            Vec::new(),
+            Some(drift.html()),
+            String::new(),
+        ),
+    ];
     let context = context! { says => says, parts => parts };
     Some(Section::new("strokes", "Strokes", TEMPLATE, context))
 }
@@ -278,18 +303,19 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
             let groups = open(joint);
             let mut lines = vec![match list.is_empty() {
                 true if !groups.is_empty() => {
-                    let either = |g: &Vec<crate::calibration::Cause>| {
-                        let names: Vec<&str> = g.iter().map(|c| words(*c)).collect();
-                        names.join(" or ")
-                    };
-                    let all: Vec<String> = groups.iter().map(either).collect();
-                    format!("Something changed, not told apart: {}.", all.join("; "))
+                    let all: Vec<String> = groups.iter().map(|g| doubtful(g)).collect();
+                    format!("Something changed, {}.", all.join("; "))
                 }
                 true => format!(
                     "No cause is named. Probability that nothing changed: {:.2}.",
                     joint.nothing
                 ),
-                false => format!("Named: {}.", list.join(", ")),
+                false => {
+                    let all: Vec<String> =
+                        groups.iter().map(|g| format!(" {}", doubtful(g))).collect();
+                    let more = if all.is_empty() { "" } else { "; and" };
+                    format!("Named: {}{more}{}.", list.join(", "), all.join(","))
+                }
             }];
             lines.push(format!(
                 "One film for all, {} of the noise's mean square left; with nothing allowed to change {}.",
@@ -310,37 +336,37 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
                 })
                 .collect();
             lines.push(format!(
-                "Position at rest against the first, captured (by the model), mm: {}. The fit does not use it, because it holds how the sample was hung; where both agree, it speaks for the causes.",
+                "Position at rest against the first, captured (by the model), mm: {}. Values do not rest on it, because it holds how the sample was hung; the choice of causes weighs it.",
                 shown.join(", ")
             ));
             let mut head = vec![Cell::text("effect"), Cell::number("probability")];
-            head.extend(
-                s.levels
-                    .iter()
-                    .map(|&l| Cell::number(format!("{} (95 %)", e.levels[l].name))),
-            );
+            head.push(Cell::number(json.by.clone()));
+            head.push(Cell::number("value (95 %)"));
             head.push(Cell::text("unit"));
             let mut table = Table::new("What changed, by the chosen model.", head);
             let mut panels = Vec::new();
             for c in &written.causes {
-                let mut cells = vec![
+                let first = [
                     Cell::text(&c.effect),
                     Cell::number(number::fixed(c.probability, 2)),
                 ];
-                for i in 0..s.levels.len() {
-                    cells.push(Cell::number(match c.by_day.get(i) {
-                        Some(d) => {
-                            let ends = d
-                                .ci95
-                                .map(|v| number::significant(v.unwrap_or(f64::NAN), 3));
-                            let value = number::significant(d.value.unwrap_or(f64::NAN), 3);
-                            format!("{value} ({} to {})", ends[0], ends[1])
-                        }
-                        None => String::new(),
-                    }));
+                if c.by_day.is_empty() {
+                    let mut cells = first.to_vec();
+                    cells.extend([Cell::number(""), Cell::number(""), Cell::text("")]);
+                    table.row(cells);
                 }
-                cells.push(Cell::text(c.by_day.first().map_or("", |d| &d.unit)));
-                table.row(cells);
+                for (i, d) in c.by_day.iter().enumerate() {
+                    let mut cells = match i {
+                        0 => first.to_vec(),
+                        _ => vec![Cell::text(""), Cell::number("")],
+                    };
+                    let show = |v: Option<f64>| number::significant(v.unwrap_or(f64::NAN), 3);
+                    let [a, b] = d.ci95.map(show);
+                    cells.push(Cell::number(&e.levels[s.levels[i]].name));
+                    cells.push(Cell::number(format!("{} ({a} to {b})", show(d.value))));
+                    cells.push(Cell::text(&d.unit));
+                    table.row(cells);
+                }
                 if c.by_day.is_empty() {
                     continue;
                 }
@@ -379,7 +405,7 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
             parts.push(part(&heading, lines, Some(table.html()), figure));
         }
     }
-    let says = "All recordings of a sample are fitted with one film. Causes are added, on the days on which they are needed, while the gain exceeds the price of one more number (extended BIC); each probability is over all sets of at most two causes.";
+    let says = "All recordings of a sample are fitted with one film. Every set of at most two causes is weighed by its evidence, the positions at rest included; a cause is named at odds of 20 to 1 and where no other could stand for it. Values and intervals come from a fit with a value on every day.";
     let context = context! { says => says, parts => parts };
     Section::new("causes", "What moved", TEMPLATE, context)
 }
@@ -448,10 +474,11 @@ fn difference(json: &AgeingJson) -> Option<Section> {
             Cell::text(d.electrodes.join(" and ")),
             Cell::text(&d.at),
             Cell::number(interval(&d.change_percent, 2)),
-            Cell::number(
-                d.p_value
-                    .map_or(number::MISSING.into(), |p| format!("{p:.1e}")),
-            ),
+            Cell::number(match d.p_value {
+                Some(p) if p < 1e-15 => "< 1e-15".into(),
+                Some(p) => format!("{p:.1e}"),
+                None => number::MISSING.into(),
+            }),
             Cell::number(
                 d.samples_needed
                     .map_or(number::MISSING.into(), |n| n.to_string()),

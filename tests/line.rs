@@ -70,25 +70,29 @@ impl Slide {
 
 const AXIS: &str = "[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"u_V\"\nunits = { time = \"s\", position = \"m\", input = \"V\" }\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\n";
 
+fn entries<'a>(lines: &[&'a Line]) -> Vec<LineEntry<'a>> {
+    let when = |recording| When {
+        recording,
+        series_s: 0.0,
+        start_s: 0.0,
+    };
+    let numbered = lines.iter().enumerate();
+    numbered
+        .map(|(i, line)| LineEntry {
+            line,
+            when: when(i),
+        })
+        .collect()
+}
+
 fn diagnose(train: &[&Line], holdout: &[&Line]) -> Diagnosis {
-    let entry = |(i, line): (usize, &&'static Line)| LineEntry {
-        line,
-        when: When {
-            recording: i,
-            series_s: 0.0,
-            start_s: 0.0,
-        },
-    };
-    // entries borrow the lines for as long as the test runs
-    let keep = |list: &[&Line]| -> Vec<&'static Line> {
-        list.iter()
-            .map(|l| &*Box::leak(Box::new((*l).clone())))
-            .collect()
-    };
-    let (train, holdout) = (keep(train), keep(holdout));
-    let train: Vec<LineEntry> = train.iter().enumerate().map(entry).collect();
-    let holdout: Vec<LineEntry> = holdout.iter().enumerate().map(entry).collect();
-    diagnose_lines(&train, &holdout, &Request::default(), &|_| {}).unwrap()
+    diagnose_lines(
+        &entries(train),
+        &entries(holdout),
+        &Request::default(),
+        &|_| {},
+    )
+    .unwrap()
 }
 
 #[test]
@@ -270,4 +274,35 @@ fn silverbox_stiffens() {
         h.before_v, h.after_v
     );
     assert!(h.after_v < 2e-3 && h.after_v < 0.5 * h.before_v, "{h:?}");
+}
+
+#[test]
+fn an_input_in_a_file_of_its_own_may_be_shorter() {
+    let dir = tempfile::tempdir().unwrap();
+    let own = dir.path().join("two-files");
+    std::fs::create_dir_all(&own).unwrap();
+    let mut motion = String::from("t_s,x_m\n");
+    for i in 0..3000 {
+        // the encoder's first reading is its smallest, for a long time
+        let x = (f64::from(i) * 0.01 - 12.0).max(0.0).sin();
+        writeln!(motion, "{},{x:.6}", f64::from(i) * 0.01).unwrap();
+    }
+    let mut input = String::from("t_s,u_V\n");
+    for i in 0..150 {
+        writeln!(
+            input,
+            "{},{:.4}",
+            f64::from(i) * 0.2,
+            (f64::from(i) * 0.2).sin()
+        )
+        .unwrap();
+    }
+    std::fs::write(own.join("data.csv"), motion).unwrap();
+    std::fs::write(own.join("input.csv"), input).unwrap();
+    let manifest = format!(
+        "[recording]\nid = \"two-files\"\nkind = \"axis\"\n\n{AXIS}input_gain = 1.0\ninput_file = \"input.csv\"\ninput_time = \"t_s\"\n"
+    );
+    std::fs::write(own.join("recording.toml"), manifest).unwrap();
+    let line = Line::from_recording(&Recording::open(&own).unwrap()).unwrap();
+    assert!(line.usable.iter().all(|u| *u));
 }

@@ -65,7 +65,7 @@ pub struct LineOutcome {
     pub recordings: Vec<LineFit>,
     /// The torque curve of a hinge.
     pub curve: Option<ForearmTorque>,
-    /// Values of an axis: name with its unit.
+    /// What a prediction needs beside the curve: see [`LineResidual::values`].
     pub values: Vec<(String, f64)>,
     /// Whether the fit converged, and why it stopped.
     pub converged: bool,
@@ -384,7 +384,6 @@ fn outcome(
             says,
         });
     };
-    let mut values = Vec::new();
     for (i, name) in names.iter().enumerate() {
         let at = eta.len() + i;
         let variance = covariance[(at, at)];
@@ -411,7 +410,6 @@ fn outcome(
             None
         };
         push(name, value, std_error, linear[i].is_fixed(), at_bound);
-        values.push((name.clone(), value));
     }
     if let Some(known) = known {
         for (name, value) in ["gain", "mass", "damping", "stiffness"]
@@ -420,7 +418,6 @@ fn outcome(
         {
             if !names.iter().any(|n| n == name) {
                 push(name, value, f64::NAN, true, None);
-                values.push((name.to_owned(), value));
             }
         }
     }
@@ -432,7 +429,6 @@ fn outcome(
             false,
             None,
         );
-        values.push(("clock_offset".into(), eta[0]));
     }
     let factor = residual.gain();
     let scales = residual.scales();
@@ -470,22 +466,6 @@ fn outcome(
         Some(Measured::Axis(a)) => a.unit.clone(),
         _ => "N m".to_owned(),
     };
-    let with_units = values
-        .into_iter()
-        .map(|(name, value)| {
-            let unit = meaning(&name, turns).1;
-            let suffix = unit.split('/').next().unwrap_or(unit);
-            let suffix = match (name.as_str(), turns) {
-                ("damping", false) => "N_s_m",
-                ("damping", true) => "N_m_s",
-                ("stiffness", _) => "N_m",
-                ("gain" | "bias", true) => "N_m",
-                ("mass", true) => "kg_m2",
-                _ => suffix,
-            };
-            (format!("{name}_{suffix}"), value)
-        })
-        .collect();
     let bench = matches!(residual.plain(), Plain::Bench(_));
     let mut out = LineOutcome {
         job: if bench { "hinge" } else { "axis" },
@@ -494,7 +474,7 @@ fn outcome(
         estimates,
         recordings,
         curve: bench.then(|| residual.curve(beta)),
-        values: if bench { Vec::new() } else { with_units },
+        values: residual.values(eta, beta),
         converged: state
             .ended
             .is_some_and(crate::fit::separable::Ended::converged),

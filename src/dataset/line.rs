@@ -133,6 +133,8 @@ pub enum LineError {
 pub const FEWEST: usize = 16;
 /// Equal values in a row at the end of a range, from which on a sensor is at its rail.
 const RAIL: usize = 4;
+/// One sample in so many of an axis at its rail is a rest that an encoder rounds; more are left out.
+const MANY: usize = 20;
 /// Times closer than this share of a step to an even clock are taken to be on it.
 const JITTER: f64 = 0.25;
 
@@ -459,16 +461,28 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         .map(|(t, v)| (*t, *v))
         .unzip();
     check(id, &gaps, &[("coordinate", &x), ("input", &input)])?;
-    let rail = at_rail(&x, &input, f64::INFINITY.min(10.0 * noise_of(&input)));
-    let stuck = rail.iter().filter(|r| **r).count();
-    if stuck > x.len() / 20 {
-        notes.push(format!(
-            "the coordinate stands at the end of its range in {stuck} samples while the input changes: look whether its sensor is at its rail"
-        ));
+    // what the input did at a sample is known where both are on one clock
+    let mut gaps = gaps;
+    if raw.input_time_s.is_none() {
+        let beside: Vec<f64> = grid
+            .iter()
+            .map(|t| interpolate(&input_time_s, &input, *t))
+            .collect();
+        let rail = at_rail(&x, &beside, noise_of(&input));
+        let stuck = rail.iter().filter(|r| **r).count();
+        if stuck > x.len() / MANY {
+            for (usable, rail) in gaps.iter_mut().zip(&rail) {
+                *usable &= !rail;
+            }
+            notes.push(format!(
+                "the coordinate stands at the end of its range in {stuck} of {} samples while the input goes on changing: its sensor is at its rail, or something holds it; these samples are left out",
+                x.len()
+            ));
+        }
     }
     let (floor, band_hz) = band(&x, step_s, if velocity { 1 } else { 2 });
     // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at its ends.
-    let (mut grid, mut x, mut gaps) = (grid, x, gaps);
+    let (mut grid, mut x) = (grid, x);
     let still = |part: &[f64]| {
         let still = range(part) < STILL * range(&x);
         still && (!velocity || part.iter().all(|v| v.abs() < STILL * range(&x)))
@@ -495,7 +509,6 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
     }
     let (input_floor, _) = band(&input, median_step(&input_time_s), 0);
     let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
-    let si = |c: NumberOrEstimate| Constant::of(c);
     Ok(Line {
         id: id.into(),
         time_s: grid,
@@ -514,16 +527,13 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             input,
             unit,
             load,
-            offset_s: match recording.manifest.offset_s {
-                NumberOrEstimate::Number(v) => Constant::Known(v),
-                NumberOrEstimate::Estimate => Constant::Free,
-            },
-            gain: si(m.input_gain),
+            offset_s: Constant::of(recording.manifest.offset_s),
+            gain: Constant::of(m.input_gain),
             mass: match m.inertia {
-                AxisInertia::MassKg(v) | AxisInertia::InertiaKgM2(v) => si(v),
+                AxisInertia::MassKg(v) | AxisInertia::InertiaKgM2(v) => Constant::of(v),
             },
-            damping: si(m.damping),
-            stiffness: si(m.stiffness),
+            damping: Constant::of(m.damping),
+            stiffness: Constant::of(m.stiffness),
             band_hz,
         }),
     })

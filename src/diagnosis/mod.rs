@@ -238,6 +238,7 @@ fn doubt<S: Subject>(
         &problem.train.whereabouts(),
         &problem.train.coordinates(),
         S::CHAINS,
+        words.directed,
         named,
     );
     let law = (verdict == Verdict::Unexplained)

@@ -500,6 +500,57 @@ impl<'a> LineResidual<'a> {
         }
     }
 
+    /// What a parameter file needs beside film and torque curve: of an axis its constants, each name with its unit; of all kinds rest
+    /// and the largest values ([`Scales`]), in m or rad (1 for a stretch), N, N m or Pa, and the unit of the input.
+    #[must_use]
+    pub fn values(&self, eta: &[f64], beta: &[f64]) -> Vec<(String, f64)> {
+        let mut out: Vec<(String, f64)> = Vec::new();
+        let mut add = |name: &str, value: f64| out.push((name.to_owned(), value));
+        if let Plain::Axis { terms, known, .. } = &*self.plain {
+            let turns = self
+                .lines()
+                .any(|l| matches!(&l.measured, Measured::Axis(a) if a.turns));
+            let place = |term: AxisTerm| terms.iter().position(|t| *t == term);
+            // with the gain to be found, what is found of the others is each over the gain
+            let found = place(AxisTerm::Gain).map(|i| 1.0 / beta[i]);
+            let of = |term: AxisTerm, known: f64| {
+                place(term).map_or(known, |i| found.unwrap_or(1.0) * beta[i])
+            };
+            add(
+                if turns { "gain_N_m" } else { "gain_N" },
+                found.unwrap_or(known[0]),
+            );
+            add(
+                if turns { "inertia_kg_m2" } else { "mass_kg" },
+                of(AxisTerm::Mass, known[1]),
+            );
+            add(
+                if turns {
+                    "damping_N_m_s"
+                } else {
+                    "damping_N_s_m"
+                },
+                of(AxisTerm::Damping, known[2]),
+            );
+            add("stiffness_N_m", of(AxisTerm::Stiffness, known[3]));
+            add(
+                if turns { "bias_N_m" } else { "bias_N" },
+                of(AxisTerm::Bias, 0.0),
+            );
+            if !self.free_offsets.is_empty() {
+                add(
+                    "clock_offset_s",
+                    eta[self.plain_unknowns() - self.free_offsets.len()],
+                );
+            }
+        }
+        add("rest", self.scales.rest);
+        add("largest_coordinate", self.scales.coordinate);
+        add("largest_force", self.scales.force);
+        add("largest_input", self.scales.input);
+        out
+    }
+
     /// Clock offset of a recording, s.
     fn offset_s(&self, number: usize, eta: &[f64]) -> f64 {
         if let Some(place) = self.free_offsets.iter().position(|&r| r == number) {
@@ -587,7 +638,7 @@ impl<'a> LineResidual<'a> {
     }
 
     /// Force of the springs at a model, over the largest force: what friction that grows with the load sees.
-    fn elastic(&self, number: usize, eta: &[f64], beta: &[f64]) -> Vec<f64> {
+    fn elastic(&self, number: usize, beta: &[f64]) -> Vec<f64> {
         let p = &self.parts[number];
         match &*self.plain {
             Plain::Bench(curve) => {
@@ -610,10 +661,7 @@ impl<'a> LineResidual<'a> {
                 let factor = k * self.scales.coordinate / self.scales.force;
                 p.xi.iter().map(|x| factor * x).collect()
             }
-            Plain::Coupon { .. } => {
-                let _ = eta;
-                vec![0.0; p.xi.len()]
-            }
+            Plain::Coupon { .. } => vec![0.0; p.xi.len()],
         }
     }
 
@@ -626,9 +674,8 @@ impl<'a> LineResidual<'a> {
         effects: &[Acting],
     ) -> Result<(DMatrix<f64>, DVector<f64>), Locked> {
         let p = &self.parts[number];
-        let needs = effects.iter().any(|a| a.effect.id() == "x_load_friction");
-        let elastic = if needs {
-            self.elastic(number, eta, beta)
+        let elastic = if effects.iter().any(|a| a.effect.sees_elastic()) {
+            self.elastic(number, beta)
         } else {
             vec![0.0; p.xi.len()]
         };

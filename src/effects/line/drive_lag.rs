@@ -1,6 +1,6 @@
 //! A first-order lag of the drive:  tau u' = u_c - u.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct DriveLag;
@@ -29,15 +29,6 @@ impl Effect for DriveLag {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("time_constant", "s", 0.0, 10.0, 0.02)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a fast and a slow drive"

@@ -43,6 +43,9 @@ pub(super) struct Arguments {
     /// Share of recordings without a cause in which one may be named all the same
     #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
     false_alarms: f64,
+    /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis against
+    #[arg(long)]
+    rivals: bool,
     /// Folder for the results
     #[arg(short, long, default_value = "out/diagnose")]
     output: PathBuf,
@@ -81,6 +84,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     let request = Request {
         false_alarm_rate: a.false_alarms,
         only: a.only.clone(),
+        rivals: a.rivals,
     };
     if recordings[0].manifest.kind != Kind::Robot {
         let (diagnosis, series) =
@@ -286,6 +290,19 @@ pub(super) fn say(d: &Diagnosis, talk: Talk) {
             d.over,
             in_unit(h.after_v, &d.unit),
             in_unit(h.noise_floor_v, &d.unit)
+        ));
+    }
+    for r in &d.rival_models {
+        let error = r.holdout.unwrap_or(r.train).after_v;
+        talk.say(&format!(
+            "{}: {} with {}.",
+            r.method,
+            in_unit(error, &d.unit),
+            if r.effects.is_empty() {
+                "nothing".to_owned()
+            } else {
+                r.effects.join(", ")
+            }
         ));
     }
     if !d.next_experiment.is_empty() {

@@ -6,7 +6,7 @@ use super::doubt;
 use super::outcome::*;
 use super::problem::Problem;
 use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
-use crate::dataset::line::{Constant, Line, Measured, interpolate};
+use crate::dataset::line::{Line, Measured, interpolate};
 use crate::effects::line::{CATALOGUE, Kind};
 use crate::effects::{Acting, Effect, When};
 use crate::film::Locked;
@@ -181,21 +181,6 @@ fn line_unknowns(residual: &LineResidual) -> (Vec<Unknown>, Vec<Unknown>) {
     (nonlinear, linear)
 }
 
-fn symbol(residual: &LineResidual) -> (String, &'static str, String) {
-    // force, coordinate, input
-    match residual.lines().next().map(|l| &l.measured) {
-        Some(Measured::Axis(a)) if a.gain == Constant::Free => {
-            // the balance is written in units of the input
-            let coordinate = if a.turns { "rad" } else { "m" };
-            (a.unit.clone(), coordinate, a.unit.clone())
-        }
-        Some(Measured::Axis(a)) if a.turns => ("N m".into(), "rad", a.unit.clone()),
-        Some(Measured::Axis(a)) => ("N".into(), "m", a.unit.clone()),
-        Some(Measured::Coupon(_)) => ("Pa".into(), "1", String::new()),
-        _ => ("N m".into(), "rad", String::new()),
-    }
-}
-
 impl Subject for LineResidual<'_> {
     const CHAINS: usize = 1;
     const MOST_EFFECTS: usize = 4;
@@ -228,7 +213,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn words(&self) -> Words {
-        let (force, _, input) = symbol(self);
+        let (force, _, input) = self.symbols();
         let (unit, rich) = match self.kind() {
             Kind::Bench => (
                 force,
@@ -273,7 +258,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn coordinates(&self) -> Vec<Coordinate> {
-        let (force, coordinate, input) = symbol(self);
+        let (force, coordinate, input) = self.symbols();
         let scales = self.scales();
         let fine = |x: f64| 10f64.powi(3 - x.abs().log10().floor() as i32);
         let (drive, largest) = match self.kind() {
@@ -520,22 +505,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn unit_of(&self, unit: &'static str) -> (f64, String) {
-        let s = self.scales();
-        let (force, coordinate, input) = symbol(self);
-        let x = coordinate;
-        match unit {
-            "force" => (s.force, force),
-            "coordinate" => (s.coordinate, x.into()),
-            "coordinate/s" => (s.coordinate, format!("{x}/s")),
-            "input" => (s.input, input),
-            "force/coordinate" => (s.force / s.coordinate, format!("{force}/{x}")),
-            "force s/coordinate" => (s.force / s.coordinate, format!("{force} s/{x}")),
-            "force/(coordinate/s)^2" => (
-                s.force / (s.coordinate * s.coordinate),
-                format!("{force} s^2/{x}^2"),
-            ),
-            other => (1.0, other.into()),
-        }
+        LineResidual::unit_of(self, unit)
     }
 
     fn independent(&self, residual: &[f64]) -> f64 {

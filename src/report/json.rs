@@ -948,11 +948,9 @@ impl ModelValidation {
         }
     }
 
-    /// Of a film held against hanging samples.
-    #[must_use]
-    pub fn of_samples(outcome: &SampleOutcome, params: FileSum) -> Self {
-        let fit = FitJson::of_samples(outcome, Provenance::default());
-        let mut model = ModelValidation {
+    /// Of errors alone.
+    fn of_fit(fit: FitJson, params: FileSum) -> Self {
+        ModelValidation {
             params,
             verdict: fit.verdict,
             errors: fit.errors,
@@ -968,7 +966,20 @@ impl ModelValidation {
                 .collect(),
             worst: fit.worst,
             remarks: fit.remarks,
-        };
+        }
+    }
+
+    /// Of a model held against hinge benches, axes or coupons.
+    #[must_use]
+    pub fn of_lines(outcome: &LineOutcome, params: FileSum) -> Self {
+        Self::of_fit(FitJson::of_lines(outcome, Provenance::default()), params)
+    }
+
+    /// Of a film held against hanging samples.
+    #[must_use]
+    pub fn of_samples(outcome: &SampleOutcome, params: FileSum) -> Self {
+        let fit = FitJson::of_samples(outcome, Provenance::default());
+        let mut model = Self::of_fit(fit, params);
         for (r, s) in model.recordings.iter_mut().zip(&outcome.recordings) {
             let errors = || {
                 let counted = s.counts.iter().zip(s.predicted_m.iter().zip(&s.captured_m));
@@ -1017,17 +1028,19 @@ pub struct ValidationJson {
 }
 
 impl ValidationJson {
-    /// Of one or more parameter files against the same recordings.
+    /// Of one or more parameter files against the same recordings; errors are in V above 1 kV, or in the `unit` of a single coordinate over
+    /// all samples.
     #[must_use]
     pub fn new(
         first: ModelValidation,
         compared: Vec<ModelValidation>,
+        unit: Option<&str>,
         provenance: Provenance,
     ) -> Self {
         ValidationJson {
             model: first,
-            rmse_unit: "V".to_owned(),
-            rmse_basis: ABOVE_1KV.to_owned(),
+            rmse_unit: unit.unwrap_or("V").to_owned(),
+            rmse_basis: unit.map_or(ABOVE_1KV, |_| ALL).to_owned(),
             compared,
             provenance,
         }

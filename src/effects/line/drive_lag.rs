@@ -34,7 +34,10 @@ impl Effect for DriveLag {
         "a fast and a slow drive"
     }
     fn line(&self, v: &[f64], _: &View, terms: &mut Terms) {
-        let share = 1.0 - (-terms.input_step_s / v[0].max(1e-9)).exp();
+        if v[0] <= 0.0 {
+            return;
+        }
+        let share = 1.0 - (-terms.input_step_s / v[0]).exp();
         let mut u = terms.input.first().copied().unwrap_or(0.0);
         for x in &mut terms.input {
             u += share * (*x - u);

@@ -3,7 +3,7 @@
 mod common;
 
 use deacal::diagnosis::{
-    Candidate, Diagnosis, Evidence, Gain, Hidden, Law, Place, Traces, Value, Verdict,
+    Candidate, Diagnosis, Evidence, Gain, Hidden, Law, Place, RivalModel, Traces, Value, Verdict,
 };
 use deacal::effects::{Acting, by_id};
 use deacal::film::Film;
@@ -196,6 +196,12 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
             terms: vec![("rate of theta_b, squared".into(), 1.2e-5, 0.4), ("height".into(), -3e-6, 0.1)],
             share: 0.47,
         }),
+        rival_models: vec![RivalModel {
+            method: "forward selection (AIC)",
+            effects: vec!["leakage", "joint_damping"],
+            train: gain,
+            holdout: Some(Gain { after_v: 61.0, ..gain }),
+        }],
         traces: vec![trace("a/01-symmetric", false), trace(HOSTILE, true)],
         remarks: vec!["Not every recording states its `start`.".into()],
         says: "The plain model leaves ten times the noise. A series resistance in actuator 2 accounts for 97 % of it.".into(),

@@ -517,7 +517,7 @@ fn validation_json_is_read_back() {
     };
     let first = ModelValidation::new(&validation(Some(path), 7.5), params.clone());
     let second = ModelValidation::new(&validation(None, f64::NAN), params);
-    let file = ValidationJson::new(first, vec![second], Provenance::new("c"));
+    let file = ValidationJson::new(first, vec![second], None, Provenance::new("c"));
     let text = to_text(&file);
     check("validation", &text);
     assert_eq!(serde_json::from_str::<ValidationJson>(&text).unwrap(), file);

@@ -10,6 +10,9 @@ use nalgebra::DMatrix;
 
 use super::{AtBound, Error, Estimate};
 use crate::dataset::line::{Constant, Line, Measured};
+use crate::effects::Acting;
+use crate::effects::line::Kind;
+use crate::film::Film;
 use crate::fit::separable::{Options, State, Unknown, minimise};
 use crate::model::ForearmTorque;
 use crate::recording::nearest;
@@ -53,8 +56,10 @@ pub struct LineFit {
 /// Everything that a fit of one coordinate found.
 #[derive(Debug, Clone)]
 pub struct LineOutcome {
-    /// `hinge` or `axis`.
+    /// `hinge`, `axis` or `coupon`.
     pub job: &'static str,
+    /// The same as a kind.
+    pub kind: Kind,
     /// Does it fit, in one sentence.
     pub verdict: String,
     /// Unit of the errors.
@@ -65,7 +70,7 @@ pub struct LineOutcome {
     pub recordings: Vec<LineFit>,
     /// The torque curve of a hinge.
     pub curve: Option<ForearmTorque>,
-    /// Values of an axis: name with its unit.
+    /// What a prediction needs beside the curve: see [`LineResidual::values`].
     pub values: Vec<(String, f64)>,
     /// Whether the fit converged, and why it stopped.
     pub converged: bool,
@@ -107,8 +112,8 @@ const FITS: f64 = 1.5;
 /// Heavier, stiffer or stronger than any laboratory axis: more likely a wrong unit.
 const IMPLAUSIBLE: [(&str, f64, f64); 4] = [
     ("mass", 1e-7, 1e5),
-    ("damping", 0.0, 1e7),
-    ("stiffness", 0.0, 1e9),
+    ("damping", 1e-12, 1e7),
+    ("stiffness", 1e-9, 1e9),
     ("gain", 1e-9, 1e9),
 ];
 
@@ -216,6 +221,181 @@ pub fn calibrate_lines(lines: &[Line], request: &LineRequest) -> Result<LineOutc
     let state = minimise(&residual, &nonlinear, &linear, &first.eta, &options, go);
     evaluations += state.evaluations;
     outcome(&residual, &state, &linear, &names, evaluations)
+}
+
+/// A model held against its recordings: errors, curve, values, and whether it fits, in one sentence.
+fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOutcome, Error> {
+    let factor = residual.gain();
+    let scales = residual.scales();
+    let recordings = residual
+        .lines()
+        .enumerate()
+        .map(|(number, line)| {
+            let (asked, measured) = residual.sides(number, eta, beta)?;
+            let (time, xi, _) = residual.course(number);
+            let kept = residual.kept(number);
+            let errors: Vec<f64> = asked
+                .iter()
+                .zip(&measured)
+                .map(|(a, m)| (a - m) / factor)
+                .collect();
+            let n = errors.len();
+            Ok(LineFit {
+                id: line.id.clone(),
+                rmse: (errors.iter().map(|e| e * e).sum::<f64>() / n.max(1) as f64).sqrt(),
+                max_error: errors.iter().fold(0.0, |m: f64, e| m.max(e.abs())),
+                n_samples: n,
+                noise: (residual.noise(number) / factor).abs(),
+                time_s: kept.iter().map(|&c| time[c]).collect(),
+                coordinate: kept
+                    .iter()
+                    .map(|&c| scales.rest + scales.coordinate * xi[c])
+                    .collect(),
+                measured: measured.iter().map(|m| m / factor).collect(),
+                predicted: asked.iter().map(|a| a / factor).collect(),
+                notes: line.notes.clone(),
+            })
+        })
+        .collect::<Result<Vec<_>, Error>>()?;
+    let kind = residual.kind();
+    let bench = kind == Kind::Bench;
+    let mut out = LineOutcome {
+        job: match kind {
+            Kind::Bench => "hinge",
+            Kind::Axis => "axis",
+            Kind::Coupon => "coupon",
+        },
+        kind,
+        verdict: String::new(),
+        unit: residual.lines().next().map_or_else(String::new, Line::unit),
+        estimates: Vec::new(),
+        recordings,
+        curve: bench.then(|| residual.curve(beta)),
+        values: residual.values(eta, beta),
+        converged: true,
+        reason: String::new(),
+        evaluations: 0,
+        weighted_mean_square: f64::NAN,
+        remarks: Vec::new(),
+    };
+    let (rmse, _, n, noise) = out.total();
+    let what = match kind {
+        Kind::Bench => "torque",
+        Kind::Axis => "input",
+        Kind::Coupon => "stress",
+    };
+    out.verdict = if rmse < FITS * noise {
+        format!(
+            "The model fits: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}.",
+            out.unit
+        )
+    } else {
+        format!(
+            "The model leaves {:.1} times the noise: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}; `deacal diagnose` looks for what it leaves out.",
+            rmse / noise,
+            out.unit
+        )
+    };
+    for r in &out.recordings {
+        out.remarks
+            .extend(r.notes.iter().map(|n| format!("{}: {n}.", r.id)));
+    }
+    Ok(out)
+}
+
+/// Finished parameters of one coordinate, as a parameter file has them.
+#[derive(Debug, Clone, Default)]
+pub struct LineModel {
+    /// As [`LineResidual::values`] gives them.
+    pub values: Vec<(String, f64)>,
+    /// The film of coupons.
+    pub film: Option<Film>,
+    /// The torque curve of a bench.
+    pub curve: Option<ForearmTorque>,
+    /// Causes of [`crate::effects::line::CATALOGUE`], their values in the units of the recordings.
+    pub effects: Vec<Acting>,
+}
+
+impl LineModel {
+    /// The recordings at this model; `every` row kept, or only nearly independent ones.
+    fn at<'a>(
+        &self,
+        lines: &[&'a Line],
+        every: bool,
+    ) -> Result<(LineResidual<'a>, Vec<f64>, Vec<f64>), Error> {
+        let (film, curve) = (self.film.as_ref(), self.curve.as_ref());
+        let (residual, eta, beta) = LineResidual::given(lines, &self.values, film, curve, every)
+            .map_err(|name| {
+                Error::NothingToFit(format!(
+                    "the parameter file has no {name}: name one that `deacal fit` or `deacal diagnose` wrote for such a rig"
+                ))
+            })?;
+        let effects = self
+            .effects
+            .iter()
+            .map(|a| {
+                let quantities = a.effect.parameters().iter();
+                let values = a.values.iter().zip(quantities);
+                Acting {
+                    values: values
+                        .map(|(v, q)| v / residual.unit_of(q.unit).0)
+                        .collect(),
+                    ..a.clone()
+                }
+            })
+            .collect();
+        let series = residual.series();
+        Ok((
+            residual.with_effects(effects, Vec::new(), &series),
+            eta,
+            beta,
+        ))
+    }
+}
+
+/// Holds finished parameters against recordings of one kind; nothing is fitted.
+///
+/// # Errors
+/// [`Error`] where the model lacks what these recordings need, or a film locks.
+pub fn validate_lines(lines: &[Line], model: &LineModel) -> Result<LineOutcome, Error> {
+    let refs: Vec<&Line> = lines.iter().collect();
+    let (residual, eta, beta) = model.at(&refs, false)?;
+    against(&residual, &eta, &beta)
+}
+
+/// What a model asks for at every sample of a recording: input of an axis (through the low-pass of its band), torque of a bench, nominal stress
+/// of a coupon at the nodes of its grid, Pa. Measured and predicted are NaN where a sample is left out. With the unit of both.
+///
+/// # Errors
+/// As [`validate_lines`].
+pub fn predict_line(line: &Line, model: &LineModel) -> Result<(LineFit, String), Error> {
+    let (residual, eta, beta) = model.at(&[line], true)?;
+    let mut out = against(&residual, &eta, &beta)?;
+    let unit = std::mem::take(&mut out.unit);
+    let mut fit = out.recordings.remove(0);
+    let (time, xi, _) = residual.course(0);
+    let scales = residual.scales();
+    let shown = match residual.kind() {
+        Kind::Axis => line.captured.clone(),
+        Kind::Bench | Kind::Coupon => 0..time.len(),
+    };
+    let mut sides = vec![[f64::NAN; 2]; time.len()];
+    for ((&c, m), p) in residual
+        .kept(0)
+        .iter()
+        .zip(&fit.measured)
+        .zip(&fit.predicted)
+    {
+        sides[c] = [*m, *p];
+    }
+    fit.time_s = time[shown.clone()].to_vec();
+    fit.coordinate = xi[shown.clone()]
+        .iter()
+        .map(|x| scales.rest + scales.coordinate * x)
+        .collect();
+    fit.measured = sides[shown.clone()].iter().map(|s| s[0]).collect();
+    fit.predicted = sides[shown].iter().map(|s| s[1]).collect();
+    Ok((fit, unit))
 }
 
 /// `--fix` of an axis: what is held is known.
@@ -384,7 +564,6 @@ fn outcome(
             says,
         });
     };
-    let mut values = Vec::new();
     for (i, name) in names.iter().enumerate() {
         let at = eta.len() + i;
         let variance = covariance[(at, at)];
@@ -411,7 +590,6 @@ fn outcome(
             None
         };
         push(name, value, std_error, linear[i].is_fixed(), at_bound);
-        values.push((name.clone(), value));
     }
     if let Some(known) = known {
         for (name, value) in ["gain", "mass", "damping", "stiffness"]
@@ -420,7 +598,6 @@ fn outcome(
         {
             if !names.iter().any(|n| n == name) {
                 push(name, value, f64::NAN, true, None);
-                values.push((name.to_owned(), value));
             }
         }
     }
@@ -432,95 +609,15 @@ fn outcome(
             false,
             None,
         );
-        values.push(("clock_offset".into(), eta[0]));
     }
-    let factor = residual.gain();
-    let scales = residual.scales();
-    let recordings = residual
-        .lines()
-        .enumerate()
-        .map(|(number, line)| {
-            let (asked, measured) = residual.sides(number, eta, beta)?;
-            let (time, xi, _) = residual.course(number);
-            let kept = residual.kept(number);
-            let errors: Vec<f64> = asked
-                .iter()
-                .zip(&measured)
-                .map(|(a, m)| (a - m) / factor)
-                .collect();
-            let n = errors.len();
-            Ok(LineFit {
-                id: line.id.clone(),
-                rmse: (errors.iter().map(|e| e * e).sum::<f64>() / n.max(1) as f64).sqrt(),
-                max_error: errors.iter().fold(0.0, |m: f64, e| m.max(e.abs())),
-                n_samples: n,
-                noise: (residual.noise(number) / factor).abs(),
-                time_s: kept.iter().map(|&c| time[c]).collect(),
-                coordinate: kept
-                    .iter()
-                    .map(|&c| scales.rest + scales.coordinate * xi[c])
-                    .collect(),
-                measured: measured.iter().map(|m| m / factor).collect(),
-                predicted: asked.iter().map(|a| a / factor).collect(),
-                notes: line.notes.clone(),
-            })
-        })
-        .collect::<Result<Vec<_>, Error>>()?;
-    let unit = match residual.lines().next().map(|l| &l.measured) {
-        Some(Measured::Axis(a)) => a.unit.clone(),
-        _ => "N m".to_owned(),
-    };
-    let with_units = values
-        .into_iter()
-        .map(|(name, value)| {
-            let unit = meaning(&name, turns).1;
-            let suffix = unit.split('/').next().unwrap_or(unit);
-            let suffix = match (name.as_str(), turns) {
-                ("damping", false) => "N_s_m",
-                ("damping", true) => "N_m_s",
-                ("stiffness", _) => "N_m",
-                ("gain" | "bias", true) => "N_m",
-                ("mass", true) => "kg_m2",
-                _ => suffix,
-            };
-            (format!("{name}_{suffix}"), value)
-        })
-        .collect();
-    let bench = matches!(residual.plain(), Plain::Bench(_));
-    let mut out = LineOutcome {
-        job: if bench { "hinge" } else { "axis" },
-        verdict: String::new(),
-        unit,
-        estimates,
-        recordings,
-        curve: bench.then(|| residual.curve(beta)),
-        values: if bench { Vec::new() } else { with_units },
-        converged: state
-            .ended
-            .is_some_and(crate::fit::separable::Ended::converged),
-        reason: state.ended.map_or("", |e| e.words()).to_owned(),
-        evaluations,
-        weighted_mean_square: mean_square,
-        remarks: Vec::new(),
-    };
-    let (rmse, _, n, noise) = out.total();
-    let what = if bench { "torque" } else { "input" };
-    out.verdict = if rmse < FITS * noise {
-        format!(
-            "The plain model fits: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}.",
-            out.unit
-        )
-    } else {
-        format!(
-            "The plain model leaves {:.1} times the noise: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}; `deacal diagnose` looks for what it leaves out.",
-            rmse / noise,
-            out.unit
-        )
-    };
-    for r in &out.recordings {
-        out.remarks
-            .extend(r.notes.iter().map(|n| format!("{}: {n}.", r.id)));
-    }
+    let mut out = against(residual, state.eta.as_slice(), beta)?;
+    out.estimates = estimates;
+    out.converged = state
+        .ended
+        .is_some_and(crate::fit::separable::Ended::converged);
+    out.reason = state.ended.map_or("", |e| e.words()).to_owned();
+    out.evaluations = evaluations;
+    out.weighted_mean_square = mean_square;
     if let Plain::Axis {
         known,
         over_gain: false,

@@ -24,7 +24,9 @@ pub use coupon::{
     validate_coupons,
 };
 pub use joint::{CauseFound, Joint};
-pub use line::{LineFit, LineOutcome, LineRequest, calibrate_lines};
+pub use line::{
+    LineFit, LineModel, LineOutcome, LineRequest, calibrate_lines, predict_line, validate_lines,
+};
 pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,

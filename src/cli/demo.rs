@@ -119,6 +119,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let json = ValidationJson::new(
         ModelValidation::new(&validation, sum),
         Vec::new(),
+        None,
         provenance.clone(),
     );
     let mut set = OutputSet::new(output.join("validation"))?;

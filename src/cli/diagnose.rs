@@ -43,6 +43,9 @@ pub(super) struct Arguments {
     /// Share of recordings without a cause in which one may be named all the same
     #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
     false_alarms: f64,
+    /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis against
+    #[arg(long)]
+    rivals: bool,
     /// Folder for the results
     #[arg(short, long, default_value = "out/diagnose")]
     output: PathBuf,
@@ -81,6 +84,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     let request = Request {
         false_alarm_rate: a.false_alarms,
         only: a.only.clone(),
+        rivals: a.rivals,
     };
     if recordings[0].manifest.kind != Kind::Robot {
         let (diagnosis, series) =
@@ -142,40 +146,20 @@ fn judge_lines(
             duration_s: l.step_s * l.samples() as f64,
         })
         .collect();
-    let Series {
-        entries,
-        mut remarks,
-    } = series::order_of(&occasions)?;
-    // What is said of series is of robots that run on for minutes: a bench or a coupon begins anew each time.
-    remarks.clear();
-    let mut order: Vec<usize> = (0..lines.len()).collect();
-    order.sort_by_key(|&i| entries[i].number);
-    let (train, holdout) = split(&order, named);
-    if holdout.is_empty() {
-        remarks.push(format!(
-            "To judge on recordings that were not fitted, name some with --holdout, or give {ENOUGH} recordings or more."
-        ));
-    }
-    let entry = |&i: &usize| LineEntry {
-        line: &lines[i],
-        when: crate::effects::When {
-            recording: entries[i].number,
-            series_s: entries[i].begins_s,
-            start_s: lines[i].time_s.first().copied().unwrap_or(0.0),
-        },
+    // What is remarked of series is of robots that run on for minutes: a bench or a coupon begins anew each time.
+    let series = Series {
+        remarks: Vec::new(),
+        ..series::order_of(&occasions)?
     };
-    let train: Vec<LineEntry> = train.iter().map(entry).collect();
-    let holdout: Vec<LineEntry> = holdout.iter().map(entry).collect();
-    let watch = |what: &str| {
-        progress.step(what);
-        progress.leave_if_stopped();
-    };
-    let mut diagnosis = diagnose_lines(&train, &holdout, request, &watch)?;
-    diagnosis.remarks.extend(remarks);
-    Ok((
-        diagnosis,
-        order.iter().map(|&i| entries[i].clone()).collect(),
-    ))
+    in_order(series, named, progress, |entries, train, holdout, watch| {
+        let entry = |&i: &usize| LineEntry {
+            line: &lines[i],
+            when: series::when(&entries[i], lines[i].time_s.first().copied().unwrap_or(0.0)),
+        };
+        let train: Vec<LineEntry> = train.iter().map(entry).collect();
+        let holdout: Vec<LineEntry> = holdout.iter().map(entry).collect();
+        diagnose_lines(&train, &holdout, request, watch)
+    })
 }
 
 /// Diagnoses the first `named` datasets; the others are held out.
@@ -188,36 +172,53 @@ pub(super) fn judge(
     progress: &Progress,
     search: Search,
 ) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
+    in_order(series, named, progress, |entries, train, holdout, watch| {
+        let entry = |&i: &usize| Entry {
+            dataset: &datasets[i],
+            when: series::when(&entries[i], datasets[i].start_s),
+        };
+        let train: Vec<Entry> = train.iter().map(entry).collect();
+        let holdout: Vec<Entry> = holdout.iter().map(entry).collect();
+        search(robot, &train, &holdout, request, watch)
+    })
+}
+
+/// Diagnoses the recordings of a series in its order, of which the first `named` were not asked to be held out: `search` gets the
+/// entries, the places among them of what is fitted and of what is held out, and whom to tell what is being done.
+fn in_order(
+    series: Series,
+    named: usize,
+    progress: &Progress,
+    search: impl FnOnce(
+        &[SeriesEntry],
+        &[usize],
+        &[usize],
+        &(dyn Fn(&str) + Sync),
+    ) -> Result<Diagnosis, Error>,
+) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
     let Series {
         entries,
         mut remarks,
     } = series;
-    let mut order: Vec<usize> = (0..datasets.len()).collect();
+    let mut order: Vec<usize> = (0..entries.len()).collect();
     order.sort_by_key(|&i| entries[i].number);
-    let split = split(&order, named);
-    let (train, holdout) = (&split.0, &split.1);
+    let (train, holdout) = split(&order, named);
     if holdout.is_empty() {
         remarks.push(format!(
             "To judge on recordings that were not fitted, name some with --holdout, or give {ENOUGH} recordings or more."
         ));
-    } else if named == datasets.len() {
-        let ids: Vec<&str> = holdout.iter().map(|&i| datasets[i].id.as_str()).collect();
+    } else if named == entries.len() {
+        let ids: Vec<&str> = holdout.iter().map(|&i| entries[i].id.as_str()).collect();
         remarks.push(format!(
             "Held out without being asked, as the last of the series: {}.",
             ids.join(", ")
         ));
     }
-    let entry = |&i: &usize| Entry {
-        dataset: &datasets[i],
-        when: series::when(&entries[i], datasets[i].start_s),
-    };
-    let train: Vec<Entry> = train.iter().map(entry).collect();
-    let holdout: Vec<Entry> = holdout.iter().map(entry).collect();
     let watch = |what: &str| {
         progress.step(what);
         progress.leave_if_stopped();
     };
-    let mut diagnosis = search(robot, &train, &holdout, request, &watch)?;
+    let mut diagnosis = search(&entries, &train, &holdout, &watch)?;
     diagnosis.remarks.extend(remarks);
     Ok((
         diagnosis,
@@ -289,6 +290,19 @@ pub(super) fn say(d: &Diagnosis, talk: Talk) {
             d.over,
             in_unit(h.after_v, &d.unit),
             in_unit(h.noise_floor_v, &d.unit)
+        ));
+    }
+    for r in &d.rival_models {
+        let error = r.holdout.unwrap_or(r.train).after_v;
+        talk.say(&format!(
+            "{}: {} with {}.",
+            r.method,
+            in_unit(error, &d.unit),
+            if r.effects.is_empty() {
+                "nothing".to_owned()
+            } else {
+                r.effects.join(", ")
+            }
         ));
     }
     if !d.next_experiment.is_empty() {

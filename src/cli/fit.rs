@@ -1,6 +1,6 @@
 //! `fit film|forearm|robot|sample|coupon|hinge|axis`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
@@ -186,7 +186,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
 
 /// Parameters, numbers, choices and report of a fit, all or none.
 pub(super) fn write_fit(
-    output: &std::path::Path,
+    output: &Path,
     outcome: &Outcome,
     fit: &FitJson,
     provenance: Provenance,
@@ -255,27 +255,41 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
     progress.step("fitting");
     let outcome = calibrate_samples(&refs, &samples, &request, &|_| progress.asked())?;
     progress.stopped()?;
-    let fit = FitJson::of_samples(&outcome, provenance.clone());
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
-    let mut set = OutputSet::new(&a.common.output)?;
-    set.write("report.html", html::render_samples(&outcome, &provenance))?;
-    set.write(
-        "parameters.toml",
-        ParameterFile::of_samples(&outcome, provenance).to_toml(),
-    )?;
-    set.write("fit.json", to_text(&fit))?;
-    set.write("plan.toml", plan_to_toml(&plans))?;
+    let written = Written {
+        report: html::render_samples(&outcome, &provenance),
+        fit: FitJson::of_samples(&outcome, provenance.clone()),
+        parameters: ParameterFile::of_samples(&outcome, provenance),
+        plan: Some(plan_to_toml(&plans)),
+    };
+    finish(&a.common.output, &written, progress, talk)
+}
+
+/// What a fit of samples, lines or coupons leaves.
+struct Written {
+    report: String,
+    fit: FitJson,
+    parameters: ParameterFile,
+    plan: Option<String>,
+}
+
+/// Writes it, all or none, and says it.
+fn finish(output: &Path, w: &Written, progress: Progress, talk: Talk) -> Result<(), Failure> {
+    let mut set = OutputSet::new(output)?;
+    set.write("report.html", &w.report)?;
+    set.write("parameters.toml", w.parameters.to_toml())?;
+    set.write("fit.json", to_text(&w.fit))?;
+    if let Some(plan) = &w.plan {
+        set.write("plan.toml", plan)?;
+    }
     set.commit()?;
     drop(progress);
-    talk.result(&fit);
-    talk.say(&outcome.verdict);
-    for remark in &outcome.remarks {
+    talk.result(&w.fit);
+    talk.say(&w.fit.verdict);
+    for remark in &w.fit.remarks {
         talk.say(remark);
     }
-    talk.say(&format!(
-        "Report: {}",
-        a.common.output.join("report.html").display()
-    ));
+    talk.say(&format!("Report: {}", output.join("report.html").display()));
     Ok(())
 }
 
@@ -292,26 +306,13 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure>
     progress.step("fitting");
     let outcome = calibrate_lines(&lines, &request)?;
     progress.stopped()?;
-    let fit = FitJson::of_lines(&outcome, provenance.clone());
-    let mut set = OutputSet::new(&a.output)?;
-    set.write("report.html", html::render_lines(&outcome, &provenance))?;
-    set.write(
-        "parameters.toml",
-        ParameterFile::of_lines(&outcome, provenance).to_toml(),
-    )?;
-    set.write("fit.json", to_text(&fit))?;
-    set.commit()?;
-    drop(progress);
-    talk.result(&fit);
-    talk.say(&outcome.verdict);
-    for remark in &outcome.remarks {
-        talk.say(remark);
-    }
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
-    Ok(())
+    let written = Written {
+        report: html::render_lines(&outcome, &provenance),
+        fit: FitJson::of_lines(&outcome, provenance.clone()),
+        parameters: ParameterFile::of_lines(&outcome, provenance),
+        plan: None,
+    };
+    finish(&a.output, &written, progress, talk)
 }
 
 fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
@@ -332,21 +333,11 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
     };
     let outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
     progress.stopped()?;
-    let fit = FitJson::of_coupons(&outcome, provenance.clone());
-    let mut set = OutputSet::new(&a.common.output)?;
-    set.write("report.html", html::render_coupons(&outcome, &provenance))?;
-    set.write(
-        "parameters.toml",
-        ParameterFile::of_coupons(&outcome, provenance).to_toml(),
-    )?;
-    set.write("fit.json", to_text(&fit))?;
-    set.commit()?;
-    drop(progress);
-    talk.result(&fit);
-    talk.say(&outcome.verdict);
-    talk.say(&format!(
-        "Report: {}",
-        a.common.output.join("report.html").display()
-    ));
-    Ok(())
+    let written = Written {
+        report: html::render_coupons(&outcome, &provenance),
+        fit: FitJson::of_coupons(&outcome, provenance.clone()),
+        parameters: ParameterFile::of_coupons(&outcome, provenance),
+        plan: None,
+    };
+    finish(&a.common.output, &written, progress, talk)
 }

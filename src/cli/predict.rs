@@ -8,10 +8,12 @@ use clap::{Args, Subcommand};
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
 use crate::calibration::{
-    RecordingOutcome, predict_command, predict_force, predict_sample_motion, validate_robot_with,
-    validate_samples,
+    RecordingOutcome, predict_command, predict_force, predict_line, predict_sample_motion,
+    validate_robot_with, validate_samples,
 };
+use crate::dataset::line::Measured;
 use crate::dataset::{Dataset, OffsetSource};
+use crate::diagnosis::in_unit;
 use crate::effects::{Acting, Site, When};
 use crate::model::{Parameters, Robot};
 use crate::recording::{Kind, Recording};
@@ -28,9 +30,9 @@ use crate::validation::predict_motion;
 /// What to predict.
 #[derive(Subcommand)]
 pub(super) enum Predict {
-    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and film1_V to film3_V are the voltages on the films; a hanging sample has phi_V
+    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and film1_V to film3_V are the voltages on the films; a hanging sample has phi_V. Of an axis, its input: measured and predicted
     Voltage(Arguments),
-    /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag)
+    /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag); of a hinge bench its torque, of a film coupon its stress
     Force(Arguments),
     /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag; a hanging sample has x_mm downwards, zero at rest)
     Motion(Arguments),
@@ -64,8 +66,8 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let (Predict::Voltage(a) | Predict::Force(a) | Predict::Motion(a)) = predict;
     let progress = Progress::new(talk);
     let kinds: &[Kind] = match predict {
-        Predict::Voltage(_) => &[Kind::Robot, Kind::FilmSample],
-        Predict::Force(_) => &[Kind::Robot],
+        Predict::Voltage(_) => &[Kind::Robot, Kind::FilmSample, Kind::Axis],
+        Predict::Force(_) => &[Kind::Robot, Kind::HingeBench, Kind::FilmCoupon],
         Predict::Motion(_) => &[Kind::Robot, Kind::FilmSample],
     };
     let recordings = load::recordings_of(
@@ -78,6 +80,9 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     if recordings[0].manifest.kind == Kind::FilmSample {
         drop(progress);
         return sample(predict, a, &recordings, &file, talk);
+    }
+    if recordings[0].manifest.kind != Kind::Robot {
+        return line(a, &recordings, &file, progress, talk);
     }
     let robot = load::robot(load::rig(&recordings)?, Some(&file))?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
@@ -242,6 +247,53 @@ fn sample(
         a.output.as_deref(),
         &flags,
     ));
+    Ok(())
+}
+
+/// Input of an axis, torque of a bench or stress of a coupon.
+fn line(
+    a: &Arguments,
+    recordings: &[Recording],
+    file: &ParameterFile,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let lines = load::lines(recordings, &progress)?;
+    let (r, unit) = predict_line(&lines[0], &file.line_model()?)?;
+    drop(progress);
+    let coordinate = match &lines[0].measured {
+        Measured::Torque(_) => "angle_rad",
+        Measured::Axis(a) if a.turns => "angle_rad",
+        Measured::Axis(_) => "position_m",
+        Measured::Coupon(_) => "stretch",
+    };
+    let word: String = unit
+        .chars()
+        .map(|c| if c.is_alphanumeric() { c } else { '_' })
+        .collect();
+    let left_out = || Missing::Other("left out: at an end, in a gap, or at a rail".into());
+    let flags: Vec<Option<Missing>> = r
+        .predicted
+        .iter()
+        .map(|p| p.is_nan().then(left_out))
+        .collect();
+    let names = [
+        coordinate.to_owned(),
+        format!("measured_{word}"),
+        format!("predicted_{word}"),
+    ];
+    write(a.output.as_deref(), talk, |out| {
+        csv::predicted_line(out, &r, names, &flags)
+    })?;
+    talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
+    if a.output.is_some() {
+        talk.say(&format!(
+            "{}: {} rms, noise alone {}.",
+            r.id,
+            in_unit(r.rmse, &unit),
+            in_unit(r.noise, &unit)
+        ));
+    }
     Ok(())
 }
 

@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
-use crate::calibration::{SampleOutcome, validate_samples};
+use crate::calibration::{validate_lines, validate_samples};
 use crate::dataset::Dataset;
+use crate::diagnosis::in_unit;
 use crate::recording::{Kind, Recording};
 use crate::report::html;
 use crate::report::json::{ModelValidation, ValidationJson, to_text};
 use crate::report::output::OutputSet;
+use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
 use crate::validation::validate;
 
@@ -39,11 +41,21 @@ pub(super) struct Arguments {
 
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
-    let kinds = [Kind::Robot, Kind::FilmSample];
+    let kinds = [
+        Kind::Robot,
+        Kind::FilmSample,
+        Kind::Axis,
+        Kind::HingeBench,
+        Kind::FilmCoupon,
+    ];
     let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
     let provenance = Provenance::of(command, &recordings);
-    if recordings[0].manifest.kind == Kind::FilmSample {
-        return samples(a, &recordings, &provenance, progress, talk);
+    match recordings[0].manifest.kind {
+        Kind::Robot => {}
+        Kind::FilmSample => return samples(a, &recordings, &provenance, progress, talk),
+        Kind::Axis | Kind::HingeBench | Kind::FilmCoupon => {
+            return lines(a, &recordings, &provenance, progress, talk);
+        }
     }
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     let rig = load::rig(&recordings)?;
@@ -87,7 +99,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         progress.stopped()?;
     }
     let head = models.remove(0);
-    let json = ValidationJson::new(head, models, provenance.clone());
+    let json = ValidationJson::new(head, models, None, provenance.clone());
     let mut set = OutputSet::new(&a.output)?;
     set.write("validation.json", to_text(&json))?;
     set.write("report.html", html::render_validation(&shown, &provenance))?;
@@ -101,6 +113,13 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     Ok(())
 }
 
+/// A model that was held against recordings: its numbers, its report, and what to say of each recording.
+struct Held {
+    model: ModelValidation,
+    report: String,
+    says: Vec<String>,
+}
+
 /// Films against hanging samples.
 fn samples(
     a: &Arguments,
@@ -109,40 +128,90 @@ fn samples(
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
-    let mut models = Vec::new();
-    let mut first: Option<SampleOutcome> = None;
-    for path in &a.params {
-        progress.step(format!("predicting with {}", path.display()));
-        let file = load::parameters(path)?;
-        let (datasets, samples) = load::samples(recordings, Some(&file))?;
+    let hold = |file: &ParameterFile, sum: FileSum| {
+        let (datasets, samples) = load::samples(recordings, Some(file))?;
         let refs: Vec<_> = datasets.iter().collect();
         let outcome = validate_samples(&refs, &samples, &file.parameters()?.film)?;
-        let sum = FileSum {
-            role: "parameters".into(),
-            file: path.display().to_string(),
-            sha256: crate::recording::sha256(path)?,
-        };
-        models.push(ModelValidation::of_samples(&outcome, sum));
-        talk.say(&format!("{}: {}", path.display(), outcome.verdict));
-        for r in &outcome.recordings {
-            talk.say(&format!(
-                "  {:20} {:8.2} V rms above 1 kV (noise alone {:.2} V); stroke {:.3} mm, predicted {:.3} mm",
+        let says = outcome.recordings.iter().map(|r| {
+            format!(
+                "{:20} {:8.2} V rms above 1 kV (noise alone {:.2} V); stroke {:.3} mm, predicted {:.3} mm",
                 r.id,
                 r.error.rmse_v,
                 r.error.noise_floor_v,
                 r.stroke_m[0] * 1e3,
                 r.stroke_m[1] * 1e3
-            ));
+            )
+        });
+        Ok(Held {
+            says: says.collect(),
+            report: html::render_samples(&outcome, provenance),
+            model: ModelValidation::of_samples(&outcome, sum),
+        })
+    };
+    compare(a, hold, None, provenance, progress, talk)
+}
+
+/// Models of a single coordinate against hinge benches, axes or coupons.
+fn lines(
+    a: &Arguments,
+    recordings: &[Recording],
+    provenance: &Provenance,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let lines = load::lines(recordings, &progress)?;
+    let unit = lines[0].unit();
+    let hold = |file: &ParameterFile, sum: FileSum| {
+        let outcome = validate_lines(&lines, &file.line_model()?)?;
+        let says = outcome.recordings.iter().map(|r| {
+            format!(
+                "{:20} {} rms (noise alone {}), {} samples",
+                r.id,
+                in_unit(r.rmse, &outcome.unit),
+                in_unit(r.noise, &outcome.unit),
+                r.n_samples
+            )
+        });
+        Ok(Held {
+            says: says.collect(),
+            report: html::render_lines(&outcome, provenance),
+            model: ModelValidation::of_lines(&outcome, sum),
+        })
+    };
+    compare(a, hold, Some(&unit), provenance, progress, talk)
+}
+
+/// Each parameter file against the recordings; the report is that of the first.
+fn compare(
+    a: &Arguments,
+    hold: impl Fn(&ParameterFile, FileSum) -> Result<Held, Failure>,
+    unit: Option<&str>,
+    provenance: &Provenance,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let mut all = Vec::new();
+    for path in &a.params {
+        progress.step(format!("predicting with {}", path.display()));
+        let sum = FileSum {
+            role: "parameters".into(),
+            file: path.display().to_string(),
+            sha256: crate::recording::sha256(path)?,
+        };
+        let held = hold(&load::parameters(path)?, sum)?;
+        talk.say(&format!("{}: {}", path.display(), held.model.verdict));
+        for line in &held.says {
+            talk.say(&format!("  {line}"));
         }
-        first.get_or_insert(outcome);
+        all.push(held);
         progress.stopped()?;
     }
-    let shown = first.ok_or("no parameter file was given")?;
-    let head = models.remove(0);
-    let json = ValidationJson::new(head, models, provenance.clone());
+    let first = all.remove(0);
+    let others = all.into_iter().map(|h| h.model).collect();
+    let json = ValidationJson::new(first.model, others, unit, provenance.clone());
     let mut set = OutputSet::new(&a.output)?;
     set.write("validation.json", to_text(&json))?;
-    set.write("report.html", html::render_samples(&shown, provenance))?;
+    set.write("report.html", first.report)?;
     set.commit()?;
     drop(progress);
     talk.result(&json);

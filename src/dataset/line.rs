@@ -88,6 +88,8 @@ pub struct Line {
     pub x_noise: f64,
     /// Samples that count.
     pub usable: Vec<bool>,
+    /// Samples that were captured; an axis that begins or ends at rest is known beyond.
+    pub captured: std::ops::Range<usize>,
     /// What was measured.
     pub measured: Measured,
     /// Standard deviation of the noise of torque, N m, or stress, Pa.
@@ -133,6 +135,10 @@ pub enum LineError {
 pub const FEWEST: usize = 16;
 /// Equal values in a row at the end of a range, from which on a sensor is at its rail.
 const RAIL: usize = 4;
+/// One sample in so many of an axis at its rail is a rest that an encoder rounds; more are left out.
+const MANY: usize = 20;
+/// A step is a jump from so many times the size on that 99 of 100 steps do not exceed.
+const JUMP: f64 = 3.0;
 /// Times closer than this share of a step to an even clock are taken to be on it.
 const JITTER: f64 = 0.25;
 
@@ -152,7 +158,17 @@ impl Line {
         }
         if recording.coupon.is_some() {
             let coupon = Coupon::from_recording(recording)?;
+            let mut notes = coupon.notes.clone();
+            let stretches = range(&coupon.stretch);
+            notes.extend(unlikely("stretch", stretches, [1e-5, 20.0], "1"));
+            notes.extend(unlikely(
+                "stress",
+                range(&coupon.stress_pa),
+                [1.0, 1e9],
+                "Pa",
+            ));
             return Ok(Line {
+                captured: 0..coupon.stretch.len(),
                 id: coupon.id.clone(),
                 time_s: coupon.time_s.clone(),
                 timed: coupon.timed,
@@ -161,7 +177,7 @@ impl Line {
                 x_noise: 0.0,
                 usable: coupon.usable.clone(),
                 noise: coupon.noise_pa,
-                notes: coupon.notes.clone(),
+                notes,
                 measured: Measured::Coupon(Box::new(coupon)),
             });
         }
@@ -172,6 +188,16 @@ impl Line {
     #[must_use]
     pub fn samples(&self) -> usize {
         self.x.len()
+    }
+
+    /// Unit of what is measured: the input of an axis, the torque of a bench, the stress of a coupon.
+    #[must_use]
+    pub fn unit(&self) -> String {
+        match &self.measured {
+            Measured::Torque(_) => "N m".into(),
+            Measured::Axis(a) => a.unit.clone(),
+            Measured::Coupon(_) => "Pa".into(),
+        }
     }
 
     /// Mode of a coupon.
@@ -227,12 +253,48 @@ fn at_rail(x: &[f64], other: &[f64], noise: f64) -> Vec<bool> {
             least = least.min(*y);
             most = most.max(*y);
         }
-        if to - from >= RAIL && (x[from] == low || x[from] == high) && most - least > 10.0 * noise {
+        let end = low < high && (x[from] == low || x[from] == high);
+        if to - from >= RAIL && end && most - least > 10.0 * noise {
             out[from..to].fill(true);
         }
         from = to;
     }
     out
+}
+
+/// Of short runs at a rail, those that a jump leads to or from, as a sensor makes them that loses its target; an encoder at rest stays.
+fn keep_jumps(x: &[f64], rail: &mut [bool]) {
+    let mut steps: Vec<f64> = x
+        .windows(2)
+        .map(|w| (w[1] - w[0]).abs())
+        .filter(|d| d.is_finite())
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() * 99 / 100).copied().unwrap_or(0.0);
+    let jump = |a: usize, b: usize| (x[a] - x[b]).abs() > JUMP * usual;
+    let mut from = 0;
+    while from < x.len() {
+        if !rail[from] {
+            from += 1;
+            continue;
+        }
+        let mut to = from;
+        while to < x.len() && rail[to] {
+            to += 1;
+        }
+        let torn = (from > 0 && jump(from - 1, from)) || (to < x.len() && jump(to, to - 1));
+        rail[from..to].fill(torn);
+        from = to;
+    }
+}
+
+/// What to say of a range that no laboratory has: a wrong unit, most likely. A range of 0 is not judged.
+fn unlikely(what: &str, range: f64, [low, high]: [f64; 2], unit: &str) -> Option<String> {
+    (range > 0.0 && !(low..=high).contains(&range)).then(|| {
+        format!(
+            "the {what} ranges over {range:.3e} {unit}, which is beyond all plausibility: look whether its unit is the right one, or two columns are swapped"
+        )
+    })
 }
 
 /// The noise of evenly taken samples: the median magnitude of their third differences, which a smooth course does not touch.
@@ -291,8 +353,11 @@ fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineE
         })
         .collect();
     check(id, &usable, &[("angle", &x), ("torque", &torque)])?;
+    notes.extend(unlikely("angle", range(&x), [1e-5, 20.0], "rad"));
+    notes.extend(unlikely("torque", range(&torque), [1e-9, 1e3], "N m"));
     Ok(Line {
         id: id.into(),
+        captured: 0..n,
         step_s: median_step(&time_s),
         time_s,
         timed,
@@ -387,6 +452,32 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             input = input[from..to].to_vec();
         }
     }
+    // what the input did at a sample is known where both are on one clock
+    if raw.input_time_s.is_none() {
+        let mut rail = at_rail(&x, &input, noise_of(&input));
+        let slow = rail.iter().filter(|r| **r).count() <= x.len() / MANY;
+        if slow {
+            keep_jumps(&x, &mut rail);
+        }
+        let stuck: Vec<usize> = (0..x.len()).filter(|&i| rail[i]).collect();
+        if let Some(&first) = stuck.first() {
+            notes.push(format!(
+                "the coordinate stands at the end of its range in {} of {} samples, first at {:.3} s, while the input goes on changing: its sensor is at its rail, or something holds it; these samples are left out",
+                stuck.len(),
+                x.len(),
+                times[first]
+            ));
+        }
+        for i in stuck {
+            x[i] = f64::NAN;
+        }
+    }
+    notes.extend(unlikely(
+        if turns { "angle" } else { "position" },
+        if velocity { 0.0 } else { range(&x) },
+        if turns { [1e-6, 1e3] } else { [1e-8, 10.0] },
+        if turns { "rad" } else { "m" },
+    ));
     // an even clock
     let step_s = median_step(&times);
     let n = times.len();
@@ -427,7 +518,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             interpolate(&known_t, &known_x, grid[i])
         }
     };
-    let gaps: Vec<bool> = grid
+    let mut gaps: Vec<bool> = grid
         .iter()
         .map(|t| {
             let i = known_t.partition_point(|k| k < t);
@@ -459,16 +550,9 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         .map(|(t, v)| (*t, *v))
         .unzip();
     check(id, &gaps, &[("coordinate", &x), ("input", &input)])?;
-    let rail = at_rail(&x, &input, f64::INFINITY.min(10.0 * noise_of(&input)));
-    let stuck = rail.iter().filter(|r| **r).count();
-    if stuck > x.len() / 20 {
-        notes.push(format!(
-            "the coordinate stands at the end of its range in {stuck} samples while the input changes: look whether its sensor is at its rail"
-        ));
-    }
     let (floor, band_hz) = band(&x, step_s, if velocity { 1 } else { 2 });
     // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at its ends.
-    let (mut grid, mut x, mut gaps) = (grid, x, gaps);
+    let (mut grid, mut x) = (grid, x);
     let still = |part: &[f64]| {
         let still = range(part) < STILL * range(&x);
         still && (!velocity || part.iter().all(|v| v.abs() < STILL * range(&x)))
@@ -476,6 +560,8 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
     let few = (x.len() / 100).max(4);
     let more = ((22.0 / (band_hz * step_s)) as usize).min(3 * x.len());
     let (before, after) = (still(&x[..few]), still(&x[x.len() - few..]));
+    let first = if before { more } else { 0 };
+    let captured = first..first + x.len();
     if after {
         let (last, end) = (grid[grid.len() - 1], x[x.len() - 1]);
         grid.extend((1..=more).map(|i| last + step_s * i as f64));
@@ -495,9 +581,9 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
     }
     let (input_floor, _) = band(&input, median_step(&input_time_s), 0);
     let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
-    let si = |c: NumberOrEstimate| Constant::of(c);
     Ok(Line {
         id: id.into(),
+        captured,
         time_s: grid,
         timed: true,
         step_s,
@@ -514,16 +600,13 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             input,
             unit,
             load,
-            offset_s: match recording.manifest.offset_s {
-                NumberOrEstimate::Number(v) => Constant::Known(v),
-                NumberOrEstimate::Estimate => Constant::Free,
-            },
-            gain: si(m.input_gain),
+            offset_s: Constant::of(recording.manifest.offset_s),
+            gain: Constant::of(m.input_gain),
             mass: match m.inertia {
-                AxisInertia::MassKg(v) | AxisInertia::InertiaKgM2(v) => si(v),
+                AxisInertia::MassKg(v) | AxisInertia::InertiaKgM2(v) => Constant::of(v),
             },
-            damping: si(m.damping),
-            stiffness: si(m.stiffness),
+            damping: Constant::of(m.damping),
+            stiffness: Constant::of(m.stiffness),
             band_hz,
         }),
     })

@@ -13,6 +13,7 @@
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
 use statrs::function::erf::erfc;
 use statrs::function::gamma::gamma_ur;
 
@@ -358,7 +359,7 @@ pub(super) fn chance<S: Subject>(
                 (b * tracks + m, sign)
             })
             .collect();
-        let known = DVector::from_fn(priors, |_, _| normal(&mut generator));
+        let known = DVector::from_fn(priors, |_, _| StandardNormal.sample(&mut generator));
         for (s, c) in scores.iter_mut().zip(&columns) {
             *s = pick
                 .iter()
@@ -374,12 +375,6 @@ pub(super) fn chance<S: Subject>(
     }
     out.drawn.sort_by(f64::total_cmp);
     out
-}
-
-/// A number from the standard normal distribution (Box and Muller).
-fn normal(generator: &mut ChaCha12Rng) -> f64 {
-    let (u, v): (f64, f64) = (generator.random(), generator.random());
-    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 impl Column {

@@ -6,7 +6,7 @@ use super::doubt;
 use super::outcome::*;
 use super::problem::Problem;
 use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
-use crate::dataset::line::{Constant, Line, Measured};
+use crate::dataset::line::{Line, Measured, interpolate};
 use crate::effects::line::{CATALOGUE, Kind};
 use crate::effects::{Acting, Effect, When};
 use crate::film::Locked;
@@ -181,21 +181,6 @@ fn line_unknowns(residual: &LineResidual) -> (Vec<Unknown>, Vec<Unknown>) {
     (nonlinear, linear)
 }
 
-fn symbol(residual: &LineResidual) -> (String, &'static str, String) {
-    // force, coordinate, input
-    match residual.lines().next().map(|l| &l.measured) {
-        Some(Measured::Axis(a)) if a.gain == Constant::Free => {
-            // the balance is written in units of the input
-            let coordinate = if a.turns { "rad" } else { "m" };
-            (a.unit.clone(), coordinate, a.unit.clone())
-        }
-        Some(Measured::Axis(a)) if a.turns => ("N m".into(), "rad", a.unit.clone()),
-        Some(Measured::Axis(a)) => ("N".into(), "m", a.unit.clone()),
-        Some(Measured::Coupon(_)) => ("Pa".into(), "1", String::new()),
-        _ => ("N m".into(), "rad", String::new()),
-    }
-}
-
 impl Subject for LineResidual<'_> {
     const CHAINS: usize = 1;
     const MOST_EFFECTS: usize = 4;
@@ -228,7 +213,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn words(&self) -> Words {
-        let (force, _, input) = symbol(self);
+        let (force, _, input) = self.symbols();
         let (unit, rich) = match self.kind() {
             Kind::Bench => (
                 force,
@@ -247,6 +232,7 @@ impl Subject for LineResidual<'_> {
             unit,
             basis: "all",
             over: "",
+            directed: "coordinate",
             rich,
             repeat: "The same test again, then at another rate and another amplitude: what repeats with position, direction, rate or time says what it depends on.",
         }
@@ -272,7 +258,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn coordinates(&self) -> Vec<Coordinate> {
-        let (force, coordinate, input) = symbol(self);
+        let (force, coordinate, input) = self.symbols();
         let scales = self.scales();
         let fine = |x: f64| 10f64.powi(3 - x.abs().log10().floor() as i32);
         let (drive, largest) = match self.kind() {
@@ -330,30 +316,22 @@ impl Subject for LineResidual<'_> {
                 scales.coordinate * largest
             })
             .collect();
-        let input = |t: f64| match &line.measured {
-            Measured::Axis(a) => crate::dataset::line::interpolate(&a.input_time_s, &a.input, t),
-            _ => f64::NAN,
-        };
-        let untimed = |i: usize| {
-            // the order of the rows tells the direction where there is no time
-            xi[i] - xi[i.saturating_sub(1)]
-        };
         self.kept(recording)
             .iter()
             .enumerate()
             .map(|(row, &c)| {
                 let position = scales.rest + scales.coordinate * xi[c];
                 let v = scales.coordinate * rate[c];
-                let drive = if line.timed { input(time[c]) } else { f64::NAN };
-                let drive = if drive.is_finite() {
-                    drive
-                } else {
-                    self.measured(recording)
-                        .get(row)
-                        .copied()
-                        .unwrap_or(position)
+                let drive = match &line.measured {
+                    Measured::Axis(a) => interpolate(&a.input_time_s, &a.input, time[c]),
+                    _ => self.measured(recording)[row],
                 };
-                let going = if line.timed { v } else { untimed(c) };
+                // the order of the rows tells the direction where there is no time
+                let going = if line.timed {
+                    v
+                } else {
+                    xi[c] - xi[c.saturating_sub(1)]
+                };
                 // the direction is told apart by a rate above 100 of its unit: here by its sign
                 [[
                     drive,
@@ -483,61 +461,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn values(&self, eta: &[f64], beta: &[f64]) -> Vec<(String, f64)> {
-        let scales = self.scales();
-        let mut out = Vec::new();
-        if let Plain::Axis {
-            terms,
-            known,
-            over_gain,
-        } = self.plain()
-        {
-            let of = |term: AxisTerm| terms.iter().position(|t| *t == term).map(|i| beta[i]);
-            let gain = if *over_gain {
-                1.0 / of(AxisTerm::Gain).unwrap_or(1.0)
-            } else {
-                known[0]
-            };
-            let factor = if *over_gain { gain } else { 1.0 };
-            let turns = self.lines().any(|l| match &l.measured {
-                Measured::Axis(a) => a.turns,
-                _ => false,
-            });
-            let names = if turns {
-                [
-                    "gain_N_m",
-                    "inertia_kg_m2",
-                    "damping_N_m_s",
-                    "stiffness_N_m",
-                    "bias_N_m",
-                ]
-            } else {
-                [
-                    "gain_N",
-                    "mass_kg",
-                    "damping_N_s_m",
-                    "stiffness_N_m",
-                    "bias_N",
-                ]
-            };
-            let value = |term: AxisTerm, known: f64| of(term).map_or(known, |v| factor * v);
-            let values = [
-                gain,
-                value(AxisTerm::Mass, known[1]),
-                value(AxisTerm::Damping, known[2]),
-                value(AxisTerm::Stiffness, known[3]),
-                value(AxisTerm::Bias, 0.0),
-            ];
-            out.extend(names.iter().map(|n| (*n).to_owned()).zip(values));
-            if !self.free_offsets().is_empty() {
-                let first = self.plain_unknowns() - self.free_offsets().len();
-                out.push(("clock_offset_s".into(), eta[first]));
-            }
-        }
-        out.push(("rest".into(), scales.rest));
-        out.push(("largest_coordinate".into(), scales.coordinate));
-        out.push(("largest_force".into(), scales.force));
-        out.push(("largest_input".into(), scales.input));
-        out
+        LineResidual::values(self, eta, beta)
     }
 
     fn errors(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Errors, Locked> {
@@ -581,22 +505,7 @@ impl Subject for LineResidual<'_> {
     }
 
     fn unit_of(&self, unit: &'static str) -> (f64, String) {
-        let s = self.scales();
-        let (force, coordinate, input) = symbol(self);
-        let x = coordinate;
-        match unit {
-            "force" => (s.force, force),
-            "coordinate" => (s.coordinate, x.into()),
-            "coordinate/s" => (s.coordinate, format!("{x}/s")),
-            "input" => (s.input, input),
-            "force/coordinate" => (s.force / s.coordinate, format!("{force}/{x}")),
-            "force s/coordinate" => (s.force / s.coordinate, format!("{force} s/{x}")),
-            "force/(coordinate/s)^2" => (
-                s.force / (s.coordinate * s.coordinate),
-                format!("{force} s^2/{x}^2"),
-            ),
-            other => (1.0, other.into()),
-        }
+        LineResidual::unit_of(self, unit)
     }
 
     fn independent(&self, residual: &[f64]) -> f64 {

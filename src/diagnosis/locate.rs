@@ -57,6 +57,7 @@ pub(super) fn locate(
     entries: &[Whereabouts],
     coordinates: &[Coordinate],
     chains: usize,
+    directed: &'static str,
     named: &[Acting],
 ) -> Vec<Place> {
     let excess = |s: &Spot| s.before - s.after;
@@ -93,8 +94,9 @@ pub(super) fn locate(
     };
     let mut found: Vec<(f64, Place)> = Vec::new();
     let push = |found: &mut Vec<(f64, Place)>, ratio: f64, place: Place| found.push((ratio, place));
-    // What a named cause says of its own place comes first.
-    for a in named {
+    // What a named cause says of its own place comes first; on a single coordinate its values are in units of the recordings, and its
+    // place is found as any other.
+    for a in named.iter().filter(|_| chains > 1) {
         for place in own_places(a, entries, spots) {
             let inside = place.1;
             let (e, c) = share(&*inside);
@@ -164,10 +166,10 @@ pub(super) fn locate(
             word(
                 "actuator",
                 (k + 1).to_string(),
+                &format!("in actuator {}", k + 1),
                 None,
                 vec![k + 1],
-                e,
-                c,
+                (e, c),
                 p_value(ratio),
             ),
         );
@@ -182,20 +184,13 @@ pub(super) fn locate(
             word(
                 "direction",
                 value.into(),
+                &format!("where the {directed} is {value}"),
                 None,
                 Vec::new(),
-                e,
-                c,
+                (e, c),
                 p_value(ratio),
             ),
         );
-        if let (true, Some(last)) = (chains == 1, found.last_mut()) {
-            last.1.says = format!(
-                "{:.0} % of the excess lies where the coordinate is {value}, {:.0} % of the samples",
-                100.0 * e,
-                100.0 * c
-            );
-        }
     }
     for (r, entry) in entries.iter().enumerate() {
         let id = entry.id.clone();
@@ -209,10 +204,10 @@ pub(super) fn locate(
                 word(
                     "recording",
                     id.clone(),
+                    &format!("in recording {id}"),
                     Some(id),
                     Vec::new(),
-                    e,
-                    c,
+                    (e, c),
                     p_value(ratio),
                 ),
             );
@@ -224,27 +219,16 @@ pub(super) fn locate(
     found.into_iter().map(|f| f.1).collect()
 }
 
+/// A place that is a word: what holds `e` of the excess and `c` of the samples lies `here`.
 fn word(
     dimension: &'static str,
     value: String,
+    here: &str,
     recording: Option<String>,
     actuators: Vec<usize>,
-    e: f64,
-    c: f64,
+    (e, c): (f64, f64),
     p_value: f64,
 ) -> Place {
-    let says = match dimension {
-        "direction" => format!(
-            "{:.0} % of the excess lies where the voltage is {value}, {:.0} % of the samples",
-            100.0 * e,
-            100.0 * c
-        ),
-        _ => format!(
-            "{:.0} % of the excess lies in {dimension} {value}, {:.0} % of the samples",
-            100.0 * e,
-            100.0 * c
-        ),
-    };
     Place {
         dimension,
         range: None,
@@ -255,7 +239,11 @@ fn word(
         share_of_excess: e,
         share_of_samples: c,
         p_value,
-        says,
+        says: format!(
+            "{:.0} % of the excess lies {here}, {:.0} % of the samples",
+            100.0 * e,
+            100.0 * c
+        ),
     }
 }
 
@@ -391,4 +379,68 @@ fn own_places(acting: &Acting, entries: &[Whereabouts], spots: &[Spot]) -> Vec<(
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spots(chains: usize) -> Vec<Spot> {
+        (0..200)
+            .map(|i| {
+                let x = f64::from(i) / 200.0;
+                Spot {
+                    recording: 0,
+                    actuator: i as usize % chains,
+                    before: if x > 0.9 { 9.0 } else { 1.0 },
+                    after: 1.0,
+                    at: [4000.0 * x, 0.0, x, x, 0.0, x, x],
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn values_in_units_of_the_recordings_are_not_told_as_volts() {
+        let saturation = Acting {
+            effect: crate::effects::line::by_id("amplifier_saturation").unwrap(),
+            values: vec![0.9],
+            on: [true; 3],
+        };
+        let coordinate = Coordinate {
+            dimension: "voltage",
+            says: "input",
+            unit: "MV^2".into(),
+            at: 0,
+            rounding: 1.0,
+        };
+        let named = std::slice::from_ref(&saturation);
+        let coordinates = std::slice::from_ref(&coordinate);
+        let one = locate(&spots(1), &[], coordinates, 1, "coordinate", named);
+        assert!(!one.is_empty());
+        assert!(one.iter().all(|p| p.unit == "MV^2"), "{one:?}");
+        // of a robot the same entry has volts
+        let robot = Acting {
+            effect: crate::effects::by_id("amplifier_saturation").unwrap(),
+            values: vec![3600.0],
+            on: [true; 3],
+        };
+        let three = locate(&spots(3), &[], &[], 3, "voltage", &[robot]);
+        assert_eq!(three[0].range, Some([3600.0, 3980.0]));
+        assert_eq!(three[0].unit, "V");
+    }
+
+    #[test]
+    fn a_direction_is_told_of_what_is_driven() {
+        let mut all = spots(1);
+        for s in &mut all {
+            s.at[1] = if s.before > 1.0 { 1e3 } else { -1e3 };
+        }
+        let found = locate(&all, &[], &[], 1, "coordinate", &[]);
+        let place = found.iter().find(|p| p.dimension == "direction").unwrap();
+        assert_eq!(
+            place.says,
+            "100 % of the excess lies where the coordinate is rising, 10 % of the samples"
+        );
+    }
 }

@@ -19,6 +19,7 @@ mod locate;
 mod outcome;
 mod problem;
 mod rewhiten;
+mod rivals;
 mod robot;
 mod scan;
 mod subject;
@@ -92,9 +93,15 @@ fn doubt<S: Subject>(
     let mut units = units(&problem, &plain)?;
     let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
     let chance = chance::chance(&problem, &tangent, &groups, &units);
-    let rivals = rivals(&tangent, &groups, &scanned);
+    let named_by_rivals = rivals(&tangent, &groups, &scanned);
     drop(tangent);
     watch("fitting the leading effects");
+    let rival_models = if request.rivals {
+        watch("fitting what simpler methods say");
+        rivals::rival_models(&problem, &plain, &groups, &units, &wanted)?
+    } else {
+        Vec::new()
+    };
     let quiet = chance.largest < QUIET * chance.limit(request.false_alarm_rate)
         && plain.cost() < PAIR_ABOVE * chance.scale.max(1.0) * plain.state.rows as f64;
     let mut chosen = choose(&scanned, if quiet { FITTED_IF_QUIET } else { FITTED });
@@ -191,12 +198,12 @@ fn doubt<S: Subject>(
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
     if let (false, Some(first)) = (adequate, singles.first())
-        && first.mean_square > PAIR_ABOVE
+        && left::<S>(first) > PAIR_ABOVE
     {
         watch("looking for a second effect");
         let second = singles
             .get(1)
-            .filter(|s| s.excess() < 4.0 * first.excess() && s.mean_square > PAIR_ABOVE);
+            .filter(|s| s.excess() < 4.0 * first.excess() && left::<S>(s) > PAIR_ABOVE);
         let mut both: Vec<Judged> = Vec::new();
         for base in std::iter::once(first).chain(second) {
             both.extend(with_partner(&problem, base, &groups, &units, &wanted)?);
@@ -216,11 +223,7 @@ fn doubt<S: Subject>(
             }
         }
         if let Some(best) = both.first() {
-            let gained = first.fitted.cost() - best.fitted.cost();
-            let better = gained > 150.0_f64.max(3.0 * allowed)
-                && best.excess() * 1.35 < first.excess()
-                && (best.holdout.is_nan() || best.holdout <= first.holdout);
-            if better {
+            if joins::<S>(first, best, 3.0 * allowed) {
                 pair = Some(best.clone());
             }
         }
@@ -228,18 +231,14 @@ fn doubt<S: Subject>(
         // Rigs that nobody simulated have more than two: as long as one more pays.
         while let Some(base) = pair
             .clone()
-            .filter(|p| p.fitted.effects.len() < S::MOST_EFFECTS && p.mean_square > PAIR_ABOVE)
+            .filter(|p| p.fitted.effects.len() < S::MOST_EFFECTS && left::<S>(p) > PAIR_ABOVE)
         {
             let mut more = with_partner(&problem, &base, &groups, &units, &wanted)?;
             weigh_down(&mut more);
             let next = more
                 .into_iter()
                 .min_by(|a, b| a.score.total_cmp(&b.score))
-                .filter(|n| {
-                    base.fitted.cost() - n.fitted.cost() > 150.0_f64.max(allowed)
-                        && n.excess() * 1.35 < base.excess()
-                        && (n.holdout.is_nan() || n.holdout <= base.holdout)
-                });
+                .filter(|n| joins::<S>(&base, n, allowed));
             match next {
                 Some(n) => pair = Some(n),
                 None => break,
@@ -284,6 +283,7 @@ fn doubt<S: Subject>(
         &problem.train.whereabouts(),
         &problem.train.coordinates(),
         S::CHAINS,
+        words.directed,
         named,
     );
     let law = (verdict == Verdict::Unexplained)
@@ -355,7 +355,8 @@ fn doubt<S: Subject>(
         traces,
         remarks,
         says,
-        rivals,
+        rivals: named_by_rivals,
+        rival_models,
         evidence: Evidence {
             surprise: chance.largest,
             whose: chance.whose,
@@ -376,6 +377,29 @@ fn doubt<S: Subject>(
         },
     })
 }
+
+/// Mean square that a further cause could take away. The floor that a single coordinate promises is rough: what was held out counts too.
+fn left<S: Subject>(j: &Judged) -> f64 {
+    match S::CHAINS {
+        1 => j.mean_square.max(j.holdout),
+        _ => j.mean_square,
+    }
+}
+
+/// Whether a further cause stays. On a robot, whose forms are those of its noise, the excess must fall by a quarter. Rigs that nobody
+/// simulated have many small causes in inexact forms: there the criterion must decide for it, and what was held out confirm it.
+fn joins<S: Subject>(base: &Judged, next: &Judged, chance: f64) -> bool {
+    if S::CHAINS == 1 && !next.holdout.is_nan() {
+        return next.score < base.score - DECISIVE && next.holdout < CONFIRMED * base.holdout;
+    }
+    base.fitted.cost() - next.fitted.cost() > 150.0_f64.max(chance)
+        && next.excess() * 1.35 < base.excess()
+        && (next.holdout.is_nan() || next.holdout <= base.holdout)
+}
+
+/// Difference of the criterion that decides (Kass and Raftery 1995: very strong), and mean square of what was held out that confirms.
+const DECISIVE: f64 = 10.0;
+const CONFIRMED: f64 = 0.95;
 
 /// Relaxation times in rising order, their moduli with them.
 fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {

@@ -150,6 +150,19 @@ pub struct Law {
     pub share: f64,
 }
 
+/// The model that a simpler method ends with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RivalModel {
+    /// Its name.
+    pub method: &'static str,
+    /// Ids of its causes, in the order in which it took them.
+    pub effects: Vec<&'static str>,
+    /// Errors on the recordings that were fitted.
+    pub train: Gain,
+    /// Errors on those that were not.
+    pub holdout: Option<Gain>,
+}
+
 /// What a diagnosis finds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -201,6 +214,8 @@ pub struct Diagnosis {
     pub says: String,
     /// What simpler methods say of the same recordings: their name, whether they see anything, and the effect that they name.
     pub rivals: Vec<(&'static str, bool, Option<&'static str>)>,
+    /// The models that simpler methods end with; empty unless asked for.
+    pub rival_models: Vec<RivalModel>,
     /// What the verdict rests on: how far the scan stands out of noise.
     pub evidence: Evidence,
 }
@@ -285,6 +300,8 @@ pub struct Request {
     pub false_alarm_rate: f64,
     /// Ids of the effects that are considered; all when empty.
     pub only: Vec<String>,
+    /// Whether the models that simpler methods end with are built too.
+    pub rivals: bool,
 }
 
 impl Default for Request {
@@ -292,6 +309,7 @@ impl Default for Request {
         Request {
             false_alarm_rate: 0.02,
             only: Vec::new(),
+            rivals: false,
         }
     }
 }

@@ -56,6 +56,8 @@ pub(super) struct Words {
     pub basis: &'static str,
     /// The same in a sentence: " above 1 kV", or nothing.
     pub over: &'static str,
+    /// What rises and falls, for places of one direction.
+    pub directed: &'static str,
     /// What to record to see what could hide.
     pub rich: &'static str,
     /// What to record where nothing explains what is left.

@@ -271,16 +271,23 @@ pub trait Effect: Sync + Send {
     fn source(&self) -> &'static str;
     /// Its parameters.
     fn parameters(&self) -> &'static [Quantity];
-    /// Where it enters.
-    fn site(&self) -> Site;
-    /// Which actuators it may sit in.
-    fn reach(&self) -> Reach;
+    /// Where it enters; unless stated, the balance.
+    fn site(&self) -> Site {
+        Site::Balance
+    }
+    /// Which actuators it may sit in; unless stated, all: a single coordinate has no others.
+    fn reach(&self) -> Reach {
+        Reach::All
+    }
     /// Forms that are told apart by a word (which link), empty where there is one form only. The values carry its number first.
     fn variants(&self) -> &'static [&'static str] {
         &[]
     }
-    /// Where a scan looks: values near off, one group a start. The columns of a group are varied together.
-    fn starts(&self, seen: &Seen) -> Vec<Vec<Vec<f64>>>;
+    /// Where a scan of a robot looks: values near off, one group a start. The columns of a group are varied together. Nowhere unless
+    /// stated: what acts on a single coordinate only says where in [`line::LineEffect::near`].
+    fn starts(&self, _seen: &Seen) -> Vec<Vec<Vec<f64>>> {
+        Vec::new()
+    }
     /// The drive that brings it out, in half a sentence.
     fn brought_out_by(&self) -> &'static str;
 
@@ -302,6 +309,10 @@ pub trait Effect: Sync + Send {
     fn capacitance(&self, _v: &[f64], _along: &Along, _half_slope: &mut [f64]) {}
     /// Multiplies the stress of [equilibrium spring, branches].
     fn stress(&self, _v: &[f64], _along: &Along, _film: &Film, _factor: &mut [[f64; 2]]) {}
+    /// Whether [`Effect::line`] looks at [`line::View::elastic`].
+    fn sees_elastic(&self) -> bool {
+        false
+    }
     /// Changes what is asked of, or given to, a single coordinate ([`mod@line`]).
     fn line(&self, _v: &[f64], _view: &line::View, _terms: &mut line::Terms) {}
     /// Adds the torque that acts on theta_DEA, N m, positive where it opens the lozenge.

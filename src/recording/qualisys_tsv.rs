@@ -9,14 +9,13 @@
 //! Every key is a word in capitals. Without a column row the names come from MARKER_NAMES. No unit is stated anywhere: the
 //! format is in mm and degrees. An empty cell, or 0, 0, 0, is a sample that was not seen.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::capture::{
     Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell, read_whole,
 };
 use super::error::{Error, ErrorKind};
-use super::rows::{End, Table};
+use super::rows::{self, Table};
 use super::text::{Cells, Delimiter, LineReader, is_blank, plain_number};
 
 /// The importer of Qualisys exports.
@@ -41,21 +40,7 @@ impl Importer for QualisysTsv {
         options: &ReadOptions,
         sink: &mut dyn Sink,
     ) -> Result<Capture, Error> {
-        let mut comma_cells = BTreeSet::new();
-        loop {
-            let mut lines = LineReader::open(path, options.encoding.as_deref())?;
-            let mut notes = Vec::new();
-            let (mut table, here) = header(&mut lines, &mut notes)?;
-            if table.read(&mut lines, here, &mut comma_cells, sink, &mut notes)? == End::Reread {
-                sink.restart();
-                continue;
-            }
-            return Ok(Capture {
-                format: self.name(),
-                sections: vec![table.section],
-                notes,
-            });
-        }
+        rows::stream(self.name(), path, options, sink, header)
     }
 }
 

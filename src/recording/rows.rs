@@ -1,8 +1,9 @@
 //! Rows of frames below a header: what the text formats of marker tracks share once their headers are read.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
-use super::capture::{BATCH, Block, Column, Group, Note, Section, Sink};
+use super::capture::{BATCH, Block, Capture, Column, Group, Note, ReadOptions, Section, Sink};
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
@@ -36,6 +37,35 @@ pub(super) enum End {
     File,
     /// A column has to be read again with a decimal comma.
     Reread,
+}
+
+/// Reads a file of one table below a header, again where a column turns out to have a decimal comma. `header` gives the table, and whether
+/// the reader already stands on its first row.
+///
+/// # Errors
+/// The file does not follow the format, with line and column.
+pub(super) fn stream(
+    format: &'static str,
+    path: &Path,
+    options: &ReadOptions,
+    sink: &mut dyn Sink,
+    header: impl Fn(&mut LineReader, &mut Vec<Note>) -> Result<(Table, bool), Error>,
+) -> Result<Capture, Error> {
+    let mut comma_cells = BTreeSet::new();
+    loop {
+        let mut lines = LineReader::open(path, options.encoding.as_deref())?;
+        let mut notes = Vec::new();
+        let (mut table, here) = header(&mut lines, &mut notes)?;
+        if table.read(&mut lines, here, &mut comma_cells, sink, &mut notes)? == End::Reread {
+            sink.restart();
+            continue;
+        }
+        return Ok(Capture {
+            format,
+            sections: vec![table.section],
+            notes,
+        });
+    }
 }
 
 #[derive(Default)]

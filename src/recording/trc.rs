@@ -13,14 +13,13 @@
 //! Cells are parted by tabs, rarely by commas. NumFrames and NumMarkers may be wrong: the rows and the axis row decide.
 //! Columns without a name are called by their number, as `*34`. Empty cells are gaps.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::capture::{
     Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell, read_whole,
 };
 use super::error::{Error, ErrorKind, quote};
-use super::rows::{End, Table};
+use super::rows::{self, Table};
 use super::text::{Cells, Delimiter, LineReader, plain_number};
 
 /// The importer of TRC files.
@@ -45,21 +44,9 @@ impl Importer for Trc {
         options: &ReadOptions,
         sink: &mut dyn Sink,
     ) -> Result<Capture, Error> {
-        let mut comma_cells = BTreeSet::new();
-        loop {
-            let mut lines = LineReader::open(path, options.encoding.as_deref())?;
-            let mut notes = Vec::new();
-            let mut table = header(&mut lines, &mut notes)?;
-            if table.read(&mut lines, false, &mut comma_cells, sink, &mut notes)? == End::Reread {
-                sink.restart();
-                continue;
-            }
-            return Ok(Capture {
-                format: self.name(),
-                sections: vec![table.section],
-                notes,
-            });
-        }
+        rows::stream(self.name(), path, options, sink, |lines, notes| {
+            Ok((header(lines, notes)?, false))
+        })
     }
 }
 

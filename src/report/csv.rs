@@ -3,7 +3,7 @@
 
 use std::io::{self, Write};
 
-use crate::calibration::{RecordingOutcome, SampleFit};
+use crate::calibration::{LineFit, RecordingOutcome, SampleFit};
 use crate::dataset::Dataset;
 
 /// One column of a table.
@@ -319,6 +319,27 @@ pub fn predicted_sample_motion(
     let columns = [
         Column::new("time_s", TIME, |i| time_s[i]),
         Column::new("x_mm", POSITION, |i| known(i, x_m[i] * 1e3)),
+    ];
+    flagged(out, &columns, flags)
+}
+
+/// Predicted side of a single coordinate: `time_s`, the coordinate, what was measured and what the model asks for; `names` are the headers of
+/// the last three. A sample with a flag has empty cells.
+///
+/// # Errors
+/// Those of the writer.
+pub fn predicted_line(
+    out: &mut (impl Write + ?Sized),
+    r: &LineFit,
+    names: [String; 3],
+    flags: &[Option<Missing>],
+) -> io::Result<()> {
+    let [coordinate, measured, predicted] = names;
+    let columns = [
+        Column::new("time_s", TIME, |i| r.time_s[i]),
+        Column::new(coordinate, FORCE, |i| r.coordinate[i]),
+        Column::new(measured, FORCE, |i| r.measured[i]),
+        Column::new(predicted, FORCE, |i| r.predicted[i]),
     ];
     flagged(out, &columns, flags)
 }

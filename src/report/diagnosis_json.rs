@@ -8,7 +8,7 @@ use super::effect_entries::{actuators, named, word};
 use super::json::{Named, Number, finite};
 use super::parameter_file::SeriesEntry;
 use super::provenance::Provenance;
-use crate::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place};
+use crate::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place, RivalModel};
 
 /// `diagnosis.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -48,6 +48,9 @@ pub struct DiagnosisJson {
     pub plain_mean_square: Number,
     /// The same on those that were held out.
     pub plain_holdout_mean_square: Number,
+    /// The models that simpler methods end with, where `--rivals` asked for them.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub rivals: Vec<RivalJson>,
     /// What weakens the verdict.
     pub remarks: Vec<String>,
     /// The recordings in the order in which they were made.
@@ -283,6 +286,32 @@ impl GainJson {
     }
 }
 
+/// The model that a simpler method ends with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RivalJson {
+    /// Its name.
+    pub method: String,
+    /// Ids of its causes, in the order in which it took them.
+    pub effects: Vec<String>,
+    /// Errors on the recordings that were fitted.
+    #[serde(rename = "train_rmse_V")]
+    pub train: GainJson,
+    /// Errors on the recordings that were held out; null without any.
+    #[serde(rename = "holdout_rmse_V")]
+    pub holdout: Option<GainJson>,
+}
+
+impl RivalJson {
+    fn of(r: &RivalModel) -> Self {
+        RivalJson {
+            method: r.method.into(),
+            effects: r.effects.iter().map(|e| (*e).to_owned()).collect(),
+            train: GainJson::of(&r.train),
+            holdout: r.holdout.as_ref().map(GainJson::of),
+        }
+    }
+}
+
 impl DiagnosisJson {
     /// Of a diagnosis.
     #[must_use]
@@ -310,6 +339,7 @@ impl DiagnosisJson {
             holdout: d.holdout.as_ref().map(GainJson::of),
             plain_mean_square: finite(d.plain_mean_square),
             plain_holdout_mean_square: finite(d.plain_holdout_mean_square),
+            rivals: d.rival_models.iter().map(RivalJson::of).collect(),
             remarks: d.remarks.clone(),
             series,
             provenance,

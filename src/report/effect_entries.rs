@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use super::parameter_file::{Effect, ParameterFile, SeriesEntry, Values};
+use super::parameter_file::{Effect, FilmEntry, ParameterFile, SeriesEntry, Values};
+use crate::calibration::LineModel;
 use crate::diagnosis::{Candidate, Value};
-use crate::effects::{Acting, CATALOGUE, Reach, by_id};
+use crate::effects::{Acting, CATALOGUE, Reach, by_id, line};
 use crate::recording::{Error, ErrorKind, suggestion};
 
 /// Number of a recording that is in no series: what happens there never happens.
@@ -143,7 +144,7 @@ impl Effect {
     /// # Errors
     /// The sentence that [`ParameterFile::acting`] has for it, without a file.
     pub fn check(&self) -> Result<(), String> {
-        let text = match acting(self, Path::new(""), &|_| None) {
+        let text = match acting(self, Path::new(""), CATALOGUE, &|_| None) {
             Ok(_) => return Ok(()),
             Err(error) => error.to_string(),
         };
@@ -202,20 +203,51 @@ impl ParameterFile {
     pub fn acting(&self, number_of: &dyn Fn(&str) -> Option<usize>) -> Result<Vec<Acting>, Error> {
         self.effects
             .iter()
-            .map(|e| acting(e, &self.path, number_of))
+            .map(|e| acting(e, &self.path, CATALOGUE, number_of))
             .collect()
+    }
+
+    /// The model of a single coordinate: constants, film, curve, and its causes in the units of the recordings.
+    ///
+    /// # Errors
+    /// An id or a name that the catalogue of single coordinates does not have (the nearest is named), or a value that cannot be.
+    pub fn line_model(&self) -> Result<LineModel, Error> {
+        let known: Vec<&'static dyn crate::effects::Effect> = line::CATALOGUE
+            .iter()
+            .map(|e| *e as &'static dyn crate::effects::Effect)
+            .collect();
+        let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
+        Ok(LineModel {
+            values: self
+                .axis
+                .iter()
+                .filter_map(|(name, v)| Some((name.clone(), number(v)?)))
+                .collect(),
+            film: self.film.as_ref().map(FilmEntry::film),
+            curve: self
+                .forearm
+                .as_ref()
+                .map(|_| self.forearm_torque())
+                .transpose()?,
+            effects: self
+                .effects
+                .iter()
+                .map(|e| acting(e, &self.path, &known, &|_| None))
+                .collect::<Result<_, _>>()?,
+        })
     }
 }
 
-/// The cause of an entry; `path` is for messages.
+/// The cause of an entry among those that are known; `path` is for messages.
 fn acting(
     entry: &Effect,
     path: &Path,
+    known: &[&'static dyn crate::effects::Effect],
     number_of: &dyn Fn(&str) -> Option<usize>,
 ) -> Result<Acting, Error> {
     let bad = |key: String, what: String| Error::new(ErrorKind::BadValue, path, what).at_key(key);
-    let Some(effect) = by_id(&entry.id) else {
-        let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).collect();
+    let Some(effect) = known.iter().copied().find(|e| e.id() == entry.id) else {
+        let ids: Vec<&str> = known.iter().map(|e| e.id()).collect();
         return Err(bad(
             "[[effect]] id".into(),
             format!("no cause of the catalogue is called `{}`", entry.id),
@@ -360,7 +392,10 @@ mod tests {
             let entry: Effect = text.parse().unwrap();
             entry.check().unwrap();
             assert_eq!(entry.actuators, [1, 2, 3]);
-            acting(&entry, Path::new(""), &|id| (id == "s/3").then_some(3)).map(|a| a.values)
+            acting(&entry, Path::new(""), CATALOGUE, &|id| {
+                (id == "s/3").then_some(3)
+            })
+            .map(|a| a.values)
         };
         for vector in [
             "offset=1e-3/0/-2e-3",

@@ -589,10 +589,6 @@ impl FitJson {
     pub fn new(outcome: &Outcome, provenance: Provenance) -> Self {
         let [low, high] = outcome.swing_range_deg;
         FitJson {
-            job: outcome.job.to_owned(),
-            verdict: outcome.verdict.clone(),
-            errors: (&outcome.total).into(),
-            nrmse_percent: None,
             rmse_unit: "V".to_owned(),
             rmse_basis: ABOVE_1KV.to_owned(),
             converged: outcome.converged,
@@ -601,13 +597,6 @@ impl FitJson {
             failed_evaluations: outcome.failed_evaluations,
             weighted_mean_square: finite(outcome.weighted_mean_square),
             noise_mean_square: finite(outcome.noise_mean_square),
-            parameters: Named(
-                outcome
-                    .estimates
-                    .iter()
-                    .map(|e| (e.name.clone(), e.into()))
-                    .collect(),
-            ),
             eps_r: finite(outcome.eps_r),
             weak_directions: outcome.weak_directions.iter().map(Into::into).collect(),
             correlation: (&outcome.correlation).into(),
@@ -629,7 +618,48 @@ impl FitJson {
                 .iter()
                 .map(|r| PlanJson::Motion(r.plan.clone()))
                 .collect(),
-            remarks: outcome.remarks.clone(),
+            ..FitJson::found(
+                (outcome.job, &outcome.verdict),
+                (&outcome.total).into(),
+                &outcome.estimates,
+                &outcome.remarks,
+                provenance,
+            )
+        }
+    }
+
+    /// What every job gives; the rest is empty.
+    fn found(
+        (job, verdict): (&str, &str),
+        errors: Errors,
+        estimates: &[Estimate],
+        remarks: &[String],
+        provenance: Provenance,
+    ) -> Self {
+        let parameters = estimates.iter().map(|e| (e.name.clone(), e.into()));
+        FitJson {
+            job: job.to_owned(),
+            verdict: verdict.to_owned(),
+            errors,
+            nrmse_percent: None,
+            rmse_unit: String::new(),
+            rmse_basis: ALL.to_owned(),
+            converged: false,
+            reason: String::new(),
+            evaluations: 0,
+            failed_evaluations: 0,
+            weighted_mean_square: None,
+            noise_mean_square: None,
+            parameters: Named(parameters.collect()),
+            eps_r: None,
+            weak_directions: Vec::new(),
+            correlation: (&(Vec::new(), Vec::new())).into(),
+            recordings: Vec::new(),
+            swing_range_deg: None,
+            worst: Vec::new(),
+            starts: Vec::new(),
+            plan: Vec::new(),
+            remarks: remarks.to_vec(),
             provenance,
         }
     }
@@ -639,18 +669,12 @@ impl FitJson {
     pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
         let misfit = outcome.misfit_std_error.iter().copied();
         FitJson {
-            job: outcome.job.to_owned(),
-            verdict: outcome.verdict.clone(),
-            errors: outcome.total().into(),
             nrmse_percent: finite(outcome.nrmse_percent),
             rmse_unit: "Pa".to_owned(),
-            rmse_basis: ALL.to_owned(),
             converged: outcome.converged,
             reason: outcome.reason.clone(),
             evaluations: outcome.evaluations,
             failed_evaluations: outcome.failed_evaluations,
-            weighted_mean_square: None,
-            noise_mean_square: None,
             parameters: Named(
                 outcome
                     .estimates
@@ -666,11 +690,9 @@ impl FitJson {
                     })
                     .collect(),
             ),
-            eps_r: None,
             weak_directions: outcome.weak_directions.iter().map(Into::into).collect(),
             correlation: (&outcome.correlation).into(),
             recordings: outcome.coupons.iter().map(Into::into).collect(),
-            swing_range_deg: None,
             worst: outcome.worst.iter().map(Into::into).collect(),
             starts: outcome.starts.iter().map(Into::into).collect(),
             plan: outcome
@@ -678,8 +700,13 @@ impl FitJson {
                 .iter()
                 .map(|c| PlanJson::Coupon(c.plan.clone()))
                 .collect(),
-            remarks: outcome.remarks.clone(),
-            provenance,
+            ..FitJson::found(
+                (outcome.job, &outcome.verdict),
+                outcome.total().into(),
+                &[],
+                &outcome.remarks,
+                provenance,
+            )
         }
     }
 }
@@ -713,47 +740,27 @@ impl FitJson {
             }
         };
         FitJson {
-            job: outcome.job.to_owned(),
-            verdict: outcome.verdict.clone(),
-            errors: errors(outcome.total()),
-            nrmse_percent: None,
             rmse_unit: outcome.unit.clone(),
-            rmse_basis: ALL.to_owned(),
             converged: outcome.converged,
             reason: outcome.reason.clone(),
             evaluations: outcome.evaluations,
-            failed_evaluations: 0,
             weighted_mean_square: finite(outcome.weighted_mean_square),
             noise_mean_square: Some(1.0),
-            parameters: Named(
-                outcome
-                    .estimates
-                    .iter()
-                    .map(|e| (e.name.clone(), e.into()))
-                    .collect(),
-            ),
-            eps_r: None,
-            weak_directions: Vec::new(),
-            correlation: (&(Vec::new(), Vec::new())).into(),
             recordings: outcome.recordings.iter().map(recording).collect(),
-            swing_range_deg: None,
-            worst: Vec::new(),
-            starts: Vec::new(),
-            plan: Vec::new(),
-            remarks: outcome.remarks.clone(),
-            provenance,
+            ..FitJson::found(
+                (outcome.job, &outcome.verdict),
+                errors(outcome.total()),
+                &outcome.estimates,
+                &outcome.remarks,
+                provenance,
+            )
         }
     }
 
     /// Of a calibration on hanging samples.
     #[must_use]
     pub fn of_samples(outcome: &SampleOutcome, provenance: Provenance) -> Self {
-        let estimates = outcome.estimates.iter();
         FitJson {
-            job: outcome.job.to_owned(),
-            verdict: outcome.verdict.clone(),
-            errors: (&outcome.total).into(),
-            nrmse_percent: None,
             rmse_unit: "V".to_owned(),
             rmse_basis: ABOVE_1KV.to_owned(),
             converged: outcome.converged,
@@ -762,21 +769,23 @@ impl FitJson {
             failed_evaluations: outcome.failed_evaluations,
             weighted_mean_square: finite(outcome.weighted_mean_square),
             noise_mean_square: Some(1.0),
-            parameters: Named(estimates.map(|e| (e.name.clone(), e.into())).collect()),
             eps_r: finite(outcome.eps_r),
             weak_directions: outcome.weak_directions.iter().map(Into::into).collect(),
             correlation: (&outcome.correlation).into(),
             recordings: outcome.recordings.iter().map(Into::into).collect(),
-            swing_range_deg: None,
-            worst: Vec::new(),
             starts: outcome.starts.iter().map(Into::into).collect(),
             plan: outcome
                 .recordings
                 .iter()
                 .map(|r| PlanJson::Motion(r.plan.clone()))
                 .collect(),
-            remarks: outcome.remarks.clone(),
-            provenance,
+            ..FitJson::found(
+                (outcome.job, &outcome.verdict),
+                (&outcome.total).into(),
+                &outcome.estimates,
+                &outcome.remarks,
+                provenance,
+            )
         }
     }
 }
@@ -939,11 +948,9 @@ impl ModelValidation {
         }
     }
 
-    /// Of a film held against hanging samples.
-    #[must_use]
-    pub fn of_samples(outcome: &SampleOutcome, params: FileSum) -> Self {
-        let fit = FitJson::of_samples(outcome, Provenance::default());
-        let mut model = ModelValidation {
+    /// Of errors alone.
+    fn of_fit(fit: FitJson, params: FileSum) -> Self {
+        ModelValidation {
             params,
             verdict: fit.verdict,
             errors: fit.errors,
@@ -959,7 +966,20 @@ impl ModelValidation {
                 .collect(),
             worst: fit.worst,
             remarks: fit.remarks,
-        };
+        }
+    }
+
+    /// Of a model held against hinge benches, axes or coupons.
+    #[must_use]
+    pub fn of_lines(outcome: &LineOutcome, params: FileSum) -> Self {
+        Self::of_fit(FitJson::of_lines(outcome, Provenance::default()), params)
+    }
+
+    /// Of a film held against hanging samples.
+    #[must_use]
+    pub fn of_samples(outcome: &SampleOutcome, params: FileSum) -> Self {
+        let fit = FitJson::of_samples(outcome, Provenance::default());
+        let mut model = Self::of_fit(fit, params);
         for (r, s) in model.recordings.iter_mut().zip(&outcome.recordings) {
             let errors = || {
                 let counted = s.counts.iter().zip(s.predicted_m.iter().zip(&s.captured_m));
@@ -1008,17 +1028,19 @@ pub struct ValidationJson {
 }
 
 impl ValidationJson {
-    /// Of one or more parameter files against the same recordings.
+    /// Of one or more parameter files against the same recordings; errors are in V above 1 kV, or in the `unit` of a single coordinate over
+    /// all samples.
     #[must_use]
     pub fn new(
         first: ModelValidation,
         compared: Vec<ModelValidation>,
+        unit: Option<&str>,
         provenance: Provenance,
     ) -> Self {
         ValidationJson {
             model: first,
-            rmse_unit: "V".to_owned(),
-            rmse_basis: ABOVE_1KV.to_owned(),
+            rmse_unit: unit.unwrap_or("V").to_owned(),
+            rmse_basis: unit.map_or(ABOVE_1KV, |_| ALL).to_owned(),
             compared,
             provenance,
         }

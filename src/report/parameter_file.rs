@@ -94,6 +94,19 @@ impl FilmEntry {
     }
 }
 
+impl FilmEntry {
+    /// Its values.
+    #[must_use]
+    pub fn film(&self) -> Film {
+        let values = |list: &[Quantity]| list.iter().map(|q| q.value).collect();
+        Film {
+            mu_pa: values(&self.mu_pa),
+            relaxation_time_s: values(&self.relaxation_time_s),
+            locking: self.locking.value,
+        }
+    }
+}
+
 /// `[forearm]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForearmEntry {
@@ -389,7 +402,6 @@ impl ParameterFile {
     /// # Errors
     /// There is no `[film]`; nodes that cannot be.
     pub fn parameters(&self) -> Result<Parameters, Error> {
-        let values = |list: &[Quantity]| list.iter().map(|q| q.value).collect();
         let Some(film) = &self.film else {
             return Err(
                 Error::new(ErrorKind::MissingKey, &self.path, "the table is missing")
@@ -398,11 +410,7 @@ impl ParameterFile {
             );
         };
         Ok(Parameters {
-            film: Film {
-                mu_pa: values(&film.mu_pa),
-                relaxation_time_s: values(&film.relaxation_time_s),
-                locking: film.locking.value,
-            },
+            film: film.film(),
             forearm: self.forearm_torque()?,
         })
     }
@@ -496,7 +504,9 @@ impl ParameterFile {
             quantities(&mut out, "torque_N_m", &forearm.torque_n_m);
         }
         if !self.axis.is_empty() {
-            out.push_str("\n# A single axis; each name ends in its unit.\n[axis]\n");
+            out.push_str(
+                "\n# A single coordinate; names end in their units. Where the gain was to be found, largest_force is in the unit of the input.\n[axis]\n",
+            );
             values(&mut out, &self.axis);
         }
         for effect in &self.effects {

@@ -359,10 +359,14 @@ impl<'a> LineResidual<'a> {
     /// Prepares recordings of one kind under `plain`, with normalised quantities over `scales`.
     #[must_use]
     pub fn new(lines: &[&'a Line], plain: Plain, scales: Scales) -> Self {
+        Self::prepared(lines, plain, scales, false)
+    }
+
+    fn prepared(lines: &[&'a Line], plain: Plain, scales: Scales, every: bool) -> Self {
         let parts: Vec<Part> = lines
             .iter()
             .enumerate()
-            .map(|(number, line)| part(line, number, &scales))
+            .map(|(number, line)| part(line, number, &scales, every))
             .collect();
         let free_offsets = lines
             .iter()
@@ -382,6 +386,81 @@ impl<'a> LineResidual<'a> {
             effects: Vec::new(),
             free: Vec::new(),
         }
+    }
+
+    /// The same recordings at finished parameters, eta and beta: `values` as [`Self::values`] gives them, the film of coupons, the torque
+    /// curve of benches. What these recordings state as known gives way to `values`. With `every` row kept, not only nearly independent ones.
+    ///
+    /// # Errors
+    /// The name of what is not there.
+    pub fn given(
+        lines: &[&'a Line],
+        values: &[(String, f64)],
+        film: Option<&Film>,
+        curve: Option<&ForearmTorque>,
+        every: bool,
+    ) -> Result<(Self, Vec<f64>, Vec<f64>), &'static str> {
+        let value = |name: &str| values.iter().find(|v| v.0 == name).map(|v| v.1);
+        let own = scales(lines);
+        let scales = Scales {
+            rest: value("rest").unwrap_or(own.rest),
+            coordinate: value("largest_coordinate").unwrap_or(own.coordinate),
+            force: value("largest_force").unwrap_or(own.force),
+            input: value("largest_input").unwrap_or(own.input),
+        };
+        let (mut eta, mut beta) = (Vec::new(), Vec::new());
+        let mut model = plain(lines, 0);
+        match &mut model {
+            Plain::Bench(nodes) => {
+                *nodes = curve.ok_or("[forearm]")?.clone();
+                beta.clone_from(&nodes.torque_n_m);
+            }
+            Plain::Axis {
+                terms,
+                known,
+                over_gain,
+            } => {
+                let turns = matches!(&lines[0].measured, Measured::Axis(a) if a.turns);
+                let names = axis_names(turns);
+                let mut stated = [0.0; 5];
+                for (v, name) in stated.iter_mut().zip(names) {
+                    *v = value(name).ok_or(name)?;
+                }
+                let [gain, mass, damping, stiffness, bias] = stated;
+                let divide = if *over_gain { gain } else { 1.0 };
+                *known = [
+                    if *over_gain { 1.0 } else { gain },
+                    mass,
+                    damping,
+                    stiffness,
+                ];
+                for term in terms.iter() {
+                    let (own, place) = match term {
+                        AxisTerm::Mass => (mass, Some(1)),
+                        AxisTerm::Damping => (damping, Some(2)),
+                        AxisTerm::Stiffness => (stiffness, Some(3)),
+                        AxisTerm::Bias => (bias, None),
+                        AxisTerm::Gain => (1.0, None),
+                    };
+                    beta.push(own / divide);
+                    if let Some(place) = place {
+                        known[place] = 0.0;
+                    }
+                }
+            }
+            Plain::Coupon { branches } => {
+                let film = film.ok_or("[film]")?;
+                *branches = film.relaxation_time_s.len();
+                eta.extend(film.relaxation_time_s.iter().map(|t| t.ln()));
+                eta.push(1.0 / film.locking);
+                beta.clone_from(&film.mu_pa);
+            }
+        }
+        let mut out = LineResidual::prepared(lines, model, scales, every);
+        let offset = value("clock_offset_s").unwrap_or(0.0);
+        eta.extend(out.free_offsets.iter().map(|_| offset));
+        out.weigh(&beta);
+        Ok((out, eta, beta))
     }
 
     /// What was recorded.
@@ -500,6 +579,97 @@ impl<'a> LineResidual<'a> {
         }
     }
 
+    /// Symbols of force, coordinate and input.
+    #[must_use]
+    pub fn symbols(&self) -> (String, &'static str, String) {
+        match self.lines().next().map(|l| &l.measured) {
+            // the balance is written in units of the input
+            Some(Measured::Axis(a)) if self.over_gain() => {
+                let coordinate = if a.turns { "rad" } else { "m" };
+                (a.unit.clone(), coordinate, a.unit.clone())
+            }
+            Some(Measured::Axis(a)) if a.turns => ("N m".into(), "rad", a.unit.clone()),
+            Some(Measured::Axis(a)) => ("N".into(), "m", a.unit.clone()),
+            Some(Measured::Coupon(_)) => ("Pa".into(), "1", String::new()),
+            _ => ("N m".into(), "rad", String::new()),
+        }
+    }
+
+    /// Whether forces are told in units of the input, because nothing but the input or what is known of mass, damping, stiffness or load
+    /// sets their scale.
+    fn over_gain(&self) -> bool {
+        match &*self.plain {
+            Plain::Axis { over_gain, .. } => {
+                *over_gain
+                    || self.lines().any(
+                        |l| matches!(&l.measured, Measured::Axis(a) if a.gain == Constant::Free),
+                    )
+            }
+            _ => false,
+        }
+    }
+
+    /// A quantity of an effect in the units of these recordings: factor and unit.
+    #[must_use]
+    pub fn unit_of(&self, unit: &'static str) -> (f64, String) {
+        let s = self.scales();
+        let (force, coordinate, input) = self.symbols();
+        let x = coordinate;
+        match unit {
+            "force" => (s.force, force),
+            "coordinate" => (s.coordinate, x.into()),
+            "coordinate/s" => (s.coordinate, format!("{x}/s")),
+            "input" => (s.input, input),
+            "force/coordinate" => (s.force / s.coordinate, format!("{force}/{x}")),
+            "force s/coordinate" => (s.force / s.coordinate, format!("{force} s/{x}")),
+            "force/(coordinate/s)^2" => (
+                s.force / (s.coordinate * s.coordinate),
+                format!("{force} s^2/{x}^2"),
+            ),
+            other => (1.0, other.into()),
+        }
+    }
+
+    /// What a parameter file needs beside film and torque curve: of an axis its constants, each name with its unit; of all kinds rest
+    /// and the largest values ([`Scales`]), in m or rad (1 for a stretch), N, N m or Pa, and the unit of the input.
+    #[must_use]
+    pub fn values(&self, eta: &[f64], beta: &[f64]) -> Vec<(String, f64)> {
+        let mut out: Vec<(String, f64)> = Vec::new();
+        let mut add = |name: &str, value: f64| out.push((name.to_owned(), value));
+        if let Plain::Axis { terms, known, .. } = &*self.plain {
+            let turns = self
+                .lines()
+                .any(|l| matches!(&l.measured, Measured::Axis(a) if a.turns));
+            let place = |term: AxisTerm| terms.iter().position(|t| *t == term);
+            // with the gain to be found, what is found of the others is each over the gain
+            let found = place(AxisTerm::Gain).map(|i| 1.0 / beta[i]);
+            let of = |term: AxisTerm, known: f64| {
+                place(term).map_or(known, |i| found.unwrap_or(1.0) * beta[i])
+            };
+            let found_or_known = [
+                found.unwrap_or(known[0]),
+                of(AxisTerm::Mass, known[1]),
+                of(AxisTerm::Damping, known[2]),
+                of(AxisTerm::Stiffness, known[3]),
+                of(AxisTerm::Bias, 0.0),
+            ];
+            for (name, value) in axis_names(turns).into_iter().zip(found_or_known) {
+                add(name, value);
+            }
+            if !self.free_offsets.is_empty() {
+                add(
+                    "clock_offset_s",
+                    eta[self.plain_unknowns() - self.free_offsets.len()],
+                );
+            }
+        }
+        add("rest", self.scales.rest);
+        add("largest_coordinate", self.scales.coordinate);
+        add("largest_force", self.scales.force);
+        add("largest_input", self.scales.input);
+        out
+    }
+
     /// Clock offset of a recording, s.
     fn offset_s(&self, number: usize, eta: &[f64]) -> f64 {
         if let Some(place) = self.free_offsets.iter().position(|&r| r == number) {
@@ -535,23 +705,12 @@ impl<'a> LineResidual<'a> {
             force: vec![0.0; n],
             input,
             input_step_s,
+            gain: vec![1.0; n],
             shift_s: 0.0,
         };
         let view = self.view(number, elastic);
         for a in effects {
             a.effect.line(&a.values, &view, &mut terms);
-        }
-        // A drive that an effect makes small would make any error small where nothing else sets the scale of the forces: as large as
-        // before then, and the gain is that of this drive.
-        if self.scale_open(number)
-            && let Measured::Axis(a) = &p.line.measured
-        {
-            let before = spread(&a.input) / self.scales.input;
-            let factor = before / spread(&terms.input).max(f64::MIN_POSITIVE);
-            if (factor - 1.0).abs() > 1e-12 {
-                let factor = factor.min(1e3);
-                terms.input.iter_mut().for_each(|u| *u *= factor);
-            }
         }
         terms
     }
@@ -587,7 +746,7 @@ impl<'a> LineResidual<'a> {
     }
 
     /// Force of the springs at a model, over the largest force: what friction that grows with the load sees.
-    fn elastic(&self, number: usize, eta: &[f64], beta: &[f64]) -> Vec<f64> {
+    fn elastic(&self, number: usize, beta: &[f64]) -> Vec<f64> {
         let p = &self.parts[number];
         match &*self.plain {
             Plain::Bench(curve) => {
@@ -610,10 +769,7 @@ impl<'a> LineResidual<'a> {
                 let factor = k * self.scales.coordinate / self.scales.force;
                 p.xi.iter().map(|x| factor * x).collect()
             }
-            Plain::Coupon { .. } => {
-                let _ = eta;
-                vec![0.0; p.xi.len()]
-            }
+            Plain::Coupon { .. } => vec![0.0; p.xi.len()],
         }
     }
 
@@ -626,9 +782,8 @@ impl<'a> LineResidual<'a> {
         effects: &[Acting],
     ) -> Result<(DMatrix<f64>, DVector<f64>), Locked> {
         let p = &self.parts[number];
-        let needs = effects.iter().any(|a| a.effect.id() == "x_load_friction");
-        let elastic = if needs {
-            self.elastic(number, eta, beta)
+        let elastic = if effects.iter().any(|a| a.effect.sees_elastic()) {
+            self.elastic(number, beta)
         } else {
             vec![0.0; p.xi.len()]
         };
@@ -665,11 +820,22 @@ impl<'a> LineResidual<'a> {
                     .iter()
                     .zip(&axis.input)
                     .all(|(u, own)| *u == own / s.input);
-                let input = if plain_input && terms.shift_s == 0.0 && !base.input.is_empty() {
+                let plain_gain = terms.gain.iter().all(|g| *g == 1.0);
+                let whole = plain_input && plain_gain && terms.shift_s == 0.0;
+                let input = if whole && !base.input.is_empty() {
                     base.input.clone()
                 } else {
                     let offset = self.offset_s(number, eta) + terms.shift_s;
-                    filtered(&shifted(p.line, axis, &terms.input, s.input, offset))
+                    let mut u = shifted(p.line, axis, &terms.input, s.input, offset);
+                    u.iter_mut().zip(&terms.gain).for_each(|(u, g)| *u *= g);
+                    // A drive that an effect makes small would make any error small where nothing else sets the scale of the forces:
+                    // as large as before then, and the gain is that of this drive.
+                    if !whole && self.scale_open(number) {
+                        let own = spread(&shifted(p.line, axis, &axis.input, 1.0, offset));
+                        let factor = own / spread(&u).max(f64::MIN_POSITIVE);
+                        u.iter_mut().for_each(|u| *u *= factor);
+                    }
+                    filtered(&u)
                 };
                 let plain_spring = terms.xi == *p.xi && terms.factor.iter().all(|f| f[0] == 1.0);
                 let stiffness = if plain_spring {
@@ -1000,6 +1166,27 @@ impl<'a> LineResidual<'a> {
     }
 }
 
+/// Gain, mass, damping, stiffness, force at rest, as files write them.
+fn axis_names(turns: bool) -> [&'static str; 5] {
+    if turns {
+        [
+            "gain_N_m",
+            "inertia_kg_m2",
+            "damping_N_m_s",
+            "stiffness_N_m",
+            "bias_N_m",
+        ]
+    } else {
+        [
+            "gain_N",
+            "mass_kg",
+            "damping_N_s_m",
+            "stiffness_N_m",
+            "bias_N",
+        ]
+    }
+}
+
 /// Standard deviation.
 fn spread(values: &[f64]) -> f64 {
     let n = values.len().max(1) as f64;
@@ -1056,7 +1243,7 @@ fn axis_noise(
     (p.line.x_noise.powi(2) * position + (known[0] * axis.input_noise).powi(2) * input).sqrt()
 }
 
-fn part<'a>(line: &'a Line, number: usize, s: &Scales) -> Part<'a> {
+fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> {
     let when = When {
         recording: number,
         series_s: 0.0,
@@ -1126,9 +1313,12 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales) -> Part<'a> {
             second = vec![0.0; n];
             let duration = line.step_s * n as f64;
             let edge = ((EDGE_S.min(EDGE_SHARE * duration) / line.step_s) as usize).max(k.half + 1);
-            let every = ((1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize)
-                .max(n / MOST_ROWS)
-                .max(1);
+            let independent = (1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize;
+            let every = if every {
+                1
+            } else {
+                independent.max(n / MOST_ROWS).max(1)
+            };
             kept = (edge..n.saturating_sub(edge))
                 .step_by(every)
                 .filter(|&c| (c - k.half..=c + k.half).all(|i| line.usable[i]))

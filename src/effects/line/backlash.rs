@@ -1,6 +1,6 @@
 //! Play of half-width g:  the spring sees s with |x - s| <= g, moved only where x pushes it.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Backlash;
@@ -26,15 +26,6 @@ impl Effect for Backlash {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("gap", "coordinate", 0.0, 0.6, 0.02)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "reversals without and with a pre-load"

@@ -1,6 +1,6 @@
 //! Branches whose stress is multiplied by 1 + a x, x the strain over the largest one.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct BranchStretch;
@@ -26,15 +26,6 @@ impl Effect for BranchStretch {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("slope", "1", -0.95, 5.0, 0.3)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "relaxation tests at several stretches"

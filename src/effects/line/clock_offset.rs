@@ -1,6 +1,6 @@
 //! A clock offset:  the input is read at t + offset.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct ClockOffset;
@@ -29,15 +29,6 @@ impl Effect for ClockOffset {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("offset", "s", -1.0, 1.0, 0.01)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a drive with steps"

@@ -1,6 +1,6 @@
 //! One more Maxwell branch:  force k (x - q), q' = (x - q)/T.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Creep;
@@ -38,15 +38,6 @@ impl Effect for Creep {
                 shape("time_constant", "s", 10.0, 1e-3, 1e5, 20.0),
             ]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a step, a long hold, and a long rest"

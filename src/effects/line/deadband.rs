@@ -1,6 +1,6 @@
 //! A dead band:  u = 0 below the threshold, u_c above it.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Deadband;
@@ -26,15 +26,6 @@ impl Effect for Deadband {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("threshold", "input", 0.0, 0.8, 0.05)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a slow triangle through zero"

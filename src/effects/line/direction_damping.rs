@@ -1,6 +1,6 @@
 //! Viscous force that acts in one direction of motion only:  c max(v, 0).
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct DirectionDamping;
@@ -26,15 +26,6 @@ impl Effect for DirectionDamping {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("coefficient", "force s/coordinate", -10.0, 10.0, 0.05)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "the same speeds in both directions"

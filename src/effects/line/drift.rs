@@ -1,6 +1,6 @@
 //! A modulus that drifts:  all springs times 1 + a t over the recording's length.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Drift;
@@ -26,15 +26,6 @@ impl Effect for Drift {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("relative_change", "1", -0.5, 0.5, 0.05)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "the first test again as the last"

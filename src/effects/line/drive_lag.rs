@@ -1,6 +1,6 @@
 //! A first-order lag of the drive:  tau u' = u_c - u.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct DriveLag;
@@ -30,20 +30,14 @@ impl Effect for DriveLag {
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("time_constant", "s", 0.0, 10.0, 0.02)] }
     }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
-    }
     fn brought_out_by(&self) -> &'static str {
         "a fast and a slow drive"
     }
     fn line(&self, v: &[f64], _: &View, terms: &mut Terms) {
-        let share = 1.0 - (-terms.input_step_s / v[0].max(1e-9)).exp();
+        if v[0] <= 0.0 {
+            return;
+        }
+        let share = 1.0 - (-terms.input_step_s / v[0]).exp();
         let mut u = terms.input.first().copied().unwrap_or(0.0);
         for x in &mut terms.input {
             u += share * (*x - u);

@@ -1,6 +1,6 @@
 //! A power law of the drive:  u = sign(u_c) |u_c|^p (u over its largest value).
 
-use super::super::{Effect, Quantity, Reach, Seen, Site};
+use super::super::{Effect, Quantity};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct DrivePower;
@@ -36,15 +36,6 @@ impl Effect for DrivePower {
                 size: true,
             }]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "the same drive at several amplitudes, and of both signs"

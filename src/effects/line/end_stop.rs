@@ -1,6 +1,6 @@
 //! A stop:  force k max(x - x0, 0) where x0 > 0, k min(x - x0, 0) where x0 < 0.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct EndStop;
@@ -34,15 +34,6 @@ impl Effect for EndStop {
                 shape("stop", "coordinate", 0.85, -1.0, 1.0, 0.1),
             ]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "strokes that end before it and at it"

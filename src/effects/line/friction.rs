@@ -1,6 +1,6 @@
 //! Dry friction with presliding:  z follows the direction over the distance x0, dz = (sign(dx) - z)(1 - e^(-|dx|/x0)), force F z.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View, sliding};
 
 pub struct Friction;
@@ -34,15 +34,6 @@ impl Effect for Friction {
                 shape("presliding", "coordinate", 0.03, 1e-3, 0.5, 0.03),
             ]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "slow triangles of several amplitudes"

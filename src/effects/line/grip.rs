@@ -1,6 +1,6 @@
 //! A wrong gauge length:  the film sees 1 + (lambda - 1)(1 - s).
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Grip;
@@ -26,15 +26,6 @@ impl Effect for Grip {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("share", "1", -0.5, 0.5, 0.05)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "two gauge lengths, or marks on the film"

@@ -1,6 +1,6 @@
 //! Friction that grows with the load:  force c |elastic force| z, z as in dry friction with presliding.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View, sliding};
 
 pub struct LoadFriction;
@@ -35,17 +35,11 @@ impl Effect for LoadFriction {
             ]
         }
     }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
-    }
     fn brought_out_by(&self) -> &'static str {
         "loops of several amplitudes about several mean loads"
+    }
+    fn sees_elastic(&self) -> bool {
+        true
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
         let z = sliding(view.xi, v[1]);

@@ -1,6 +1,6 @@
 //! A zero that drifts:  force a t over the recording's length.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct MeanDrift;
@@ -26,15 +26,6 @@ impl Effect for MeanDrift {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("change", "force", -1.0, 1.0, 0.05)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "rests at the beginning and at the end"

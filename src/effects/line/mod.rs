@@ -13,6 +13,8 @@ mod direction_damping;
 mod drift;
 mod drive_lag;
 mod drive_power;
+mod drive_second_order;
+mod drive_stroke;
 mod end_stop;
 mod friction;
 mod grip;
@@ -21,6 +23,7 @@ mod mean_drift;
 mod nonlinear_stiffness;
 mod permanent_set;
 mod quadratic_damping;
+mod rate_friction;
 mod saturation;
 mod second_invariant;
 mod slack;
@@ -76,6 +79,8 @@ pub struct Terms {
     pub input: Vec<f64>,
     /// Distance of the input's samples, s.
     pub input_step_s: f64,
+    /// Multiplies the input at the samples of the motion.
+    pub gain: Vec<f64>,
     /// The input is read this much later, s.
     pub shift_s: f64,
 }
@@ -93,6 +98,7 @@ pub const CATALOGUE: &[&dyn LineEffect] = &[
     &friction::Friction,
     &load_friction::LoadFriction,
     &stribeck::Stribeck,
+    &rate_friction::RateFriction,
     &quadratic_damping::QuadraticDamping,
     &direction_damping::DirectionDamping,
     &nonlinear_stiffness::NonlinearStiffness,
@@ -105,6 +111,8 @@ pub const CATALOGUE: &[&dyn LineEffect] = &[
     &deadband::Deadband,
     &drive_power::DrivePower,
     &drive_lag::DriveLag,
+    &drive_second_order::DriveSecondOrder,
+    &drive_stroke::DriveStroke,
     &clock_offset::ClockOffset,
     &branch_stretch::BranchStretch,
     &second_invariant::SecondInvariant,

@@ -1,6 +1,6 @@
 //! A spring with two more terms:  force k2 x^2 + k3 x^3 (x over the largest excursion).
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct NonlinearStiffness;
@@ -31,15 +31,6 @@ impl Effect for NonlinearStiffness {
                 size("cubic", "force", -5.0, 5.0, 0.05),
             ]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "the same drive at several amplitudes"

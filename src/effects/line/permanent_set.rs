@@ -1,6 +1,6 @@
 //! Permanent set:  the spring sees x - s x_max, x_max the largest x so far.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct PermanentSet;
@@ -26,15 +26,6 @@ impl Effect for PermanentSet {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("share", "1", 0.0, 0.5, 0.03)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a rest after each amplitude of a staircase"

@@ -1,6 +1,6 @@
 //! Drag:  force c v |v|.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct QuadraticDamping;
@@ -34,15 +34,6 @@ impl Effect for QuadraticDamping {
                 0.02,
             )]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "steps and sines of several amplitudes"

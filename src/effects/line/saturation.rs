@@ -1,6 +1,6 @@
 //! A ceiling:  u = sign(u_c) (u_c - w ln(1 + e^((|u_c| - c)/w))), w = 2 % of the ceiling.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site};
+use super::super::{Effect, Quantity};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Saturation;
@@ -36,15 +36,6 @@ impl Effect for Saturation {
                 size: true,
             }]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a slow ramp to the largest input"

@@ -1,6 +1,6 @@
 //! The Mooney term:  stress 2 C2 (lambda_2^2 - lambda_1^-2 lambda_2^-2 ... ) per mode; uniaxial 2 C2 (1 - lambda^-3).
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct SecondInvariant;
@@ -26,15 +26,6 @@ impl Effect for SecondInvariant {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("modulus", "force", -1.0, 1.0, 0.1)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "uniaxial and equibiaxial tests of one film"

@@ -1,6 +1,6 @@
 //! A wrong zero:  the film sees lambda - d.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Slack;
@@ -26,15 +26,6 @@ impl Effect for Slack {
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("stretch", "coordinate", -0.3, 0.3, 0.01)] }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a test that begins well before the force does"

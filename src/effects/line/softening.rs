@@ -1,6 +1,6 @@
 //! Softening with history:  the spring's force times 1 - r (1 - e^(-(x_max - |x|)/m)), x_max the largest |x| so far.
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Softening;
@@ -34,15 +34,6 @@ impl Effect for Softening {
                 shape("scale", "coordinate", 0.2, 0.01, 1.5, 0.2),
             ]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "a staircase of amplitudes, each repeated"

@@ -1,6 +1,6 @@
 //! Friction that is larger at low speed:  force F sign(v) e^(-(v/vs)^2).
 
-use super::super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Stribeck;
@@ -34,15 +34,6 @@ impl Effect for Stribeck {
                 shape("speed", "coordinate/s", 0.3, 1e-3, 1e3, 0.5),
             ]
         }
-    }
-    fn site(&self) -> Site {
-        Site::Balance
-    }
-    fn reach(&self) -> Reach {
-        Reach::All
-    }
-    fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        Vec::new()
     }
     fn brought_out_by(&self) -> &'static str {
         "constant speeds from creeping to fast"

@@ -38,6 +38,7 @@ pub fn render_diagnosis(d: &Diagnosis, made_of: &Provenance) -> String {
         voltages(d),
         located(d),
         candidates(d),
+        rivals(d),
         law(d),
         hidden(d),
         Some(provenance::of(made_of)),
@@ -819,6 +820,72 @@ fn law(d: &Diagnosis) -> Option<Section> {
     ))
 }
 
+/// The models of simpler methods, beside the diagnosis's own.
+fn rivals(d: &Diagnosis) -> Option<Section> {
+    if d.rival_models.is_empty() {
+        return None;
+    }
+    let mut table = Table::new(
+        &format!(
+            "Errors in {}, rms, with the causes that each method adds to the plain model.",
+            d.unit
+        ),
+        vec![
+            Cell::text("method"),
+            Cell::text("adds"),
+            Cell::number("fitted"),
+            Cell::number("held out"),
+        ],
+    );
+    let figure = |v: f64| Cell::number(number::significant(v, 3));
+    let holdout = |g: Option<&Gain>| figure(g.map_or(f64::NAN, |g| g.after_v));
+    let own: Vec<&str> = d
+        .candidates
+        .iter()
+        .filter(|c| c.in_model)
+        .map(|c| c.acting.effect.id())
+        .collect();
+    let before = d.holdout.map_or(f64::NAN, |h| h.before_v);
+    table.row(vec![
+        Cell::text("plain model"),
+        Cell::text(""),
+        figure(d.train.before_v),
+        figure(before),
+    ]);
+    table.row_of(
+        "group",
+        vec![
+            Cell::text("this diagnosis"),
+            Cell::text(own.join(", ")),
+            figure(d.train.after_v),
+            holdout(d.holdout.as_ref()),
+        ],
+    );
+    for r in &d.rival_models {
+        table.row(vec![
+            Cell::text(r.method),
+            Cell::text(r.effects.join(", ")),
+            figure(r.train.after_v),
+            holdout(r.holdout.as_ref()),
+        ]);
+    }
+    let context = context! { table => table.html() };
+    Some(Section::new(
+        "rivals",
+        "Against simpler methods",
+        "{{ table }}\n",
+        context,
+    ))
+}
+
+/// The drive that brings out a cause of a kind of rig.
+fn brought_out_by(rig: RigKind, id: &str) -> &'static str {
+    match rig {
+        RigKind::Robot => by_id(id).map_or("", |e| e.brought_out_by()),
+        _ => crate::effects::line::by_id(id).map_or("", |e| e.brought_out_by()),
+    }
+}
+
 fn hidden(d: &Diagnosis) -> Option<Section> {
     if d.hidden.is_empty() {
         return None;
@@ -842,7 +909,7 @@ fn hidden(d: &Diagnosis) -> Option<Section> {
             // Three nines say more than 100 %.
             Cell::number(format!("{} %", number::fixed(100.0 * h.hidden_share, 1))),
             Cell::number(format!("{} {size} {unit}", h.name.replace('_', " "))),
-            Cell::text(by_id(h.effect).map_or("", |e| e.brought_out_by())),
+            Cell::text(brought_out_by(d.rig, h.effect)),
         ]);
     }
     let context = context! { table => table.html() };

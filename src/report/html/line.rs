@@ -8,12 +8,13 @@ use super::recordings::curve;
 use super::summary::{remarks, tile};
 use super::{Provenance, number, parameters, provenance};
 use crate::calibration::{LineFit, LineOutcome};
+use crate::effects::line::Kind;
 
 const TEMPLATE: &str = include_str!("samples.html");
 /// Points of a drawing.
 const POINTS: usize = 2500;
 
-/// The report of a fit of hinge benches or axes.
+/// The report of a fit of hinge benches or axes, or of a model that is held against such recordings or coupons.
 pub fn render_lines(outcome: &LineOutcome, made_of: &Provenance) -> String {
     let (rmse, largest, n, noise) = outcome.total();
     let figure = |v: f64| number::significant(v, 3);
@@ -48,8 +49,9 @@ pub fn render_lines(outcome: &LineOutcome, made_of: &Provenance) -> String {
     .into_iter()
     .flatten()
     .collect();
-    let title = match outcome.job {
-        "hinge" => "Torque curve of a hinge",
+    let title = match (outcome.estimates.is_empty(), outcome.kind) {
+        (true, _) => "A model against recordings",
+        (_, Kind::Bench) => "Torque curve of a hinge",
         _ => "Calibration of an axis",
     };
     page::page(title, &summary, &sections)
@@ -78,7 +80,7 @@ fn recordings(outcome: &LineOutcome) -> Section {
         })
         .collect();
     let context = context! {
-        says => "What was measured first, as it was recorded; then what the plain model asks for.",
+        says => "What was measured first, as it was recorded; then what the model asks for.",
         recordings => list,
     };
     Section::new("recordings", "Measured and predicted", TEMPLATE, context)
@@ -91,9 +93,10 @@ fn pairs(x: &[f64], y: &[f64]) -> Vec<[f64; 2]> {
 }
 
 fn words(outcome: &LineOutcome) -> (&'static str, &'static str, &'static str) {
-    match outcome.job {
-        "hinge" => ("angle, rad", "torque", "row"),
-        _ => ("position", "input", "time, s"),
+    match outcome.kind {
+        Kind::Bench => ("angle, rad", "torque", "row"),
+        Kind::Axis => ("position", "input", "time, s"),
+        Kind::Coupon => ("stretch", "stress", "time, s"),
     }
 }
 

@@ -1,0 +1,211 @@
+//! Simpler methods, taken to their end: which model each builds, and how it does on recordings that were not fitted.
+//!
+//! Forward selection adds the cause of the catalogue whose refit lowers Akaike's criterion most, until none does. Sparse regression
+//! (LASSO, penalty by the Bayesian information criterion) picks columns among the fingerprints at once; the causes that it
+//! picks are then fitted without penalty (the relaxed LASSO, Meinshausen 2007). Neither knows chance, rivals or held-out recordings.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::outcome::{Error, RivalModel};
+use super::problem::{Fitted, Problem, Tangent, free_values};
+use super::scan::{Group, Scanned, Unit, scan};
+use super::subject::Subject;
+use super::{FIRST, POLISH, choose, gain, refit};
+use crate::effects::{Acting, Reach};
+
+/// Causes that a rival may take at most.
+const MOST: usize = 6;
+/// Hypotheses that are fitted in full in each step of the forward selection.
+const TRIED: usize = 6;
+/// Columns that the sparse regression may choose from.
+const COLUMNS: usize = 60;
+
+/// The models of forward selection and of sparse regression.
+///
+/// # Errors
+/// [`Error`] where a model cannot be evaluated.
+pub(super) fn rival_models<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    groups: &[Group],
+    units: &[Unit],
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Vec<RivalModel>, Error> {
+    let forward = forward(problem, plain, groups, units, wanted)?;
+    let sparse = sparse(problem, plain, groups)?;
+    [
+        ("forward selection (AIC)", forward),
+        ("sparse regression (LASSO)", sparse),
+    ]
+    .into_iter()
+    .map(|(method, fitted)| {
+        let own = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
+        let (train, _) = gain(
+            &problem.train,
+            &problem.train_when,
+            plain,
+            &fitted,
+            false,
+            own,
+        )?;
+        let holdout = problem
+            .holdout
+            .as_ref()
+            .map(|h| {
+                let eta = |f: &Fitted| problem.holdout_eta(f);
+                gain(h, &problem.holdout_when, plain, &fitted, true, eta).map(|g| g.0)
+            })
+            .transpose()?;
+        Ok(RivalModel {
+            method,
+            effects: fitted.effects.iter().map(|a| a.effect.id()).collect(),
+            train,
+            holdout,
+        })
+    })
+    .collect()
+}
+
+/// Akaike's criterion where the size of the noise is known: squares over their variance, and twice the number of values.
+fn criterion(f: &Fitted) -> f64 {
+    f.cost() + 2.0 * f.free.len() as f64
+}
+
+fn forward<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    groups: &[Group],
+    units: &[Unit],
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Fitted, Error> {
+    let mut best = plain.clone();
+    while best.effects.len() < MOST {
+        let tangent = Tangent::new(problem, &best)?;
+        let scanned: Vec<Scanned> = scan(problem, &tangent, groups, units, wanted)
+            .into_iter()
+            .filter(|s| {
+                let known = |a: &Acting| a.effect.id() == s.acting.effect.id();
+                !best.effects.iter().any(known)
+                    && s.promised > 2.0 * free_values(&s.acting).len() as f64
+            })
+            .collect();
+        let chosen = choose(&scanned, TRIED);
+        let next = refit(problem, &best, &chosen, &best.effects)
+            .into_iter()
+            .min_by(|a, b| criterion(a).total_cmp(&criterion(b)))
+            .filter(|n| criterion(n) < criterion(&best));
+        match next {
+            Some(n) => best = n,
+            None => break,
+        }
+    }
+    if best.effects.is_empty() {
+        return Ok(best);
+    }
+    let own = problem.nonlinear.len();
+    Ok(problem.fit(
+        &best.effects,
+        &best.state.eta[..own],
+        &best.state.beta,
+        POLISH,
+    ))
+}
+
+fn sparse<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    groups: &[Group],
+) -> Result<Fitted, Error> {
+    let tangent = Tangent::new(problem, plain)?;
+    let r = &tangent.residual;
+    struct Own {
+        acting: Acting,
+        column: DVector<f64>,
+        along: DVector<f64>,
+        norm: f64,
+        product: f64,
+    }
+    let mut list: Vec<Own> = Vec::new();
+    for g in groups {
+        let mut sets = vec![[true; 3]];
+        if g.effect.reach() != Reach::All {
+            sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k)));
+        }
+        if g.effect.reach() == Reach::One {
+            sets.remove(0);
+        }
+        for on in sets {
+            for (values, column) in g.values.iter().zip(g.columns_on(on)) {
+                let along = tangent.columns.tr_mul(&column);
+                let square = tangent.projected(column.norm_squared(), &along, &along);
+                if square > 1e-9 * column.norm_squared() {
+                    list.push(Own {
+                        acting: Acting {
+                            effect: g.effect,
+                            values: values.clone(),
+                            on,
+                        },
+                        product: -column.dot(r) / square.sqrt(),
+                        column,
+                        along,
+                        norm: square.sqrt(),
+                    });
+                }
+            }
+        }
+    }
+    list.sort_by(|a, b| b.product.abs().total_cmp(&a.product.abs()));
+    list.truncate(COLUMNS);
+    let m = list.len();
+    let gram = DMatrix::from_fn(m, m, |i, j| {
+        let (a, b) = (&list[i], &list[j]);
+        tangent.projected(a.column.dot(&b.column), &a.along, &b.along) / (a.norm * b.norm)
+    });
+    let target = DVector::from_fn(m, |i, _| list[i].product);
+    let (n, total) = (r.len() as f64, r.norm_squared());
+    let mut best = (n * (total / n).ln(), DVector::zeros(m));
+    let mut c = DVector::zeros(m);
+    let top = if m > 0 { target.amax() } else { 0.0 };
+    for step in 0..25 {
+        let penalty = top * 0.8_f64.powi(step);
+        for _ in 0..60 {
+            let mut moved = 0.0_f64;
+            for i in 0..m {
+                let pull = target[i] - gram.column(i).dot(&c) + c[i];
+                let next: f64 = pull.signum() * (pull.abs() - penalty).max(0.0);
+                moved = moved.max((next - c[i]).abs());
+                c[i] = next;
+            }
+            if moved < 1e-4 * top {
+                break;
+            }
+        }
+        let left = total - 2.0 * c.dot(&target) + c.dot(&(&gram * &c));
+        let used = c.iter().filter(|x| **x != 0.0).count() as f64;
+        let score = n * (left.max(1e-9) / n).ln() + used * n.ln();
+        if score < best.0 {
+            best = (score, c.clone());
+        }
+    }
+    let mut order: Vec<usize> = (0..m).filter(|&i| best.1[i] != 0.0).collect();
+    order.sort_by(|&a, &b| best.1[b].abs().total_cmp(&best.1[a].abs()));
+    let mut effects: Vec<Acting> = Vec::new();
+    for i in order {
+        let own = &list[i].acting;
+        let same = |a: &Acting| a.effect.id() == own.effect.id() && a.on == own.on;
+        if effects.len() < MOST && !effects.iter().any(same) {
+            effects.push(own.clone());
+        }
+    }
+    if effects.is_empty() {
+        return Ok(plain.clone());
+    }
+    let own = problem.nonlinear.len();
+    let first = problem.fit(&effects, &plain.state.eta[..own], &plain.state.beta, FIRST);
+    Ok(problem.fit(
+        &first.effects,
+        &first.state.eta[..own],
+        &first.state.beta,
+        POLISH,
+    ))
+}

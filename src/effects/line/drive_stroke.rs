@@ -1,0 +1,40 @@
+//! A drive whose pull changes with the stroke:  u e^(-a x) (x over the largest excursion).
+
+use super::super::{Effect, Quantity, size};
+use super::{Kind, LineEffect, Terms, View};
+
+pub struct DriveStroke;
+
+impl LineEffect for DriveStroke {
+    fn kinds(&self) -> &'static [Kind] {
+        &[Kind::Axis]
+    }
+    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
+        vec![vec![vec![0.1]]]
+    }
+}
+
+impl Effect for DriveStroke {
+    fn id(&self) -> &'static str {
+        "x_drive_stroke"
+    }
+    fn says(&self) -> &'static str {
+        "the pull of the drive changes with the stroke: electrodes that have zipped leave less to close, a magnet pulls harder the nearer"
+    }
+    fn source(&self) -> &'static str {
+        "virtual work of a capacitance that is no straight line over the stroke: 1/2 u^2 dC/dx"
+    }
+    fn parameters(&self) -> &'static [Quantity] {
+        const { &[size("decay", "1", -5.0, 5.0, 0.5)] }
+    }
+    fn brought_out_by(&self) -> &'static str {
+        "the same drive against several loads, so that one voltage meets several positions"
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        if v[0] != 0.0 {
+            for (g, x) in terms.gain.iter_mut().zip(view.xi) {
+                *g *= (-v[0] * x).exp();
+            }
+        }
+    }
+}

@@ -222,10 +222,10 @@ fn doubt<S: Subject>(
                 both.sort_by(|a, b| a.score.total_cmp(&b.score));
             }
         }
-        if let Some(best) = both.first() {
-            if joins::<S>(first, best, 3.0 * allowed) {
-                pair = Some(best.clone());
-            }
+        if let Some(best) = both.first()
+            && joins::<S>(first, best, 3.0 * allowed)
+        {
+            pair = Some(best.clone());
         }
         partners = both;
         // Rigs that nobody simulated have more than two: as long as one more pays.

@@ -751,12 +751,7 @@ fn of_sample(
             if p.strokes.notes.iter().any(|n| n.contains("fails"))
                 && let Some(last) = p.strokes.cycles.last()
             {
-                let end_s = last.start_s + p.strokes.period_s;
-                for i in 0..dataset.samples() {
-                    if dataset.time_s(i) > end_s {
-                        dataset.x_m[i] = f64::NAN;
-                    }
-                }
+                dataset.forget_after(last.start_s + p.strokes.period_s);
             }
             datasets.push(dataset);
             samples.push(*sample);

@@ -231,6 +231,17 @@ impl HangingDataset {
         Ok(dataset)
     }
 
+    /// Forgets the frames after `end_s` on the motion clock: they are NaN, and the noise is that of the frames before.
+    pub fn forget_after(&mut self, end_s: f64) {
+        let (start_s, step_s) = (self.start_s, self.step_s);
+        for (i, x) in self.x_m.iter_mut().enumerate() {
+            if start_s + step_s * i as f64 > end_s {
+                *x = f64::NAN;
+            }
+        }
+        self.noise_m = noise(&self.x_m).max(LEAST_NOISE_M);
+    }
+
     /// Number of frames.
     pub fn samples(&self) -> usize {
         self.x_m.len()

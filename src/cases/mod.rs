@@ -110,6 +110,9 @@ pub struct Planted<'a> {
     pub pivot_m: Vec3,
 }
 
+/// A motion of some duration, tolerance and payload.
+type Move<'a> = &'a dyn Fn(&Options) -> Result<Motion, String>;
+
 /// Simulates what is planted: the motion as it is read.
 pub type Simulate<'a> = &'a dyn Fn(&Planted) -> Result<Motion, String>;
 
@@ -407,9 +410,7 @@ fn attempt(
             })
         };
         let simulate = simulate.map(|s| move |options: &Options| other(s, options));
-        let simulate = simulate
-            .as_ref()
-            .map(|s| s as &dyn Fn(&Options) -> Result<Motion, String>);
+        let simulate = simulate.as_ref().map(|s| s as Move);
         let recording = record(
             spec, i, id, planned, believed, parameters, &effects, simulate, &capture,
         )
@@ -530,7 +531,7 @@ fn record(
     believed: &Robot,
     parameters: &Parameters,
     effects: &[Effect],
-    simulate: Option<&dyn Fn(&Options) -> Result<Motion, String>>,
+    simulate: Option<Move>,
     stated: &Capture,
 ) -> Result<CaseRecording, String> {
     let (mut robot, mut parameters) = (believed.clone(), parameters.clone());

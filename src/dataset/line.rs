@@ -139,6 +139,9 @@ const RAIL: usize = 4;
 const MANY: usize = 20;
 /// A step is a jump from so many times the size on that 99 of 100 steps do not exceed.
 const JUMP: f64 = 3.0;
+/// A leap of a sensor that loses its target is so many times that size at least, and what follows is still within this share of it.
+const LEAP: f64 = 5.0;
+const STAYS: f64 = 1e-3;
 /// Times closer than this share of a step to an even clock are taken to be on it.
 const JITTER: f64 = 0.25;
 
@@ -288,6 +291,38 @@ fn keep_jumps(x: &[f64], rail: &mut [bool]) {
     }
 }
 
+/// Samples of a sensor that loses its target: one leap away, nearly still, and one leap back. Only few of a recording: what leaps often is the
+/// motion itself.
+fn torn_away(x: &[f64]) -> Vec<bool> {
+    let mut lost = vec![false; x.len()];
+    let mut steps: Vec<f64> = x
+        .windows(2)
+        .map(|w| (w[1] - w[0]).abs())
+        .filter(|d| d.is_finite())
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() * 99 / 100).copied().unwrap_or(0.0);
+    let mut i = 1;
+    while i < x.len() {
+        let leap = x[i] - x[i - 1];
+        if leap.abs() > LEAP * usual {
+            let still = |v: &&f64| (**v - x[i]).abs() < STAYS * leap.abs();
+            let end = i + x[i..].iter().take_while(still).count();
+            let back = x.get(end).map_or(0.0, |v| v - x[end - 1]);
+            if end - i >= RAIL && back * leap < -0.25 * leap * leap {
+                lost[i..end].fill(true);
+                i = end;
+            }
+        }
+        i += 1;
+    }
+    let count = lost.iter().filter(|l| **l).count();
+    if count > x.len() / MANY {
+        lost.fill(false);
+    }
+    lost
+}
+
 /// What to say of a range that no laboratory has: a wrong unit, most likely. A range of 0 is not judged.
 fn unlikely(what: &str, range: f64, [low, high]: [f64; 2], unit: &str) -> Option<String> {
     (range > 0.0 && !(low..=high).contains(&range)).then(|| {
@@ -379,8 +414,27 @@ fn median_step(time_s: &[f64]) -> f64 {
 /// Values at other times, linear between samples.
 #[must_use]
 pub fn interpolate(time_s: &[f64], values: &[f64], t: f64) -> f64 {
+    after(time_s, values, time_s.partition_point(|x| *x <= t), t)
+}
+
+/// As [`interpolate`], at times that rise: one walk along the samples.
+pub fn interpolate_rising(
+    time_s: &[f64],
+    values: &[f64],
+    at: impl Iterator<Item = f64>,
+) -> impl Iterator<Item = f64> {
+    let mut i = 0;
+    at.map(move |t| {
+        while i < time_s.len() && time_s[i] <= t {
+            i += 1;
+        }
+        after(time_s, values, i, t)
+    })
+}
+
+/// The value at `t`, before which i samples lie.
+fn after(time_s: &[f64], values: &[f64], i: usize, t: f64) -> f64 {
     let last = time_s.len() - 1;
-    let i = time_s.partition_point(|x| *x <= t);
     if i == 0 {
         return values[0];
     }
@@ -472,6 +526,22 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             x[i] = f64::NAN;
         }
     }
+    let lost = torn_away(&x);
+    if let Some(first) = lost.iter().position(|l| *l) {
+        notes.push(format!(
+            "the coordinate leaps to {:.6} {} and back in {} of {} samples, first at {:.3} s: a sensor that loses its target; these samples are left out",
+            x[first],
+            if turns { "rad" } else { "m" },
+            lost.iter().filter(|l| **l).count(),
+            x.len(),
+            times[first]
+        ));
+        for (x, lost) in x.iter_mut().zip(lost) {
+            if lost {
+                *x = f64::NAN;
+            }
+        }
+    }
     notes.extend(unlikely(
         if turns { "angle" } else { "position" },
         if velocity { 0.0 } else { range(&x) },
@@ -540,7 +610,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         load = if v.is_empty() {
             Vec::new()
         } else {
-            grid.iter().map(|g| interpolate(&t, &v, *g)).collect()
+            interpolate_rising(&t, &v, grid.iter().copied()).collect()
         };
     }
     let (input_time_s, input): (Vec<f64>, Vec<f64>) = input_time_s
@@ -742,6 +812,23 @@ mod tests {
         // the fastest sine is at 9.5 Hz
         assert!((9.0..12.5).contains(&f), "{f}");
         assert!((floor.sqrt() / 0.01 - 1.0).abs() < 0.15, "{}", floor.sqrt());
+    }
+
+    #[test]
+    fn a_sensor_that_loses_its_target_is_seen() {
+        let motion = |i: usize| 0.05 + 0.02 * (i as f64 * 0.05).sin();
+        let mut x: Vec<f64> = (0..2000).map(motion).collect();
+        assert!(!torn_away(&x).contains(&true));
+        for (j, v) in x[700..712].iter_mut().enumerate() {
+            *v = 0.0301 + 1e-6 * (j % 3) as f64;
+        }
+        let lost = torn_away(&x);
+        assert!((0..2000).all(|i| lost[i] == (700..712).contains(&i)));
+        // one leap without a way back is a step, and a motion of steps is no fault
+        let step: Vec<f64> = (0..2000).map(|i| f64::from(i >= 900)).collect();
+        assert!(!torn_away(&step).contains(&true));
+        let square: Vec<f64> = (0..2000).map(|i| f64::from(i / 40 % 2 == 0)).collect();
+        assert!(!torn_away(&square).contains(&true));
     }
 
     #[test]

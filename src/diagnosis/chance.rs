@@ -4,7 +4,9 @@
 //! right, s would have mean 0 and the covariance  V = F~'S F~ + w'P w:  S is the covariance of the residual's noise, with its
 //! colour, from the drawn tracks in blocks longer than its memory; w = (C'C + P)^-1 C'F, and P the priors of the plain model, which
 //! pull a little wherever the data say little. T = s'V^-1 s then has the chi-squared distribution of as many degrees of freedom as the
-//! hypothesis has columns (Rao's score test with White's covariance).
+//! hypothesis has columns (Rao's score test with White's covariance). V is an estimate from a few tracks and, for a change that
+//! acts in a few blocks only, from those blocks: with nu degrees of freedom (Satterthwaite 1946) T (nu - n + 1)/(nu n) has the F
+//! distribution of n and nu - n + 1 (Hotelling 1931). The tracks are not those that set the weights.
 //!
 //! Hypotheses overlap, so the limit for the largest of all is not that of a table. Noise is drawn again and again (each block
 //! takes one of the drawn tracks and a sign: a wild bootstrap), goes through the same scan, and the largest surprise of each
@@ -14,13 +16,17 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
+use statrs::function::beta::beta_reg;
 use statrs::function::erf::erfc;
 use statrs::function::gamma::gamma_ur;
 
-use super::problem::{Problem, Tangent};
+use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Unit};
 use super::subject::Subject;
+use crate::film::Locked;
 
+/// Tracks that are drawn for the covariance of the scores.
+const TRACKS: usize = 18;
 /// Draws of noise for the distribution of the largest surprise.
 const DRAWS: usize = 400;
 /// Length of a block that takes its noise from one drawn track, s: long against the memory of the residual's noise.
@@ -34,9 +40,9 @@ const MOMENTS: usize = 12;
 const SCALES: [f64; 2] = [0.5, 3.0];
 
 /// Surprises of clean recordings over those of drawn noise: what the draws do not have (noise in the columns, motion that the smoother
-/// takes for noise). From 33 clean cases of the project's own (`deacal prove --number 100 --seed 515`): the exponential tail of their largest
-/// surprises exceeds 28 in one of fifty, that of the draws 7.8.
-const BEYOND_DRAWN: f64 = 3.6;
+/// takes for noise). From 70 clean cases of the project's own (`deacal prove`, seeds 4242 and 7001): the exponential tail of their
+/// largest surprises exceeds 14.6 in about one of a hundred, that of the draws 8.8 in one of fifty.
+const BEYOND_DRAWN: f64 = 1.65;
 
 /// A column with all that its score needs.
 struct Column {
@@ -61,6 +67,8 @@ struct Hypothesis {
     columns: Vec<usize>,
     one_sided: bool,
     inverse: DMatrix<f64>,
+    /// Degrees of freedom of the estimate of V.
+    freedom: f64,
     /// Products of its columns in each block.
     blocks: Vec<DMatrix<f64>>,
     /// Inverse of their sum.
@@ -150,6 +158,17 @@ impl Chance {
     }
 }
 
+/// -ln of the probability that t = s'V^-1 s of n columns is exceeded, where V is estimated with `freedom` degrees of freedom.
+fn surprise_of_estimated(t: f64, n: usize, freedom: f64) -> f64 {
+    let rest = freedom - n as f64 + 1.0;
+    if freedom > 1e4 || t <= 0.0 {
+        return surprise(t, n);
+    }
+    let rest = rest.max(1.0);
+    let p = beta_reg(0.5 * rest, 0.5 * n as f64, freedom / (freedom + t));
+    -p.max(1e-290).ln()
+}
+
 /// -ln of the probability that chi-squared of n degrees of freedom exceeds t.
 fn surprise(t: f64, n: usize) -> f64 {
     let t = t.max(0.0);
@@ -174,7 +193,11 @@ struct Blocks {
 }
 
 impl Blocks {
-    fn new<S: Subject>(problem: &Problem<S>, tangent: &Tangent) -> Self {
+    fn new<S: Subject>(
+        problem: &Problem<S>,
+        plain: &Fitted,
+        tangent: &Tangent,
+    ) -> Result<Self, Locked> {
         let mut edges = vec![0];
         for number in 0..problem.train_when.len() {
             let times = problem.train.kept_times_s(number);
@@ -194,12 +217,12 @@ impl Blocks {
         let rows = tangent.residual.len();
         let tracks: Vec<DVector<f64>> = problem
             .train
-            .noise_rows()
+            .fresh_noise_rows(TRACKS, &plain.state.eta, &plain.state.beta)?
             .into_iter()
             .filter(|d| d.len() == rows)
             .map(DVector::from_vec)
             .collect();
-        Blocks { edges, tracks }
+        Ok(Blocks { edges, tracks })
     }
 
     /// What a score needs of a column that is zero before row `from`.
@@ -245,17 +268,21 @@ impl Blocks {
     }
 }
 
-/// Scores every hypothesis at a fitted model against noise.
+/// Scores every hypothesis at the fitted plain model against noise.
+///
+/// # Errors
+/// [`Locked`] when the film is past its locking stretch.
 pub(super) fn chance<S: Subject>(
     problem: &Problem<S>,
+    plain: &Fitted,
     tangent: &Tangent,
     groups: &[Group],
     units: &[Unit],
-) -> Chance {
-    let blocks = Blocks::new(problem, tangent);
+) -> Result<Chance, Locked> {
+    let blocks = Blocks::new(problem, plain, tangent)?;
     let tracks = blocks.tracks.len();
     if tracks == 0 {
-        return Chance::default();
+        return Ok(Chance::default());
     }
     let mut columns: Vec<Column> = Vec::new();
     let mut hypotheses: Vec<Hypothesis> = Vec::new();
@@ -319,7 +346,7 @@ pub(super) fn chance<S: Subject>(
     };
     for h in &hypotheses {
         let scatter = (h.scatter(&columns) / scale).max(1.0);
-        let s = h.surprise(&own, scatter);
+        let s = h.surprise(&own, scatter, h.freedom);
         let design = (h.white(&own) / h.robust(&own) * scatter).max(1.0);
         match out.designs.iter_mut().find(|d| d.0 == h.id && d.1 == h.on) {
             Some(d) if d.2 < s => (d.2, d.3) = (s, design),
@@ -360,12 +387,12 @@ pub(super) fn chance<S: Subject>(
         }
         let largest = hypotheses
             .iter()
-            .map(|h| h.surprise(&scores, 1.0))
+            .map(|h| h.surprise(&scores, 1.0, f64::INFINITY))
             .fold(0.0, f64::max);
         out.drawn.push(largest);
     }
     out.drawn.sort_by(f64::total_cmp);
-    out
+    Ok(out)
 }
 
 impl Column {
@@ -414,7 +441,19 @@ fn push(
         whole[(i, i)] *= 1.0 + 1e-9;
     }
     if let (Some(v), Some(whole)) = (v.cholesky(), whole.cholesky()) {
+        // Squares of the noise's whitened scores, block by block: they add up to n, less what the priors make.
+        let squares = (0..blocks.edges.len() - 1).map(|b| {
+            let square = |m: usize| {
+                let noise = |i: usize| columns[own[i]].noise[b * tracks + m];
+                let s = DVector::from_fn(n, |i, _| noise(i));
+                s.dot(&v.solve(&s))
+            };
+            let mean = (0..tracks).map(square).sum::<f64>() / tracks as f64;
+            mean * mean
+        });
+        let squares: f64 = squares.sum();
         list.push(Hypothesis {
+            freedom: tracks as f64 * (n * n) as f64 / squares.max(1e-9),
             id,
             on,
             columns: own,
@@ -466,7 +505,8 @@ impl Hypothesis {
         s.dot(&(&self.whole * &s))
     }
 
-    fn surprise(&self, scores: &[f64], scatter: f64) -> f64 {
+    /// How much scores surprise; noise that is drawn from the tracks that V is from knows V.
+    fn surprise(&self, scores: &[f64], scatter: f64, freedom: f64) -> f64 {
         let scatter = scatter.max(1.0);
         let n = self.columns.len();
         let mut more = 0.0;
@@ -481,7 +521,7 @@ impl Hypothesis {
             [only] => scores[only] * scores[only] * self.inverse[(0, 0)],
             _ => self.robust(scores),
         };
-        surprise(t / scatter, n) + more
+        surprise_of_estimated(t / scatter, n, freedom) + more
     }
 }
 
@@ -489,6 +529,27 @@ impl Hypothesis {
 mod tests {
     use super::*;
     use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+    #[test]
+    fn an_estimated_covariance_has_the_tail_of_the_f_distribution() {
+        use statrs::distribution::FisherSnedecor;
+        for (n, freedom) in [(1, 6.0), (1, 40.0), (2, 25.0), (4, 200.0)] {
+            let rest = freedom - n as f64 + 1.0;
+            let table = FisherSnedecor::new(n as f64, rest).unwrap();
+            for t in [0.5, 4.0, 20.0] {
+                let want = -table.sf(t * rest / (freedom * n as f64)).ln();
+                let got = surprise_of_estimated(t, n, freedom);
+                assert!(
+                    (got - want).abs() < 1e-6 * want.max(1.0),
+                    "{n} {freedom} {t}: {got} {want}"
+                );
+            }
+        }
+        assert_eq!(
+            surprise_of_estimated(9.0, 2, f64::INFINITY),
+            surprise(9.0, 2)
+        );
+    }
 
     #[test]
     fn surprises_are_those_of_the_chi_squared_distribution() {

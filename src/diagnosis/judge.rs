@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::problem::{Fitted, Problem, Tangent};
+use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::Group;
 use super::subject::Subject;
 
@@ -34,9 +34,10 @@ impl Judged {
         let n = fitted.state.rows as f64;
         let share = problem.independent;
         let mean_square = fitted.cost() / n;
-        let free = fitted.free.len() + steps(&fitted);
-        let mut score =
-            share * n * mean_square.max(NOISE).ln() + free as f64 * (share * n).max(1.0).ln();
+        let free = informed(problem, &fitted) + steps(&fitted) as f64;
+        let mut score = share * n * mean_square.max(NOISE).ln()
+            + free * (share * n).max(1.0).ln()
+            + 2.0 * choices(&fitted).ln();
         let mut holdout = f64::NAN;
         if let Some((squares, rows)) = problem.held_out(&fitted) {
             holdout = squares / rows as f64;
@@ -54,6 +55,14 @@ impl Judged {
     pub fn excess(&self) -> f64 {
         (self.mean_square - 1.0).max(0.0)
     }
+}
+
+/// Forms and places among which a fit was chosen, all as likely as each other beforehand.
+fn choices(fitted: &Fitted) -> f64 {
+    let of = |a: &crate::effects::Acting| {
+        a.effect.variants().len().max(1) as f64 * a.effect.reach().sets().len() as f64
+    };
+    fitted.effects.iter().map(of).product()
 }
 
 /// Moments of change, which count as parameters though they are found by a search.

@@ -435,7 +435,16 @@ impl Subject for LineResidual<'_> {
     }
 
     fn noise_rows(&self) -> Vec<Vec<f64>> {
-        LineResidual::noise_rows(self)
+        LineResidual::noise_rows(self, super::DRAWN)
+    }
+
+    fn fresh_noise_rows(
+        &self,
+        count: usize,
+        _: &[f64],
+        _: &[f64],
+    ) -> Result<Vec<Vec<f64>>, Locked> {
+        Ok(LineResidual::noise_rows(self, super::DRAWN + count).split_off(super::DRAWN))
     }
 
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {

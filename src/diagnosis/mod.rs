@@ -93,7 +93,7 @@ fn doubt<S: Subject>(
     let mut groups = fingerprints(&problem, &plain, &wanted);
     let mut units = units(&problem, &plain)?;
     let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
-    let chance = chance::chance(&problem, &tangent, &groups, &units);
+    let chance = chance::chance(&problem, &plain, &tangent, &groups, &units)?;
     let named_by_rivals = rivals::named(&tangent, &groups, &scanned);
     let rival_models = if request.rivals {
         watch("fitting what simpler methods say");
@@ -223,11 +223,10 @@ fn doubt<S: Subject>(
                 both.sort_by(|a, b| a.score.total_cmp(&b.score));
             }
         }
-        if let Some(best) = both.first()
-            && joins::<S>(first, best, 3.0 * allowed)
-        {
-            pair = Some(best.clone());
-        }
+        pair = both
+            .iter()
+            .find(|p| joins::<S>(first, p, 3.0 * allowed))
+            .cloned();
         partners = both;
         // Rigs that nobody simulated have more than two: as long as one more pays.
         while let Some(base) = pair
@@ -238,8 +237,8 @@ fn doubt<S: Subject>(
             weigh_down(&mut more);
             let next = more
                 .into_iter()
-                .min_by(|a, b| a.score.total_cmp(&b.score))
-                .filter(|n| joins::<S>(&base, n, allowed));
+                .filter(|n| joins::<S>(&base, n, allowed))
+                .min_by(|a, b| a.score.total_cmp(&b.score));
             match next {
                 Some(n) => pair = Some(n),
                 None => break,
@@ -387,20 +386,35 @@ fn left<S: Subject>(j: &Judged) -> f64 {
     }
 }
 
-/// Whether a further cause stays. On a robot, whose forms are those of its noise, the excess must fall by a quarter. Rigs that nobody
-/// simulated have many small causes in inexact forms: there the criterion must decide for it, and what was held out confirm it.
+/// Whether a further cause stays. On a robot the excess must fall by a quarter, and nearly vanish where it is no larger than what a
+/// textbook form that is wrong in detail leaves. Rigs that nobody simulated have many small causes in inexact forms: there the criterion
+/// must decide for it and what was held out confirm it, or what was held out gain by a quarter and what was fitted confirm it.
 fn joins<S: Subject>(base: &Judged, next: &Judged, chance: f64) -> bool {
     if S::CHAINS == 1 && !next.holdout.is_nan() {
-        return next.score < base.score - DECISIVE && next.holdout < CONFIRMED * base.holdout;
+        let decisive =
+            next.score < base.score - DECISIVE && next.holdout < CONFIRMED * base.holdout;
+        // Slow misfits leave next to no independent samples, and then the criterion never decides: what was held out must.
+        let seen =
+            next.mean_square < CONFIRMED * base.mean_square && next.holdout < SEEN * base.holdout;
+        return decisive || seen;
     }
+    let left = if base.mean_square > FORM_LEAVES {
+        0.75
+    } else {
+        0.25
+    };
     base.fitted.cost() - next.fitted.cost() > 150.0_f64.max(chance)
-        && next.excess() * 1.35 < base.excess()
+        && next.excess() < left * base.excess()
         && (next.holdout.is_nan() || next.holdout <= base.holdout)
 }
 
+/// Mean square up to which what one cause leaves may be its form.
+const FORM_LEAVES: f64 = 2.25;
 /// Difference of the criterion that decides (Kass and Raftery 1995: very strong), and mean square of what was held out that confirms.
 const DECISIVE: f64 = 10.0;
 const CONFIRMED: f64 = 0.95;
+/// Share to which a further cause must bring the mean square of what was held out, where the criterion cannot decide.
+const SEEN: f64 = 0.75;
 
 /// Relaxation times in rising order, their moduli with them.
 fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
@@ -529,12 +543,17 @@ fn with_partner<S: Subject>(
         .into_iter()
         .filter(|s| !own.contains(&s.acting.effect.id()))
         .collect();
-    let count = if first.mean_square > 3.0 { 6 } else { 3 };
+    // A single coordinate costs next to nothing, and its many small causes hide each other.
+    let (count, judged) = match (S::CHAINS, first.mean_square > 3.0) {
+        (1, _) => (6, 6),
+        (_, true) => (6, 2),
+        (_, false) => (3, 2),
+    };
     let chosen: Vec<&Scanned> = choose(&scanned, count);
     let fits = refit(problem, &first.fitted, &chosen, &first.fitted.effects);
     Ok(fits
         .into_iter()
-        .take(2)
+        .take(judged)
         .map(|f| Judged::new(problem, polish(problem, &f)))
         .collect())
 }

@@ -503,6 +503,41 @@ impl Tangent {
     }
 }
 
+/// How many free values the data determine: each size counts whole, each shape by the share of its prior variance that they take
+/// away (MacKay 1992), so that a shape of which they say nothing costs nothing.
+pub(super) fn informed<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64 {
+    let is_size = |f: &(usize, usize)| fitted.effects[f.0].effect.parameters()[f.1].size;
+    let sizes = fitted.free.iter().filter(|f| is_size(f)).count() as f64;
+    if sizes as usize == fitted.free.len() {
+        return sizes;
+    }
+    let first = problem.nonlinear.len();
+    let own = value_unknowns(&fitted.effects, &fitted.free);
+    let mut h = fitted.state.gram();
+    let unknowns = problem.nonlinear.iter().chain(&own).chain(&problem.linear);
+    let n = h.nrows();
+    for (i, u) in unknowns.enumerate() {
+        h[(i, i)] += u.prior.map_or(0.0, |p| p.sd.powi(-2));
+    }
+    let scale: Vec<f64> = (0..n)
+        .map(|i| 1.0 / h[(i, i)].sqrt().max(f64::MIN_POSITIVE))
+        .collect();
+    let scaled = DMatrix::from_fn(n, n, |i, j| {
+        scale[i] * scale[j] * h[(i, j)] + if i == j { 1e-12 } else { 0.0 }
+    });
+    let Some(inverse) = scaled.cholesky().map(|c| c.inverse()) else {
+        return fitted.free.len() as f64;
+    };
+    let shapes = fitted.free.iter().zip(&own).enumerate();
+    let shapes = shapes.filter(|(_, (f, _))| !is_size(f)).map(|(i, (_, u))| {
+        let at = first + i;
+        let variance = inverse[(at, at)] * scale[at] * scale[at];
+        let known = u.prior.map_or(f64::INFINITY, |p| p.sd * p.sd);
+        (1.0 - variance / known).clamp(0.0, 1.0)
+    });
+    sizes + shapes.sum::<f64>()
+}
+
 /// Standard errors of the free values of a fitted model's effects, in their units.
 ///
 /// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under the noise of the capture.

@@ -339,6 +339,15 @@ impl Subject for RobotResidual<'_> {
         RobotResidual::noise_rows(self)
     }
 
+    fn fresh_noise_rows(
+        &self,
+        count: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<Vec<f64>>, Locked> {
+        RobotResidual::fresh_noise_rows(self, count, eta, beta)
+    }
+
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
         RobotResidual::score_covariance(self, eta, beta)
     }

@@ -116,6 +116,13 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Result<[Vec<f64>; 3], Locked>;
     /// What drawn noise makes of the whitened residual.
     fn noise_rows(&self) -> Vec<Vec<f64>>;
+    /// As many further draws, which the weights know nothing of.
+    fn fresh_noise_rows(
+        &self,
+        count: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<Vec<f64>>, Locked>;
     /// Covariance of the scores X'e under the noise.
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked>;
     /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.

@@ -5,9 +5,6 @@ use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, soft_plus};
 
 pub struct EndStop;
 
-/// Softness of the contact, rad.
-const SOFT_RAD: f64 = 1e-3;
-
 impl Effect for EndStop {
     fn id(&self) -> &'static str {
         "end_stop"
@@ -16,7 +13,7 @@ impl Effect for EndStop {
         "at the upper edge of its range the bicep rests against a stop"
     }
     fn source(&self) -> &'static str {
-        "one-sided elastic contact"
+        "one-sided elastic contact with an edge that gives, and damping in proportion to its depth (Hunt and Crossley 1975)"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {
@@ -31,6 +28,8 @@ impl Effect for EndStop {
                     size: true,
                 },
                 shape("stiffness", "N m/rad", 3.0, 0.01, 200.0, 6.0),
+                shape("edge", "rad", 1e-3, 1e-4, 2e-2, 1e-3),
+                shape("damping", "s", 0.0, 0.0, 1.0, 0.1),
             ]
         }
     }
@@ -45,7 +44,7 @@ impl Effect for EndStop {
         [0.003, 0.01, 0.03, 0.08]
             .iter()
             .map(|below| (high - below).max(low))
-            .map(|s| vec![vec![s, 1.0]])
+            .map(|s| vec![vec![s, 1.0, 1e-3, 0.0]])
             .collect()
     }
     fn brought_out_by(&self) -> &'static str {
@@ -56,8 +55,10 @@ impl Effect for EndStop {
             return;
         }
         for (i, t) in torque_n_m.iter_mut().enumerate() {
-            let depth = SOFT_RAD * soft_plus((along.theta_b[i][0] - v[0]) / SOFT_RAD);
-            *t -= v[1] * depth / along.bicep_lever[i];
+            let depth = v[2] * soft_plus((along.theta_b[i][0] - v[0]) / v[2]);
+            // the contact pushes, and never pulls
+            let push = (1.0 + v[3] * along.theta_b[i][1]).max(0.0);
+            *t -= v[1] * depth * push / along.bicep_lever[i];
         }
     }
 }

@@ -119,6 +119,8 @@ impl Reach {
     }
 }
 
+pub(crate) use joint_friction::level as friction_level;
+
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantity {

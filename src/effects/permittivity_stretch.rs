@@ -1,7 +1,7 @@
 //! The permittivity falls with the area stretch a = lambda_1 lambda_2:  eps = eps(1) g(a), g = 1 - slope (a - 1). The capacitance is
 //! C g, so  d(C g)/d theta = C' (g + a g'/2), because C ~ a^2.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct PermittivityStretch;
 
@@ -16,7 +16,12 @@ impl Effect for PermittivityStretch {
         "first order in the area stretch; electrostriction of elastomers"
     }
     fn parameters(&self) -> &'static [Quantity] {
-        const { &[size("slope", "1", -0.3, 1.2, 0.25)] }
+        const {
+            &[
+                size("slope", "1", -0.3, 1.2, 0.25),
+                shape("curvature", "1", 0.0, -0.5, 0.5, 0.2),
+            ]
+        }
     }
     fn site(&self) -> Site {
         Site::Electrical
@@ -25,7 +30,7 @@ impl Effect for PermittivityStretch {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        vec![vec![vec![0.02]]]
+        vec![vec![vec![0.02, 0.0]]]
     }
     fn brought_out_by(&self) -> &'static str {
         "the same pose at several voltages: payload steps under held voltages"
@@ -33,7 +38,8 @@ impl Effect for PermittivityStretch {
     fn capacitance(&self, v: &[f64], along: &Along, half_slope: &mut [f64]) {
         for (i, half) in half_slope.iter_mut().enumerate() {
             let a = along.area_stretch(i);
-            *half *= 1.0 - v[0] * (a - 1.0) - 0.5 * v[0] * a;
+            let x = a - 1.0;
+            *half *= 1.0 - v[0] * (x - v[1] * x * x) - 0.5 * v[0] * (1.0 - 2.0 * v[1] * x) * a;
         }
     }
 }

@@ -16,7 +16,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -24,7 +24,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::coupon::stretch_history;
 use super::{Normal, SeparableResidual, Slope};
 use crate::dataset::Coupon;
-use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate};
+use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate_rising};
 use crate::effects::line::{Kind, Terms, View};
 use crate::effects::{Acting, When};
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
@@ -173,7 +173,9 @@ impl Kernel {
 
     fn at(&self, order: usize, values: &[f64], centre: usize) -> f64 {
         let part = &values[centre - self.half..=centre + self.half];
-        self.taps[order].iter().zip(part).map(|(a, b)| a * b).sum()
+        let own = &self.taps[order];
+        // nalgebra's product adds in eight lanes at once
+        DVectorView::from_slice(own, own.len()).dot(&DVectorView::from_slice(part, part.len()))
     }
 }
 
@@ -194,8 +196,6 @@ const EDGE_S: f64 = 0.3;
 const EDGE_SHARE: f64 = 0.05;
 /// Kept samples of a recording of an axis, about: more say little more and cost as much.
 const MOST_ROWS: usize = 6000;
-/// Drawn noise.
-const DRAWN: usize = 6;
 /// Step of a difference of a nonlinear unknown.
 const STEP: f64 = 1e-4;
 
@@ -1056,11 +1056,11 @@ impl<'a> LineResidual<'a> {
             .map_or(f64::NAN, |w| 1.0 / w)
     }
 
-    /// Drawn noise of the whitened residual: white.
+    /// Noise of the whitened residual, drawn so many times: white.
     #[must_use]
-    pub fn noise_rows(&self) -> Vec<Vec<f64>> {
+    pub fn noise_rows(&self, count: usize) -> Vec<Vec<f64>> {
         let mut generator = ChaCha12Rng::seed_from_u64(0x6c69_6e65);
-        (0..DRAWN)
+        (0..count)
             .map(|_| {
                 (0..self.rows())
                     .map(|_| StandardNormal.sample(&mut generator))
@@ -1202,9 +1202,9 @@ fn inverse_gain(terms: &[AxisTerm], over_gain: bool, beta: &[f64]) -> f64 {
 
 /// An input (times `scale`) at the times of the motion, read `offset` later on its own clock.
 fn shifted(line: &Line, axis: &AxisLine, input: &[f64], scale: f64, offset: f64) -> Vec<f64> {
-    line.time_s
-        .iter()
-        .map(|t| scale * interpolate(&axis.input_time_s, input, t + offset))
+    let at = line.time_s.iter().map(|t| t + offset);
+    interpolate_rising(&axis.input_time_s, input, at)
+        .map(|u| scale * u)
         .collect()
 }
 

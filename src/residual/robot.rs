@@ -163,6 +163,25 @@ pub(crate) fn root_v(squared: f64) -> f64 {
 }
 
 impl Prepared<'_> {
+    /// A torque error (N m; chain, frame) at the kept samples: kept sample, chain.
+    fn filtered(&self, error: &[Vec<f64>; 3]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(3 * self.centres.len());
+        for &c in &self.centres {
+            out.extend([0, 1, 2].map(|k| self.decimation.apply(c, |i| error[k][i])));
+        }
+        out
+    }
+
+    /// Torque errors at the kept samples over what noise makes of them.
+    fn whiten(&self, errors: &mut [f64]) {
+        for (e, w) in errors.chunks_exact_mut(3).zip(&self.whitening) {
+            let (a, b, d) = (e[0], e[1], e[2]);
+            e[0] = w[0] * a;
+            e[1] = w[1] * a + w[2] * b;
+            e[2] = w[3] * a + w[4] * b + w[5] * d;
+        }
+    }
+
     /// The command of a chain at the frames, as the clock effects read it.
     fn command(&self, chain: usize, offset_s: f64, effects: &[Acting]) -> Cow<'_, Command> {
         let d = self.dataset;
@@ -1171,10 +1190,12 @@ impl<'a> RobotResidual<'a> {
         &self.recordings[recording].whitening
     }
 
-    /// Changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open.
+    /// Changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open, as the
+    /// draws of these numbers have it.
     fn replicate_errors(
         &self,
         recording: usize,
+        numbers: std::ops::Range<usize>,
         eta: &[f64],
         beta: &[f64],
     ) -> Result<Vec<[Vec<f64>; 3]>, Locked> {
@@ -1184,44 +1205,39 @@ impl<'a> RobotResidual<'a> {
         let effects = self.effects(eta);
         let own = self.mechanics_with(recording, &effects)?;
         let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
-        let drawn: Cow<[Option<Mechanics>]> = if r.drawn.is_empty() {
-            Cow::Owned(self.draw(recording, &effects))
-        } else {
-            Cow::Borrowed(&*r.drawn)
-        };
-        drawn
-            .par_iter()
-            .map(|mechanics| {
-                let Some(mechanics) = mechanics else {
-                    return Ok(base.clone().map(|v| vec![0.0; v.len()]));
-                };
-                let mut error =
-                    self.torque_error(recording, mechanics, &parameters, offset, &effects)?;
-                for k in 0..3 {
-                    for (e, b) in error[k].iter_mut().zip(&base[k]) {
-                        *e -= b;
-                    }
-                    for (i, _) in mechanics.unreachable.iter().chain(&own.unreachable) {
-                        error[k][*i] = 0.0;
-                    }
+        let change = |mechanics: Option<&Mechanics>| {
+            let Some(mechanics) = mechanics else {
+                return Ok(base.clone().map(|v| vec![0.0; v.len()]));
+            };
+            let mut error =
+                self.torque_error(recording, mechanics, &parameters, offset, &effects)?;
+            for k in 0..3 {
+                for (e, b) in error[k].iter_mut().zip(&base[k]) {
+                    *e -= b;
                 }
-                Ok(error)
-            })
+                for (i, _) in mechanics.unreachable.iter().chain(&own.unreachable) {
+                    error[k][*i] = 0.0;
+                }
+            }
+            Ok(error)
+        };
+        if numbers == (0..self.replicates) && !r.drawn.is_empty() {
+            return r.drawn.par_iter().map(|m| change(m.as_ref())).collect();
+        }
+        // One at a time in each thread: what is not kept takes no room.
+        numbers
+            .into_par_iter()
+            .map(|m| change(self.draw(recording, m, &effects).as_ref()))
             .collect()
     }
 
-    /// The balance along tracks that are drawn from what the capture leaves open.
-    fn draw(&self, recording: usize, effects: &[Acting]) -> Vec<Option<Mechanics>> {
+    /// The balance along the track of this number that is drawn from what the capture leaves open.
+    fn draw(&self, recording: usize, number: usize, effects: &[Acting]) -> Option<Mechanics> {
         let r = &self.recordings[recording];
-        (0..self.replicates)
-            .into_par_iter()
-            .map(|m| {
-                let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + m as u64);
-                generator.set_stream(recording as u64);
-                let track = r.dataset.drawn_track(&mut generator);
-                Mechanics::with_effects(self.robot, &track, effects, r.dataset.pivot_m).ok()
-            })
-            .collect()
+        let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + number as u64);
+        generator.set_stream(recording as u64);
+        let track = r.dataset.drawn_track(&mut generator);
+        Mechanics::with_effects(self.robot, &track, effects, r.dataset.pivot_m).ok()
     }
 
     /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the noise is of second
@@ -1230,7 +1246,10 @@ impl<'a> RobotResidual<'a> {
         self.by_place = true;
         self.replicates = count;
         for number in 0..self.recordings.len() {
-            self.recordings[number].drawn = Arc::new(self.draw(number, &[]));
+            let drawn = (0..count)
+                .into_par_iter()
+                .map(|m| self.draw(number, m, &[]));
+            self.recordings[number].drawn = Arc::new(drawn.collect());
         }
     }
 
@@ -1245,23 +1264,12 @@ impl<'a> RobotResidual<'a> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {
         for number in 0..self.recordings.len() {
-            let errors = self.replicate_errors(number, eta, beta)?;
+            let errors = self.replicate_errors(number, 0..self.replicates, eta, beta)?;
             let offset = self.offset_s(number, eta);
             let r = &mut self.recordings[number];
             r.torque_variance = Arc::new(variance(&errors));
             let kept = r.centres.len();
-            let filtered: Vec<Vec<f64>> = errors
-                .par_iter()
-                .map(|e| {
-                    let mut out = vec![0.0; 3 * kept];
-                    for (j, &c) in r.centres.iter().enumerate() {
-                        for k in 0..3 {
-                            out[3 * j + k] = r.decimation.apply(c, |i| e[k][i]);
-                        }
-                    }
-                    out
-                })
-                .collect();
+            let filtered: Vec<Vec<f64>> = errors.par_iter().map(|e| r.filtered(e)).collect();
             let energy: f64 = r.decimation.weights.iter().map(|w| w * w).sum();
             let resolution = resolution_v(&r.dataset.voltage);
             let reach = (COVARIANCE_REACH_S / (r.dataset.step_s * r.decimation.every as f64))
@@ -1321,14 +1329,7 @@ impl<'a> RobotResidual<'a> {
                 ];
             }
             let mut white = filtered;
-            for errors in &mut white {
-                for (e, w) in errors.chunks_exact_mut(3).zip(&r.whitening) {
-                    let (a, b, d) = (e[0], e[1], e[2]);
-                    e[0] = w[0] * a;
-                    e[1] = w[1] * a + w[2] * b;
-                    e[2] = w[3] * a + w[4] * b + w[5] * d;
-                }
-            }
+            white.iter_mut().for_each(|errors| r.whiten(errors));
             r.errors = Arc::new(white);
         }
         Ok(())
@@ -1343,6 +1344,29 @@ impl<'a> RobotResidual<'a> {
                 own.flatten().copied().collect()
             })
             .collect()
+    }
+
+    /// As [`RobotResidual::noise_rows`], for `count` further tracks, which the weights know nothing of.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn fresh_noise_rows(
+        &self,
+        count: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<Vec<f64>>, Locked> {
+        let mut out = vec![Vec::new(); count];
+        let numbers = self.replicates..self.replicates + count;
+        for (number, r) in self.recordings.iter().enumerate() {
+            let errors = self.replicate_errors(number, numbers.clone(), eta, beta)?;
+            for (rows, e) in out.iter_mut().zip(&errors) {
+                let mut own = r.filtered(e);
+                r.whiten(&mut own);
+                rows.extend(own);
+            }
+        }
+        Ok(out)
     }
 
     /// Mean square of the whitened residual that the noise alone makes (1 when the weights are right), after
@@ -1423,7 +1447,7 @@ impl<'a> RobotResidual<'a> {
         let offset = self.offset_s(recording, eta);
         let fresh;
         let torque_variance = if r.torque_variance.is_empty() {
-            fresh = variance(&self.replicate_errors(recording, eta, beta)?);
+            fresh = variance(&self.replicate_errors(recording, 0..self.replicates, eta, beta)?);
             &fresh
         } else {
             &*r.torque_variance

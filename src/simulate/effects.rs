@@ -549,7 +549,8 @@ impl Addition for EffectAddition {
                 match part.memory {
                     Memory::Presliding => {
                         let omega = s.theta_b_rate_rad_s[k];
-                        rate[0] = (omega - z[0] * omega.abs()) / v[1];
+                        let level = crate::effects::friction_level(v[2], omega);
+                        rate[0] = (omega - z[0] * omega.abs() / level) / v[1];
                         action.torque_b_n_m[k] -= v[0] * z[0];
                     }
                     Memory::BicepRate => {

@@ -63,9 +63,11 @@ fn a_fit_with_the_film_free_finds_the_offset() {
         worst * 1e3,
         100.0 * share
     );
-    // a fast branch of the film and a shift of the clock look alike: what holds is said here, and the intervals are too narrow
+    // a fast branch of the film and a shift of the clock look alike
     assert!(worst < 3e-3, "{worst}");
     assert!(rms < 1e-3, "{rms}");
+    // 3 of 4 at the least, and 88 to 100 % of a hundred
+    assert!((share - 0.95).abs() <= slack(n), "{share}");
 }
 
 /// A drive of sines and jumps, V. The jumps fall anywhere between the samples of a log.

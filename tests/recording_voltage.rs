@@ -414,6 +414,41 @@ fn tdms_interleaved_in_both_byte_orders_and_changed_lists() {
 }
 
 #[test]
+fn tdms_texts_and_clocks_beyond_all_numbers() {
+    let text = |t: &str| [&(t.len() as u32).to_le_bytes()[..], t.as_bytes()].concat();
+    let object = |path: &str, kind: u32, count: u64, bytes: &[u8]| {
+        let mut o = text(path);
+        o.extend((20 + bytes.len() as u32).to_le_bytes());
+        o.extend(kind.to_le_bytes());
+        o.extend(1u32.to_le_bytes());
+        o.extend(count.to_le_bytes());
+        o.extend(bytes);
+        o
+    };
+    // twice 2^63 texts are 2^64, and the last time is 0 + 2 * 1e308
+    let mut meta = 2u32.to_le_bytes().to_vec();
+    meta.extend(object("/'g'/'a'", 10, 1, &[]));
+    meta.extend(1u32.to_le_bytes());
+    meta.extend(text("wf_increment"));
+    meta.extend(10u32.to_le_bytes());
+    meta.extend(1e308f64.to_le_bytes());
+    meta.extend(object("/'g'/'t'", 32, 1 << 63, &4u64.to_le_bytes()));
+    meta.extend(0u32.to_le_bytes());
+    let raw = [&1.5f64.to_le_bytes()[..], &[0; 4]].concat();
+    let mut file = segment(2 | 4 | 8, false, &meta, &raw);
+    file.extend(segment(8, false, &[], &raw));
+    let capture = read(&file).unwrap();
+    assert_eq!(channels(&capture)[0].4[..], [1.5, 1.5]);
+    assert_eq!(capture.sections[0].stamps_s, None);
+    assert!(
+        capture
+            .notes
+            .iter()
+            .any(|n| n.text.contains("without numbers are left out: t"))
+    );
+}
+
+#[test]
 fn oscilloscopes_by_hand() {
     let tek =
         "Record Length,2,,  0.5,  1.5,\r\nSample Interval,0.5,,  1.0,  -2.5,\r\nSource,CH2,,1.5\n";
@@ -453,6 +488,29 @@ fn oscilloscopes_by_hand() {
         .clone()
         .unwrap();
     assert_eq!(times, [-0.5, 0.0, 0.5, 1.0]);
-    std::fs::write(&header, "XStart:-0.5:\n").unwrap();
-    assert!(read_file(&path).unwrap_err().to_string().contains("XStop"));
+    for header_text in ["XStart:-0.5:\n", "XStart:-inf:\nXStop:inf:\n"] {
+        std::fs::write(&header, header_text).unwrap();
+        assert!(read_file(&path).unwrap_err().to_string().contains("XStop"));
+    }
+}
+
+#[test]
+fn scope_files_with_names_and_times_of_another_kind() {
+    let dir = tempfile::tempdir().unwrap();
+    // taken for this make by the manifest: the name need not end as the make ends it, nor be ASCII
+    for name in ["a", "\u{e9}\u{e9}\u{e9}\u{e9}.csv", "\u{20ac}12345.csv"] {
+        let path = dir.path().join(name);
+        std::fs::write(&path, "1\n2\n").unwrap();
+        let capture =
+            deacal::recording::read_file_as(&path, Some("rohde-schwarz-csv"), &Default::default())
+                .unwrap();
+        assert_eq!(capture.sections[0].stamps_s, None);
+        assert!(capture.notes.iter().any(|n| n.text.contains(".Wfm.csv")));
+    }
+    // start + row * increment is beyond all numbers in the second row
+    let path = dir.path().join("rigol.csv");
+    let text = "X,CH1,Start,Increment,\nSequence,Volt,1e308,1e308\n0,1,\n1,1,\n";
+    std::fs::write(&path, text).unwrap();
+    let e = read_file(&path).unwrap_err();
+    assert_eq!((e.kind(), e.line()), (ErrorKind::BadNumber, Some(4)));
 }

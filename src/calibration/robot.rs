@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::outcome::*;
 use super::profile::{Candidate, TWO_SIDED_95, profile};
+use super::statistics::moved_by;
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Site, When, command_for};
@@ -397,7 +398,6 @@ pub fn calibrate_robot(
     let size = unknowns.len();
     let gram = gram.view((0, 0), (size, size)).into_owned();
     let uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
-    let order = rising(&state.eta[..branches], &list, split);
     let white = Uncertainty::new(&gram, &gram, &precision, &is_free);
     let candidates = candidates(&list, &state, &uncertainty, &white, split);
     let (reach, spent) = profile(&residual, nonlinear, linear, &state, &candidates);
@@ -406,6 +406,21 @@ pub fn calibrate_robot(
     for (candidate, reach) in candidates.iter().zip(reach) {
         ends[candidate.unknown] = Some(reach);
     }
+    // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion tells.
+    if !residual.layout().free_offsets.is_empty() {
+        let pull = residual.column_noise_score(&state.eta, &state.beta)?;
+        let moving: Vec<bool> = (0..size)
+            .map(|i| is_free[i] && resting[i].is_none())
+            .collect();
+        let pulled = moved_by(&gram, &precision, &moving, &pull);
+        let (eta, beta) = (state.eta.iter_mut(), state.beta.iter_mut());
+        for ((x, u), by) in eta.chain(beta).zip(&unknowns).zip(&pulled) {
+            if *by != 0.0 {
+                *x = (*x - by).clamp(u.lower, u.upper);
+            }
+        }
+    }
+    let order = rising(&state.eta[..branches], &list, split);
     let mut estimates = estimates(&list, &state, &uncertainty, &ends, &resting, &order, split);
     let longest_s = datasets
         .iter()

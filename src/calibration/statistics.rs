@@ -41,10 +41,7 @@ impl Uncertainty {
                 information,
             };
         }
-        let scale: Vec<f64> = index
-            .iter()
-            .map(|&i| 1.0 / (gram[(i, i)] + prior_precision[i]).sqrt().max(1e-150))
-            .collect();
+        let (scale, inverse) = scaled_inverse(gram, prior_precision, &index);
         let pick = |m: &DMatrix<f64>| {
             DMatrix::from_fn(k, k, |a, b| scale[a] * scale[b] * m[(index[a], index[b])])
         };
@@ -52,15 +49,6 @@ impl Uncertainty {
         let prior = DMatrix::from_diagonal(&DVector::from_fn(k, |a, _| {
             scale[a] * scale[a] * prior_precision[index[a]]
         }));
-        let mut h = &data + &prior;
-        for a in 0..k {
-            h[(a, a)] += 1e-12;
-        }
-        let inverse = h
-            .clone()
-            .cholesky()
-            .map(|c| c.inverse())
-            .unwrap_or_else(|| h.pseudo_inverse(1e-12).expect("the tolerance is positive"));
         let v = &inverse * (&noise + &prior) * &inverse;
         // Information of the data: X'X S^-1 X'X, by the same scales; where S is poor, X'X itself.
         let mut s = noise.clone();
@@ -125,6 +113,49 @@ impl Uncertainty {
     }
 }
 
+/// How far the free unknowns of a least-squares estimate move when `score` is added to its scores X'r: -H^-1 score with H = X'X + P;
+/// 0 for the others.
+pub fn moved_by(
+    gram: &DMatrix<f64>,
+    prior_precision: &[f64],
+    free: &[bool],
+    score: &DVector<f64>,
+) -> DVector<f64> {
+    let index: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
+    let (scale, inverse) = scaled_inverse(gram, prior_precision, &index);
+    let step = inverse * DVector::from_fn(index.len(), |a, _| -scale[a] * score[index[a]]);
+    let mut out = DVector::zeros(free.len());
+    for (a, &i) in index.iter().enumerate() {
+        out[i] = scale[a] * step[a];
+    }
+    out
+}
+
+/// The unknowns in `index` scaled so that the diagonal of H = X'X + P is 1: (scale, inverse of the scaled H).
+fn scaled_inverse(
+    gram: &DMatrix<f64>,
+    prior_precision: &[f64],
+    index: &[usize],
+) -> (Vec<f64>, DMatrix<f64>) {
+    let k = index.len();
+    let scale: Vec<f64> = index
+        .iter()
+        .map(|&i| 1.0 / (gram[(i, i)] + prior_precision[i]).sqrt().max(1e-150))
+        .collect();
+    let mut h = DMatrix::from_fn(k, k, |a, b| {
+        scale[a] * scale[b] * gram[(index[a], index[b])]
+    });
+    for (a, &i) in index.iter().enumerate() {
+        h[(a, a)] += scale[a] * scale[a] * prior_precision[i] + 1e-12;
+    }
+    let inverse = h
+        .clone()
+        .cholesky()
+        .map(|c| c.inverse())
+        .unwrap_or_else(|| h.pseudo_inverse(1e-12).expect("the tolerance is positive"));
+    (scale, inverse)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,6 +183,19 @@ mod tests {
         let weak = u.weak_directions(&[1.0, 1.0], 0.5);
         assert_eq!(weak.len(), 1);
         assert!((weak[0].1[0] + weak[0].1[1]).abs() < 1e-6, "{weak:?}");
+    }
+
+    #[test]
+    fn a_score_moves_the_estimate_as_a_refit_does() {
+        let x = DMatrix::from_fn(40, 3, |i, j| ((i * (j + 2)) as f64 * 0.37).sin());
+        let y = DVector::from_fn(40, |i, _| (i as f64 * 0.7).cos());
+        let g = x.tr_mul(&x);
+        // r = X theta - y at theta = 0: the step to the estimate of the first and last, the middle one held
+        let step = moved_by(&g, &[0.0; 3], &[true, false, true], &-x.tr_mul(&y));
+        let two = DMatrix::from_columns(&[x.column(0), x.column(2)]);
+        let want = two.clone().svd(true, true).solve(&y, 1e-12).unwrap();
+        assert!((step[0] - want[0]).abs() < 1e-9 && (step[2] - want[1]).abs() < 1e-9);
+        assert_eq!(step[1], 0.0);
     }
 
     #[test]

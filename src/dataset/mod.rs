@@ -328,6 +328,41 @@ impl Dataset {
         track
     }
 
+    /// The smoothed track with the capture's noise once more: plus `times` what the smoother makes of a draw of it.
+    pub fn noisier_track(&self, generator: &mut impl Rng, times: f64) -> Track {
+        let mut track = self.track();
+        // the noise that the smoother found holds both parts
+        let white = self.colour.map_or(1.0, |c| 1.0 / (1.0 + c.variance)).sqrt();
+        for (k, axis) in self.axes.iter().enumerate() {
+            let noise: Vec<f64> = (0..self.samples())
+                .map(|i| {
+                    let fresh: f64 = StandardNormal.sample(generator);
+                    if self.captured(i) {
+                        white * axis.choice.noise * fresh
+                    } else {
+                        f64::NAN
+                    }
+                })
+                .collect();
+            let white = self.smooth_as(axis, &noise);
+            let slow = self.slow_deviation(axis, generator);
+            for part in white.iter().chain(&slow) {
+                for i in 0..self.samples() {
+                    track.position_m[i][k] += times * part.position[i];
+                    track.velocity_m_s[i][k] += times * part.velocity[i];
+                    track.acceleration_m_s2[i][k] += times * part.acceleration[i];
+                }
+            }
+        }
+        track
+    }
+
+    /// Other values of an axis, smoothed as its own are.
+    fn smooth_as(&self, axis: &SmoothedAxis, values: &[f64]) -> Option<SmoothedAxis> {
+        let (order, cutoff_hz) = (Some(axis.choice.order), Some(axis.choice.cutoff_hz));
+        smooth_axis(values, self.step_s, order, cutoff_hz).ok()
+    }
+
     /// What the smoother makes of a draw of the noise's slow part.
     fn slow_deviation(
         &self,
@@ -350,14 +385,7 @@ impl Dataset {
                 }
             })
             .collect();
-        let choice = axis.choice;
-        smooth_axis(
-            &values,
-            self.step_s,
-            Some(choice.order),
-            Some(choice.cutoff_hz),
-        )
-        .ok()
+        self.smooth_as(axis, &values)
     }
 
     /// Runs of frames that were not captured: first frame and length.

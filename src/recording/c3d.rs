@@ -24,9 +24,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::capture::{
-    Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, read_whole,
-};
+use super::capture::{Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink};
 use super::error::{Error, ErrorKind, quote};
 use super::text::decode;
 use crate::units::Unit;
@@ -44,10 +42,6 @@ impl Importer for C3d {
     fn recognises(&self, head: &[u8], _path: &Path) -> bool {
         // text may begin so, but has no zero byte
         head.len() >= 512 && head[0] > 0 && head[1] == 0x50 && head[..512].contains(&0)
-    }
-
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
     }
 
     fn stream(

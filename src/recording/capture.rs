@@ -244,6 +244,30 @@ impl Section {
         }
     }
 
+    /// The same without its rows.
+    pub(super) fn without_rows(&self) -> Self {
+        Section {
+            name: self.name.clone(),
+            groups: self.groups.clone(),
+            columns: self
+                .columns
+                .iter()
+                .map(|c| Column {
+                    group: c.group.clone(),
+                    axis: c.axis.clone(),
+                    unit: c.unit.clone(),
+                    number: c.number,
+                    values: Vec::new(),
+                })
+                .collect(),
+            stamps_s: self.stamps_s.as_ref().map(|_| Vec::new()),
+            frames: Vec::new(),
+            sub_frames: Vec::new(),
+            lines: RowLines::default(),
+            ..*self
+        }
+    }
+
     /// The column with this group and axis.
     #[must_use]
     pub fn column(&self, group: &str, axis: &str) -> Option<&Column> {
@@ -379,11 +403,16 @@ pub trait Importer: Sync {
     /// made UTF-8; `path` is there for formats that only the extension tells.
     fn recognises(&self, head: &[u8], path: &Path) -> bool;
 
-    /// Reads the file: fills no gap, converts no unit.
+    /// Reads the file: fills no gap, converts no unit. An importer has to have this or [`Importer::stream`]: each is made of the
+    /// other where it is left out.
     ///
     /// # Errors
     /// The file does not follow the format, with line and column.
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error>;
+    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
+        let mut capture = self.stream(path, options, &mut Keep)?;
+        note_gaps(path, &mut capture);
+        Ok(capture)
+    }
 
     /// Reads the file and shows its rows to `sink` as they come; what the sink takes out is not in the answer. An importer
     /// that can, hands over a few rows at a time, so that a file of any size is gone through in constant memory; it says
@@ -477,13 +506,8 @@ impl Block {
     }
 }
 
-/// [`Importer::read`] of an importer that streams.
-pub(super) fn read_whole(
-    importer: &dyn Importer,
-    path: &Path,
-    options: &ReadOptions,
-) -> Result<Capture, Error> {
-    let mut capture = importer.stream(path, options, &mut Keep)?;
+/// Says what is missing in a capture that was read whole by streaming.
+fn note_gaps(path: &Path, capture: &mut Capture) {
     for section in &capture.sections {
         let rows = section.rows();
         if section.groups.is_empty() {
@@ -500,7 +524,6 @@ pub(super) fn read_whole(
             .collect();
         gap_notes(path, &section.name, rows, &groups, &mut capture.notes);
     }
-    Ok(capture)
 }
 
 /// Says how many values of a column are missing.

@@ -10,12 +10,12 @@ use std::path::Path;
 
 use super::capture::{
     BATCH, Block, Capture, Column, ColumnRef, Importer, Note, ReadOptions, Section, Sink,
-    is_foreign, read_whole, unknown_column,
+    is_foreign, unknown_column,
 };
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
-    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
-    says_not_finite,
+    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, filled_texts,
+    is_blank, says_not_finite,
 };
 use crate::units::Unit;
 
@@ -30,10 +30,6 @@ impl Importer for Delimited {
     fn recognises(&self, head: &[u8], _path: &Path) -> bool {
         let control = |b: &u8| *b < b' ' && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0c);
         !is_foreign(head) && !head.iter().any(control)
-    }
-
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
     }
 
     fn stream(
@@ -304,15 +300,6 @@ fn unit_in_name(name: &str) -> Option<&'static Unit> {
 }
 
 fn header(above: &[Line], delimiter: Delimiter, numeric: &[bool]) -> Option<Header> {
-    let texts = |line: &Line| -> Vec<String> {
-        let mut cells: Vec<String> = Cells::new(&line.bytes, delimiter)
-            .map(|c| c.text())
-            .collect();
-        while cells.last().is_some_and(String::is_empty) {
-            cells.pop();
-        }
-        cells
-    };
     let wanted = numeric.iter().filter(|n| **n).count();
     // a table of one column may have a header of one cell; elsewhere one name may be left out
     let names_columns = |cells: &[String]| {
@@ -321,7 +308,7 @@ fn header(above: &[Line], delimiter: Delimiter, numeric: &[bool]) -> Option<Head
     };
     let mut rows = above.iter().rev().filter(|l| !is_blank(&l.bytes));
     let last = rows.next()?;
-    let cells = texts(last);
+    let cells = filled_texts(&last.bytes, delimiter);
     if !names_columns(&cells) {
         return None;
     }
@@ -331,7 +318,7 @@ fn header(above: &[Line], delimiter: Delimiter, numeric: &[bool]) -> Option<Head
     if cells.iter().all(is_unit)
         && let Some(row) = rows.next()
     {
-        let names = texts(row);
+        let names = filled_texts(&row.bytes, delimiter);
         if names_columns(&names) {
             let units = cells
                 .iter()
@@ -442,17 +429,9 @@ impl<'a> Table<'a> {
                 values: Vec::new(),
             });
         }
-        let numbers = columns
-            .iter()
-            .map(|c| {
-                let notation = if comma_columns.contains(&c.number) {
-                    Notation::Comma
-                } else {
-                    Notation::Dot
-                };
-                NumberColumn::new(layout.delimiter, notation)
-            })
-            .collect();
+        let numbers = NumberColumn::row(columns.len(), layout.delimiter, |c| {
+            comma_columns.contains(&columns[c].number)
+        });
         Ok(Table {
             block: Block::new(columns.len()),
             section: Section {

@@ -20,6 +20,7 @@ use super::capture::{Capture, Column, Importer, Note, ReadOptions, RowLines, Sec
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
+    texts,
 };
 use crate::units::Unit;
 
@@ -184,9 +185,7 @@ impl Reader {
                 break;
             }
             begun = true;
-            let mut cells: Vec<String> = Cells::new(lines.line(), self.delimiter)
-                .map(|c| c.text())
-                .collect();
+            let mut cells = texts(lines.line(), self.delimiter);
             let key = if cells.is_empty() {
                 String::new()
             } else {
@@ -228,9 +227,7 @@ impl Reader {
         if !found {
             return Ok(());
         }
-        let names: Vec<String> = Cells::new(lines.line(), self.delimiter)
-            .map(|c| c.text())
-            .collect();
+        let names = texts(lines.line(), self.delimiter);
         let not_utf8 = std::str::from_utf8(lines.line()).is_err();
         let comment = names.iter().position(|n| n == "Comment");
         let last = comment.unwrap_or(names.len());
@@ -377,7 +374,7 @@ impl Reader {
                 Some(place) => place,
                 None => {
                     let time = head.dimensions.get(channel).is_none_or(|d| d == "Time");
-                    let known = time && stamps.iter().all(|t| !t.is_nan());
+                    let known = time && stamps.iter().all(|t| t.is_finite());
                     let section = Section {
                         name: if segment == 0 && sections.is_empty() {
                             "table".to_owned()

@@ -17,11 +17,12 @@ use std::path::Path;
 
 use super::capture::{
     BATCH, Block, Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
-    read_whole,
 };
 use super::error::{Error, ErrorKind, quote};
+use super::rows::whole;
 use super::text::{
-    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
+    self, Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, decode, is_blank,
+    wrong_cell,
 };
 
 /// Names that a section may have. `Events` is a list of words and is left out with a note.
@@ -47,10 +48,6 @@ impl Importer for NexusCsv {
         section_name(first_cell(head)).is_some_and(|name| name != "Objects")
     }
 
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
-    }
-
     fn stream(
         &self,
         path: &Path,
@@ -71,10 +68,6 @@ impl Importer for TrackerCsv {
 
     fn recognises(&self, head: &[u8], _path: &Path) -> bool {
         section_name(first_cell(head)) == Some("Objects")
-    }
-
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
     }
 
     fn stream(
@@ -268,16 +261,9 @@ impl Pass<'_> {
             columns: header.columns,
             ..Section::default()
         };
-        let mut numbers: Vec<NumberColumn> = (0..width)
-            .map(|cell| {
-                let notation = if self.comma_columns.contains(&(index, cell)) {
-                    Notation::Comma
-                } else {
-                    Notation::Dot
-                };
-                NumberColumn::new(header.delimiter, notation)
-            })
-            .collect();
+        let mut numbers = NumberColumn::row(width, header.delimiter, |cell| {
+            self.comma_columns.contains(&(index, cell))
+        });
         let mut block = Block::new(section.columns.len());
         let mut rows = Rows::default();
         let end = loop {
@@ -357,24 +343,8 @@ impl Pass<'_> {
                 break End::File;
             }
             if let Some((cell, trouble)) = trouble {
-                let bytes = Cells::new(lines.line(), header.delimiter)
-                    .nth(cell)
-                    .map_or(&b""[..], |c| c.bytes);
-                return Err(match trouble {
-                    Some(t) => bad_cell(lines.path(), number, cell + 1, bytes, t),
-                    None => Error::new(
-                        ErrorKind::CellCount,
-                        lines.path(),
-                        format!(
-                            "found {} beyond the header's columns",
-                            quote(&decode(bytes))
-                        ),
-                    )
-                    .at_line(number)
-                    .at_column(cell + 1)
-                    .expected(format!("{width} cells as in the header of section {name}"))
-                    .action("look for a stray delimiter in the row"),
-                });
+                let expected = format!("{width} cells as in the header of section {name}");
+                return Err(wrong_cell(lines, header.delimiter, cell, trouble, expected));
             }
             if short {
                 return Err(Error::new(
@@ -504,7 +474,7 @@ impl Header {
         let mut not_utf8 = false;
         let mut texts = |row: &[u8]| -> Vec<String> {
             not_utf8 |= std::str::from_utf8(row).is_err();
-            Cells::new(row, delimiter).map(|c| c.text()).collect()
+            text::texts(row, delimiter)
         };
         let names = texts(&group_row.1);
         let axes = texts(&axis_row.1);
@@ -593,29 +563,12 @@ impl Rows {
         frame: f64,
         sub_frame: f64,
     ) -> Result<(), Error> {
-        let whole = |value: f64, column: usize, what: &str| -> Result<i64, Error> {
-            // 2^40 frames at 1 kHz are 34 years
-            if value.fract() == 0.0 && (0.0..=1_099_511_627_776.0).contains(&value) {
-                #[allow(clippy::cast_possible_truncation)]
-                return Ok(value as i64);
-            }
-            let found = if value.is_nan() {
-                "the cell is empty".to_owned()
-            } else {
-                format!("found {value}")
-            };
-            Err(Error::new(ErrorKind::BadNumber, lines.path(), found)
-                .at_line(lines.number())
-                .at_column(column)
-                .expected(what)
-                .action("use the file as it was exported"))
-        };
-        let frame = whole(frame, 1, "a frame number")?;
+        let frame = whole(lines, frame, 0, "a frame number")?;
         let sub = if sub_frame.is_nan() {
             self.rows_without_sub += 1;
             0
         } else {
-            let sub = whole(sub_frame, 2, "a sub-frame number from 0")?;
+            let sub = whole(lines, sub_frame, 1, "a sub-frame number from 0")?;
             let sub = u32::try_from(sub).unwrap_or(u32::MAX - 1);
             self.largest_sub = Some(self.largest_sub.unwrap_or(0).max(sub));
             sub

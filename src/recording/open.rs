@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
+use ring::digest::{Context, SHA256};
 
 use super::capture::{
     Capture, Column, ColumnRef, Note, ReadOptions, RowLines, Section, read_file_as, without_subject,
@@ -147,7 +147,7 @@ impl Recording {
 pub fn sha256(path: &Path) -> Result<String, Error> {
     use std::fmt::Write;
     let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let mut hasher = Sha256::new();
+    let mut hasher = Context::new(&SHA256);
     let mut buffer = vec![0; 64 * 1024];
     loop {
         let read = file.read(&mut buffer).map_err(|e| Error::io(path, e))?;
@@ -157,7 +157,8 @@ pub fn sha256(path: &Path) -> Result<String, Error> {
         hasher.update(&buffer[..read]);
     }
     Ok(hasher
-        .finalize()
+        .finish()
+        .as_ref()
         .iter()
         .fold(String::new(), |mut hex, byte| {
             let _ = write!(hex, "{byte:02x}");

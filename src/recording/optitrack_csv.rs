@@ -27,13 +27,12 @@ use std::path::Path;
 
 use super::capture::{
     BATCH, Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
-    read_whole,
 };
 use super::error::{Error, ErrorKind, quote};
 use super::rows::{End, Table, rounded_rate, whole, zero_frame};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, bad_cell, decode, is_blank, plain_number,
-    says_not_finite,
+    says_not_finite, texts,
 };
 
 /// The importer of Motive exports.
@@ -50,10 +49,6 @@ impl Importer for OptitrackCsv {
             b"comment" | b"info" | b"righthanded" | b"lefthanded" | b"frame" => is_row_typed(head),
             _ => false,
         }
-    }
-
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
     }
 
     fn stream(
@@ -120,12 +115,7 @@ fn is_row_typed(head: &[u8]) -> bool {
 
 /// The rows of the newer layout, up to the one that begins with Frame.
 fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error> {
-    let texts = |line: &[u8]| -> Vec<String> {
-        Cells::new(line, Delimiter::Comma)
-            .map(|c| c.text())
-            .collect()
-    };
-    let top = texts(lines.line());
+    let top = texts(lines.line(), Delimiter::Comma);
     let key = |name: &str| {
         top.chunks(2)
             .find(|pair| pair[0].eq_ignore_ascii_case(name))
@@ -150,7 +140,7 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error>
             continue;
         }
         not_utf8 |= std::str::from_utf8(lines.line()).is_err();
-        let cells = texts(lines.line());
+        let cells = texts(lines.line(), Delimiter::Comma);
         if cells[0].eq_ignore_ascii_case("Frame") {
             break cells;
         }
@@ -554,7 +544,7 @@ fn frame(
                 .action("use the file as Motive exported it"),
         )
     };
-    let number = whole(lines, parse(next()?)?, 1)?;
+    let number = whole(lines, parse(next()?)?, 1, "a frame number")?;
     let time = parse(next()?)?;
     let bodies = count(parse(next()?)?, 4)?;
     let mut put = |section: &mut Section, at: usize, values: &[f64]| {

@@ -14,6 +14,7 @@ use super::capture::{Capture, Column, Importer, Note, ReadOptions, RowLines, Sec
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
+    texts,
 };
 use crate::units::Unit;
 
@@ -28,9 +29,7 @@ pub struct RohdeSchwarz;
 
 /// The cells of a line, by commas.
 fn cells(line: &[u8]) -> Vec<String> {
-    Cells::new(line, Delimiter::Comma)
-        .map(|c| c.text())
-        .collect()
+    texts(line, Delimiter::Comma)
 }
 
 /// The first two lines of a file.
@@ -140,6 +139,17 @@ impl Rows {
                 path,
                 "the file ends in the middle of a row, which is dropped",
             ));
+        }
+        let endless = times
+            .as_ref()
+            .and_then(|t| t.iter().position(|t| t.is_infinite()));
+        if let Some(row) = endless {
+            return Err(
+                Error::new(ErrorKind::BadNumber, path, "the time is beyond all numbers")
+                    .at_line(self.lines.line(row))
+                    .expected("seconds")
+                    .action("save the waveform again with its time"),
+            );
         }
         let rows = self.lines.len();
         notes.insert(
@@ -421,7 +431,18 @@ fn header_clock(
     let name = path
         .file_name()
         .map_or(String::new(), |n| n.to_string_lossy().into_owned());
-    let stem = &name[..name.len().saturating_sub(".Wfm.csv".len())];
+    let (stem, end) = name
+        .len()
+        .checked_sub(".Wfm.csv".len())
+        .and_then(|at| name.split_at_checked(at))
+        .unwrap_or((&name, ""));
+    if !end.eq_ignore_ascii_case(".Wfm.csv") {
+        notes.push(Note::warning(
+            path,
+            "the file has no time, and its name does not end in .Wfm.csv, by which its header file is found: state rate_hz",
+        ));
+        return Ok(None);
+    }
     let header = path.with_file_name(format!("{stem}.csv"));
     if !header.is_file() {
         notes.push(Note::warning(
@@ -439,7 +460,10 @@ fn header_clock(
         let mut parts = text.split([':', ',', ';']).map(str::trim);
         let (key, value) = (
             parts.next(),
-            parts.next().and_then(|v| v.parse::<f64>().ok()),
+            parts
+                .next()
+                .and_then(|v| v.parse::<f64>().ok())
+                .filter(|v| v.is_finite()),
         );
         match key {
             Some("XStart") => start = value,

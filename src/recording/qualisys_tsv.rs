@@ -12,11 +12,11 @@
 use std::path::Path;
 
 use super::capture::{
-    Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell, read_whole,
+    Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
 };
 use super::error::{Error, ErrorKind};
 use super::rows::{self, Table};
-use super::text::{Cells, Delimiter, LineReader, is_blank, plain_number};
+use super::text::{Delimiter, LineReader, is_blank, plain_number, texts};
 
 /// The importer of Qualisys exports.
 pub struct QualisysTsv;
@@ -28,10 +28,6 @@ impl Importer for QualisysTsv {
 
     fn recognises(&self, head: &[u8], _path: &Path) -> bool {
         first_cell(head) == b"NO_OF_FRAMES"
-    }
-
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
     }
 
     fn stream(
@@ -61,9 +57,7 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<(Table, bool)
         if is_blank(lines.line()) {
             continue;
         }
-        let cells: Vec<String> = Cells::new(lines.line(), Delimiter::Tab)
-            .map(|c| c.text())
-            .collect();
+        let cells = texts(lines.line(), Delimiter::Tab);
         let first = cells.first().map_or("", String::as_str);
         if is_key(first.as_bytes()) {
             let mut values = cells[1..].to_vec();

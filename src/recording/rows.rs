@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::capture::{BATCH, Block, Capture, Column, Group, Note, ReadOptions, Section, Sink};
-use super::error::{Error, ErrorKind, quote};
+use super::error::{Error, ErrorKind};
 use super::text::{
-    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, is_blank,
-    says_not_finite,
+    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, is_blank, says_not_finite,
+    wrong_cell,
 };
 
 /// A table whose header is known.
@@ -94,16 +94,9 @@ impl Table {
         sink: &mut dyn Sink,
         notes: &mut Vec<Note>,
     ) -> Result<End, Error> {
-        let mut numbers: Vec<NumberColumn> = (0..self.slots.len())
-            .map(|cell| {
-                let notation = if comma_cells.contains(&cell) {
-                    Notation::Comma
-                } else {
-                    Notation::Dot
-                };
-                NumberColumn::new(self.delimiter, notation)
-            })
-            .collect();
+        let mut numbers = NumberColumn::row(self.slots.len(), self.delimiter, |cell| {
+            comma_cells.contains(&cell)
+        });
         let needed = self.slots.iter().rposition(Option::is_some).unwrap_or(0);
         let named = self.section.groups.len();
         let mut block = Block::new(self.section.columns.len());
@@ -179,28 +172,12 @@ impl Table {
             }
             let number = lines.number();
             if let Some((cell, trouble)) = trouble {
-                let bytes = Cells::new(lines.line(), self.delimiter)
-                    .nth(cell)
-                    .map_or(&b""[..], |c| c.bytes);
-                return Err(match trouble {
-                    Some(t) => bad_cell(lines.path(), number, cell + 1, bytes, t),
-                    None => Error::new(
-                        ErrorKind::CellCount,
-                        lines.path(),
-                        format!(
-                            "found {} beyond the header's columns",
-                            quote(&decode(bytes))
-                        ),
-                    )
-                    .at_line(number)
-                    .at_column(cell + 1)
-                    .expected(format!("{} cells as in the header", self.slots.len()))
-                    .action("look for a stray delimiter in the row"),
-                });
+                let expected = format!("{} cells as in the header", self.slots.len());
+                return Err(wrong_cell(lines, self.delimiter, cell, trouble, expected));
             }
             counts.short += u64::from(short);
             let frame = match self.frame {
-                Some(cell) => whole(lines, frame, cell)?,
+                Some(cell) => whole(lines, frame, cell, "a frame number")?,
                 None => counts.last + 1,
             };
             counts.frame(lines, self.frame, frame)?;
@@ -367,8 +344,13 @@ pub(super) fn zero_frame(frame: i64, time: f64, rate_hz: Option<f64>) -> Option<
     (steps.abs() < 1e12).then(|| frame.saturating_sub(steps as i64))
 }
 
-/// A frame number.
-pub(super) fn whole(lines: &LineReader, value: f64, cell: usize) -> Result<i64, Error> {
+/// The number of a frame or sub-frame, in a cell of the reader's line that counts from 0.
+pub(super) fn whole(
+    lines: &LineReader,
+    value: f64,
+    cell: usize,
+    expected: &str,
+) -> Result<i64, Error> {
     // 2^40 frames at 1 kHz are 34 years
     if value.fract() == 0.0 && (0.0..=1_099_511_627_776.0).contains(&value) {
         #[allow(clippy::cast_possible_truncation)]
@@ -382,7 +364,7 @@ pub(super) fn whole(lines: &LineReader, value: f64, cell: usize) -> Result<i64, 
     Err(Error::new(ErrorKind::BadNumber, lines.path(), found)
         .at_line(lines.number())
         .at_column(cell + 1)
-        .expected("a frame number")
+        .expected(expected)
         .action("use the file as it was exported"))
 }
 

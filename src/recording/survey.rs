@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::mpsc;
 
 use super::capture::{
     Capture, Gaps, Note, ReadOptions, Section, Sink, column_gap_note, gap_notes, importer_for,
@@ -148,9 +149,78 @@ pub fn survey_file(
     format: Option<&str>,
     options: &ReadOptions,
 ) -> Result<Survey, Error> {
-    let mut sections = Sections::default();
-    let capture = importer_for(path, format)?.stream(path, options, &mut sections)?;
-    Ok(sections.finish(path, capture))
+    let importer = importer_for(path, format)?;
+    // one thread reads, the other looks at what it has read
+    let (to, batches) = mpsc::sync_channel(2);
+    let (back, emptied) = mpsc::channel();
+    std::thread::scope(|scope| {
+        let looking = scope.spawn(move || {
+            let mut sections = Sections::default();
+            for batch in batches {
+                match batch {
+                    Batch::Restart => sections.all.clear(),
+                    Batch::Rows(index, mut section) => {
+                        sections.take(index, &section);
+                        section.clear_rows();
+                        // a reader that has ended wants none
+                        let _ = back.send((index, section));
+                    }
+                }
+            }
+            sections
+        });
+        let read = importer.stream(path, options, &mut Hand { to, emptied });
+        let sections = looking
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok(sections.finish(path, read?))
+    })
+}
+
+/// What the reading thread hands over.
+enum Batch {
+    /// What came before does not count.
+    Restart,
+    /// Rows of a section.
+    Rows(usize, Section),
+}
+
+/// Hands rows over, and takes emptied sections back to be filled again: names of thousands of columns are not copied each time.
+struct Hand {
+    to: mpsc::SyncSender<Batch>,
+    emptied: mpsc::Receiver<(usize, Section)>,
+}
+
+impl Hand {
+    fn send(&self, batch: Batch) {
+        // the other end is gone only where it panicked, which the join tells
+        let _ = self.to.send(batch);
+    }
+}
+
+impl Sink for Hand {
+    fn restart(&mut self) {
+        self.send(Batch::Restart);
+    }
+
+    fn rows(&mut self, index: usize, section: &mut Section) {
+        let same = |(i, s): &(usize, Section)| {
+            *i == index && s.columns.len() == section.columns.len() && s.name == section.name
+        };
+        let mut empty = match self.emptied.try_recv().ok().filter(same) {
+            Some((_, empty)) => Section {
+                // what a reader may have learnt since
+                line: section.line,
+                rate_hz: section.rate_hz,
+                zero_frame: section.zero_frame,
+                subframes_per_frame: section.subframes_per_frame,
+                ..empty
+            },
+            None => section.without_rows(),
+        };
+        std::mem::swap(section, &mut empty);
+        self.send(Batch::Rows(index, empty));
+    }
 }
 
 /// Markers and voltages that are watched; a file with more is told of, not watched in full.
@@ -161,17 +231,12 @@ struct Sections {
     all: Vec<Running>,
 }
 
-impl Sink for Sections {
-    fn restart(&mut self) {
-        self.all.clear();
-    }
-
-    fn rows(&mut self, index: usize, section: &mut Section) {
+impl Sections {
+    fn take(&mut self, index: usize, section: &Section) {
         while self.all.len() <= index {
             self.all.push(Running::default());
         }
         self.all[index].take(section);
-        section.clear_rows();
     }
 }
 

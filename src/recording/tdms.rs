@@ -203,7 +203,7 @@ struct Object {
     properties: HashMap<String, Property>,
     layout: Option<Layout>,
     values: Vec<f64>,
-    texts: u64,
+    /// Whether it has values that are no numbers.
     odd: bool,
     /// Whether it has raw data in the segments to come.
     listed: bool,
@@ -453,7 +453,7 @@ impl Reader<'_> {
             let Some((group, name)) = names(&object.path) else {
                 continue;
             };
-            if object.texts > 0 || object.odd {
+            if object.odd {
                 texts.push(name);
                 continue;
             }
@@ -471,15 +471,20 @@ impl Reader<'_> {
                 Some(Property::Number(v)) => Some(*v),
                 _ => None,
             };
-            let step = real("wf_increment").filter(|s| *s > 0.0 && s.is_finite());
-            let offset = real("wf_start_offset").unwrap_or(0.0);
+            let rows = object.values.len();
+            let offset = real("wf_start_offset")
+                .filter(|o| o.is_finite())
+                .unwrap_or(0.0);
+            // a clock whose last time is beyond all numbers is none
+            let step = real("wf_increment").filter(|s| {
+                *s > 0.0 && s.recip().is_finite() && (offset + rows as f64 * s).is_finite()
+            });
             if let Some(Property::Time(start)) = object.properties.get("wf_start_time")
                 && starts.len() < 4
                 && !starts.contains(start)
             {
                 starts.push(*start);
             }
-            let rows = object.values.len();
             let clock = step.map(|s| [s.to_bits(), offset.to_bits()]);
             let key = (group.clone(), rows, clock);
             let at = match clocks.get(&key) {
@@ -746,8 +751,11 @@ fn one_after_the_other(
                     }
                 }
             } else {
-                object.texts += u64::from(kind == Kind::Text) * count;
-                object.odd |= kind != Kind::Text && bytes > 0;
+                object.odd |= if kind == Kind::Text {
+                    count > 0
+                } else {
+                    bytes > 0
+                };
                 input.skip(bytes)?;
             }
         }

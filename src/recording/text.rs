@@ -474,6 +474,22 @@ impl<'a> Iterator for Cells<'a> {
     }
 }
 
+/// The texts in the cells of a row.
+#[must_use]
+pub fn texts(line: &[u8], delimiter: Delimiter) -> Vec<String> {
+    Cells::new(line, delimiter).map(|c| c.text()).collect()
+}
+
+/// [`texts`] without the empty ones at the end.
+#[must_use]
+pub fn filled_texts(line: &[u8], delimiter: Delimiter) -> Vec<String> {
+    let mut cells = texts(line, delimiter);
+    while cells.last().is_some_and(String::is_empty) {
+        cells.pop();
+    }
+    cells
+}
+
 /// Without ASCII space at both ends.
 #[inline]
 #[must_use]
@@ -527,6 +543,18 @@ impl NumberColumn {
             saw_dot: false,
             between_commas: delimiter == Delimiter::Comma,
         }
+    }
+
+    /// The columns of a row of so many cells; `comma` says of a cell whether it is known to be in [`Notation::Comma`].
+    #[must_use]
+    pub fn row(cells: usize, delimiter: Delimiter, comma: impl Fn(usize) -> bool) -> Vec<Self> {
+        let notation = |cell| match comma(cell) {
+            true => Notation::Comma,
+            false => Notation::Dot,
+        };
+        (0..cells)
+            .map(|cell| NumberColumn::new(delimiter, notation(cell)))
+            .collect()
     }
 
     /// The notation as far as it is known.
@@ -780,15 +808,43 @@ pub fn bad_cell(path: &Path, line: u64, column: usize, cell: &[u8], trouble: Tro
         .action(action)
 }
 
+/// The error for a cell of the reader's line that no column takes, or that is no number; `cell` counts from 0, `expected` says what
+/// a row has.
+#[must_use]
+pub fn wrong_cell(
+    lines: &LineReader,
+    delimiter: Delimiter,
+    cell: usize,
+    trouble: Option<Trouble>,
+    expected: String,
+) -> Error {
+    let bytes = Cells::new(lines.line(), delimiter)
+        .nth(cell)
+        .map_or(&b""[..], |c| c.bytes);
+    match trouble {
+        Some(trouble) => bad_cell(lines.path(), lines.number(), cell + 1, bytes, trouble),
+        None => Error::new(
+            ErrorKind::CellCount,
+            lines.path(),
+            format!(
+                "found {} beyond the header's columns",
+                quote(&decode(bytes))
+            ),
+        )
+        .at_line(lines.number())
+        .at_column(cell + 1)
+        .expected(expected)
+        .action("look for a stray delimiter in the row"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
     fn cells(line: &str, delimiter: Delimiter) -> Vec<String> {
-        Cells::new(line.as_bytes(), delimiter)
-            .map(|c| c.text())
-            .collect()
+        texts(line.as_bytes(), delimiter)
     }
 
     #[test]

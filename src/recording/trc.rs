@@ -16,11 +16,11 @@
 use std::path::Path;
 
 use super::capture::{
-    Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell, read_whole,
+    Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
 };
 use super::error::{Error, ErrorKind, quote};
 use super::rows::{self, Table};
-use super::text::{Cells, Delimiter, LineReader, plain_number};
+use super::text::{Delimiter, LineReader, filled_texts, plain_number};
 
 /// The importer of TRC files.
 pub struct Trc;
@@ -32,10 +32,6 @@ impl Importer for Trc {
 
     fn recognises(&self, head: &[u8], _path: &Path) -> bool {
         first_cell(head) == b"PathFileType"
-    }
-
-    fn read(&self, path: &Path, options: &ReadOptions) -> Result<Capture, Error> {
-        read_whole(self, path, options)
     }
 
     fn stream(
@@ -78,13 +74,7 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error>
     } else {
         Delimiter::Comma
     };
-    let texts = |row: &[u8]| -> Vec<String> {
-        let mut cells: Vec<String> = Cells::new(row, delimiter).map(|c| c.text()).collect();
-        while cells.last().is_some_and(String::is_empty) {
-            cells.pop();
-        }
-        cells
-    };
+    let texts = |row: &[u8]| filled_texts(row, delimiter);
     let not_utf8 = std::str::from_utf8(&names).is_err();
     let (keys, values) = (texts(&keys), texts(&values));
     let (names, axes) = (texts(&names), texts(&axes));

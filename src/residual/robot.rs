@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, DVector, Matrix3};
 use pulp::Arch;
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
@@ -28,6 +28,8 @@ const HELD: usize = 512;
 const REPLICATES: usize = 12;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
 const COVARIANCE_REACH_S: f64 = 0.6;
+/// Pairs of tracks from which the pull of noise in the columns is told.
+const NOISE_PAIRS: usize = 8;
 /// Kept samples to each side over which the size of the noise is averaged where it is followed from place to place.
 const NEAR: usize = 2;
 /// Length of a block of the noise scores, s: long against the correlation of the residual's noise.
@@ -126,6 +128,7 @@ struct Condition<'p> {
 }
 
 /// Residual of several robot recordings that share film and forearms.
+#[derive(Clone)]
 pub struct RobotResidual<'a> {
     robot: &'a Robot,
     recordings: Vec<Prepared<'a>>,
@@ -1429,6 +1432,52 @@ impl<'a> RobotResidual<'a> {
             }
         }
         Ok(covariance)
+    }
+
+    /// What the capture's noise adds on average to the scores X'r, X = [d r/d eta | B], because columns and residual are made of the
+    /// same noisy motion (errors in variables); without effects. Told from pairs of tracks: the smoothed one plus and minus what the
+    /// smoother makes of drawn noise, in whose mean all cancels that is linear in the noise.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn column_noise_score(&self, eta: &[f64], beta: &[f64]) -> Result<DVector<f64>, Locked> {
+        let size = eta.len() + beta.len();
+        let scores = |residual: &Self| -> Result<DVector<f64>, Locked> {
+            let gram = residual.evaluate(eta, beta)?.at(eta.len(), beta);
+            Ok(gram.column(size).rows(0, size).into_owned())
+        };
+        let base = scores(self)?;
+        let drawn: Vec<DVector<f64>> = (0..2 * NOISE_PAIRS)
+            .into_par_iter()
+            .map(|m| {
+                let mut noisier = self.clone();
+                let times = if m % 2 == 0 { 1.0 } else { -1.0 };
+                for (number, r) in noisier.recordings.iter_mut().enumerate() {
+                    let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_c011 + m as u64 / 2);
+                    generator.set_stream(number as u64);
+                    let track = r.dataset.noisier_track(&mut generator, times);
+                    // a track out of reach tells nothing
+                    let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
+                        return Ok(base.clone());
+                    };
+                    r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
+                    r.forearm = forearm_columns(
+                        &mechanics,
+                        &self.forearm,
+                        &r.decimation,
+                        &r.centres,
+                        self.arch,
+                    );
+                    r.mechanics = Arc::new(mechanics);
+                    if r.maxwell.is_some() {
+                        r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
+                    }
+                }
+                scores(&noisier)
+            })
+            .collect::<Result<_, _>>()?;
+        let mean = drawn.iter().sum::<DVector<f64>>() / drawn.len() as f64;
+        Ok(mean - base)
     }
 
     /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it (as it was last worked

@@ -96,8 +96,6 @@ pub struct Planted<'a> {
     pub parameters: &'a Parameters,
     /// Its voltages.
     pub drive: &'a Sampled,
-    /// Duration, tolerance, payload.
-    pub options: &'a Options,
     /// The effects, with equivalent values.
     pub details: &'a [&'a Detail],
     /// Names of the recordings, the training ones first.
@@ -110,11 +108,8 @@ pub struct Planted<'a> {
     pub pivot_m: Vec3,
 }
 
-/// A motion of some duration, tolerance and payload.
-type Move<'a> = &'a dyn Fn(&Options) -> Result<Motion, String>;
-
-/// Simulates what is planted: the motion as it is read.
-pub type Simulate<'a> = &'a dyn Fn(&Planted) -> Result<Motion, String>;
+/// Simulates what is planted, with a duration, tolerance and payload: the motion as it is read.
+pub type Simulate<'a> = &'a dyn Fn(&Planted, &Options) -> Result<Motion, String>;
 
 /// One recording of a case.
 #[derive(Debug, Clone)]
@@ -396,21 +391,17 @@ fn attempt(
     for (i, (slot, planned)) in slots.iter().zip(&planned).enumerate() {
         let id = format!("{name}/{}", slot.name);
         let number = order.iter().position(|o| o.0 == i).unwrap_or_default();
-        let other = |simulate: Simulate, options: &Options| {
-            simulate(&Planted {
-                robot: believed,
-                parameters,
-                drive: &planned.drive,
-                options,
-                details: &details,
-                names: &names,
-                number,
-                series_s: order[number].1,
-                pivot_m: pivot_m(&capture),
-            })
+        let planted = Planted {
+            robot: believed,
+            parameters,
+            drive: &planned.drive,
+            details: &details,
+            names: &names,
+            number,
+            series_s: order[number].1,
+            pivot_m: pivot_m(&capture),
         };
-        let simulate = simulate.map(|s| move |options: &Options| other(s, options));
-        let simulate = simulate.as_ref().map(|s| s as Move);
+        let simulate = simulate.map(|s| (s, planted));
         let recording = record(
             spec, i, id, planned, believed, parameters, &effects, simulate, &capture,
         )
@@ -531,7 +522,7 @@ fn record(
     believed: &Robot,
     parameters: &Parameters,
     effects: &[Effect],
-    simulate: Option<Move>,
+    simulate: Option<(Simulate, Planted)>,
     stated: &Capture,
 ) -> Result<CaseRecording, String> {
     let (mut robot, mut parameters) = (believed.clone(), parameters.clone());
@@ -567,7 +558,7 @@ fn record(
         ..Options::default()
     };
     let truth = match simulate {
-        Some(simulate) => simulate(&options)?,
+        Some((simulate, planted)) => simulate(&planted, &options)?,
         None => motion(&robot, &parameters, &planned.drive, &options, &additions)
             .map_err(|e| e.to_string())?,
     };

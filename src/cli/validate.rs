@@ -100,17 +100,8 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     }
     let head = models.remove(0);
     let json = ValidationJson::new(head, models, None, provenance.clone());
-    let mut set = OutputSet::new(&a.output)?;
-    set.write("validation.json", to_text(&json))?;
-    set.write("report.html", html::render_validation(&shown, &provenance))?;
-    set.commit()?;
-    drop(progress);
-    talk.result(&json);
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
-    Ok(())
+    let report = html::render_validation(&shown, &provenance);
+    leave(a, &json, report, progress, talk)
 }
 
 /// A model that was held against recordings: its numbers, its report, and what to say of each recording.
@@ -209,12 +200,23 @@ fn compare(
     let first = all.remove(0);
     let others = all.into_iter().map(|h| h.model).collect();
     let json = ValidationJson::new(first.model, others, unit, provenance.clone());
+    leave(a, &json, first.report, progress, talk)
+}
+
+/// Writes the results and says where they are.
+fn leave(
+    a: &Arguments,
+    json: &ValidationJson,
+    report: String,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
     let mut set = OutputSet::new(&a.output)?;
-    set.write("validation.json", to_text(&json))?;
-    set.write("report.html", first.report)?;
+    set.write("validation.json", to_text(json))?;
+    set.write("report.html", report)?;
     set.commit()?;
     drop(progress);
-    talk.result(&json);
+    talk.result(json);
     talk.say(&format!(
         "Report: {}",
         a.output.join("report.html").display()

@@ -20,7 +20,6 @@ use statrs::function::gamma::gamma_ur;
 use super::problem::{Problem, Tangent};
 use super::scan::{Group, Unit};
 use super::subject::Subject;
-use crate::effects::Reach;
 
 /// Draws of noise for the distribution of the largest surprise.
 const DRAWS: usize = 400;
@@ -266,15 +265,7 @@ pub(super) fn chance<S: Subject>(
             .iter()
             .filter(|q| q.size)
             .all(|q| q.lower == q.off || q.off.is_infinite());
-        let single = [0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k));
-        let mut sets = Vec::new();
-        if g.effect.reach() != Reach::One {
-            sets.push([true; 3]);
-        }
-        if g.effect.reach() != Reach::All {
-            sets.extend(single);
-        }
-        for on in sets {
+        for &on in g.effect.reach().sets() {
             let own = g.columns_on(on);
             let first = columns.len();
             columns.extend(own.iter().map(|f| blocks.column(tangent, f, 0)));

@@ -36,7 +36,7 @@ use crate::effects::{Acting, Effect, When};
 use judge::{Judged, NEVER_ADEQUATE, alike};
 use locate::{Spot, locate};
 use problem::{Effort, Fitted, Problem, Tangent, value_errors};
-use scan::{Group, Scanned, Unit, fingerprints, rivals, scan, units};
+use scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use subject::Subject;
 
 /// Tracks that are drawn to see what the capture's noise does.
@@ -46,23 +46,24 @@ const FITTED: usize = 10;
 const OF_ONE: usize = 2;
 /// Hypotheses that are fitted where no score comes near what noise makes, and what near is.
 const FITTED_IF_QUIET: usize = 3;
+const QUIET: f64 = 0.6;
 /// Hypotheses that are fitted because their scores surprise most, beside those that promise most, where a cause is weak.
 const SURPRISING: usize = 4;
-const QUIET: f64 = 0.6;
 /// A first fit with an effect, which only has to rank it, and a polished one.
 const FIRST: Effort = Effort {
     evaluations: 12,
     cost_tolerance: 1e-4,
     motion_rounds: 1,
 };
-const BASELINE: Effort = Effort {
-    evaluations: 40,
-    ..POLISH
-};
 const POLISH: Effort = Effort {
     evaluations: 25,
     cost_tolerance: 1e-5,
     motion_rounds: 3,
+};
+/// The plain model, which everything else is measured against.
+const BASELINE: Effort = Effort {
+    evaluations: 40,
+    ..POLISH
 };
 /// Leading effects that are fitted again at the leader's weights.
 const LEADING: usize = 6;
@@ -93,15 +94,15 @@ fn doubt<S: Subject>(
     let mut units = units(&problem, &plain)?;
     let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
     let chance = chance::chance(&problem, &tangent, &groups, &units);
-    let named_by_rivals = rivals(&tangent, &groups, &scanned);
-    drop(tangent);
-    watch("fitting the leading effects");
+    let named_by_rivals = rivals::named(&tangent, &groups, &scanned);
     let rival_models = if request.rivals {
         watch("fitting what simpler methods say");
-        rivals::rival_models(&problem, &plain, &groups, &units, &wanted)?
+        rivals::rival_models(&problem, &plain, &tangent, &groups, &units, &wanted)?
     } else {
         Vec::new()
     };
+    drop(tangent);
+    watch("fitting the leading effects");
     let quiet = chance.largest < QUIET * chance.limit(request.false_alarm_rate)
         && plain.cost() < PAIR_ABOVE * chance.scale.max(1.0) * plain.state.rows as f64;
     let mut chosen = choose(&scanned, if quiet { FITTED_IF_QUIET } else { FITTED });

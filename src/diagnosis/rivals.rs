@@ -1,4 +1,5 @@
-//! Simpler methods, taken to their end: which model each builds, and how it does on recordings that were not fitted.
+//! Simpler methods: what each would name at a glance, and, taken to their end, which model each builds and how that does on recordings
+//! that were not fitted.
 //!
 //! Forward selection adds the cause of the catalogue whose refit lowers Akaike's criterion most, until none does. Sparse regression
 //! (LASSO, penalty by the Bayesian information criterion) picks columns among the fingerprints at once; the causes that it
@@ -11,8 +12,10 @@ use super::problem::{Fitted, Problem, Tangent, free_values};
 use super::scan::{Group, Scanned, Unit, scan};
 use super::subject::Subject;
 use super::{FIRST, POLISH, choose, gain, refit};
-use crate::effects::{Acting, Reach};
+use crate::effects::Acting;
 
+const FORWARD: &str = "forward selection (AIC)";
+const SPARSE: &str = "sparse regression (LASSO)";
 /// Causes that a rival may take at most.
 const MOST: usize = 6;
 /// Hypotheses that are fitted in full in each step of the forward selection.
@@ -20,22 +23,21 @@ const TRIED: usize = 6;
 /// Columns that the sparse regression may choose from.
 const COLUMNS: usize = 60;
 
-/// The models of forward selection and of sparse regression.
+/// The models of forward selection and of sparse regression; `tangent` is that of the plain fit.
 ///
 /// # Errors
 /// [`Error`] where a model cannot be evaluated.
 pub(super) fn rival_models<S: Subject>(
     problem: &Problem<S>,
     plain: &Fitted,
+    tangent: &Tangent,
     groups: &[Group],
     units: &[Unit],
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Vec<RivalModel>, Error> {
-    let forward = forward(problem, plain, groups, units, wanted)?;
-    let sparse = sparse(problem, plain, groups)?;
     [
-        ("forward selection (AIC)", forward),
-        ("sparse regression (LASSO)", sparse),
+        (FORWARD, forward(problem, plain, groups, units, wanted)?),
+        (SPARSE, sparse(problem, plain, tangent, groups)),
     ]
     .into_iter()
     .map(|(method, fitted)| {
@@ -114,52 +116,121 @@ fn forward<S: Subject>(
 fn sparse<S: Subject>(
     problem: &Problem<S>,
     plain: &Fitted,
+    tangent: &Tangent,
     groups: &[Group],
-) -> Result<Fitted, Error> {
-    let tangent = Tangent::new(problem, plain)?;
+) -> Fitted {
+    let columns = columns(groups);
+    let mut effects: Vec<Acting> = Vec::new();
+    for (i, _) in lasso(tangent, &columns) {
+        let own = &columns[i].0;
+        let same = |a: &Acting| a.effect.id() == own.effect.id() && a.on == own.on;
+        if effects.len() < MOST && !effects.iter().any(same) {
+            effects.push(own.clone());
+        }
+    }
+    if effects.is_empty() {
+        return plain.clone();
+    }
+    let own = problem.nonlinear.len();
+    let first = problem.fit(&effects, &plain.state.eta[..own], &plain.state.beta, FIRST);
+    problem.fit(
+        &first.effects,
+        &first.state.eta[..own],
+        &first.state.beta,
+        POLISH,
+    )
+}
+
+/// Every fingerprint, with the effect and the actuators that it belongs to.
+fn columns(groups: &[Group]) -> Vec<(Acting, DVector<f64>)> {
+    let mut out = Vec::new();
+    for g in groups {
+        for &on in g.effect.reach().sets() {
+            for (values, column) in g.values.iter().zip(g.columns_on(on)) {
+                let values = values.clone();
+                let acting = Acting {
+                    effect: g.effect,
+                    values,
+                    on,
+                };
+                out.push((acting, column));
+            }
+        }
+    }
+    out
+}
+
+/// What simpler methods name: a whiteness test, forward selection by Akaike's criterion, the largest correlation of the raw residual, and
+/// sparse regression (LASSO, penalty by the Bayesian information criterion) on projected fingerprints.
+pub(super) fn named(
+    tangent: &Tangent,
+    groups: &[Group],
+    scanned: &[Scanned],
+) -> Vec<(&'static str, bool, Option<&'static str>)> {
     let r = &tangent.residual;
-    struct Own {
-        acting: Acting,
-        column: DVector<f64>,
+    let n = r.len() as f64;
+    let mean_square = r.norm_squared() / n;
+    let seen = mean_square > 1.0 + 3.0 * (2.0 / n).sqrt();
+    let free = |s: &Scanned| free_values(&s.acting).len() as f64;
+    let first = scanned
+        .iter()
+        .max_by(|a, b| (a.promised - 2.0 * free(a)).total_cmp(&(b.promised - 2.0 * free(b))));
+    let akaike = first
+        .filter(|s| s.promised > 2.0 * free(s))
+        .map(|s| s.acting.effect.id());
+    let columns = columns(groups);
+    let id = |i: usize| columns[i].0.effect.id();
+    let raw = columns
+        .iter()
+        .map(|(_, c)| c.dot(r).abs() / (c.norm() * r.norm()).max(f64::MIN_POSITIVE))
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let correlation = raw.filter(|c| c.1 > 3.0 / n.sqrt()).map(|c| id(c.0));
+    let sparse = lasso(tangent, &columns).first().map(|c| id(c.0));
+    vec![
+        ("whiteness test", seen, None),
+        (FORWARD, akaike.is_some(), akaike),
+        (
+            "largest raw correlation",
+            correlation.is_some(),
+            correlation,
+        ),
+        (SPARSE, sparse.is_some(), sparse),
+    ]
+}
+
+/// The LASSO on fingerprints with everything projected out that a refit could absorb, standardised, at the penalty whose Bayesian
+/// information criterion is smallest: the columns that it keeps and their coefficients, largest first.
+fn lasso(tangent: &Tangent, columns: &[(Acting, DVector<f64>)]) -> Vec<(usize, f64)> {
+    let r = &tangent.residual;
+    struct Own<'a> {
+        index: usize,
+        column: &'a DVector<f64>,
         along: DVector<f64>,
         norm: f64,
         product: f64,
     }
-    let mut list: Vec<Own> = Vec::new();
-    for g in groups {
-        let mut sets = vec![[true; 3]];
-        if g.effect.reach() != Reach::All {
-            sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k)));
-        }
-        if g.effect.reach() == Reach::One {
-            sets.remove(0);
-        }
-        for on in sets {
-            for (values, column) in g.values.iter().zip(g.columns_on(on)) {
-                let along = tangent.columns.tr_mul(&column);
-                let square = tangent.projected(column.norm_squared(), &along, &along);
-                if square > 1e-9 * column.norm_squared() {
-                    list.push(Own {
-                        acting: Acting {
-                            effect: g.effect,
-                            values: values.clone(),
-                            on,
-                        },
-                        product: -column.dot(r) / square.sqrt(),
-                        column,
-                        along,
-                        norm: square.sqrt(),
-                    });
-                }
-            }
-        }
-    }
+    let mut list: Vec<Own> = columns
+        .iter()
+        .enumerate()
+        .filter_map(|(index, (_, column))| {
+            let along = tangent.columns.tr_mul(column);
+            let square = tangent.projected(column.norm_squared(), &along, &along);
+            (square > 1e-9 * column.norm_squared()).then(|| Own {
+                index,
+                product: -column.dot(r) / square.sqrt(),
+                column,
+                along,
+                norm: square.sqrt(),
+            })
+        })
+        .collect();
     list.sort_by(|a, b| b.product.abs().total_cmp(&a.product.abs()));
     list.truncate(COLUMNS);
     let m = list.len();
     let gram = DMatrix::from_fn(m, m, |i, j| {
         let (a, b) = (&list[i], &list[j]);
-        tangent.projected(a.column.dot(&b.column), &a.along, &b.along) / (a.norm * b.norm)
+        tangent.projected(a.column.dot(b.column), &a.along, &b.along) / (a.norm * b.norm)
     });
     let target = DVector::from_fn(m, |i, _| list[i].product);
     let (n, total) = (r.len() as f64, r.norm_squared());
@@ -187,25 +258,8 @@ fn sparse<S: Subject>(
             best = (score, c.clone());
         }
     }
-    let mut order: Vec<usize> = (0..m).filter(|&i| best.1[i] != 0.0).collect();
-    order.sort_by(|&a, &b| best.1[b].abs().total_cmp(&best.1[a].abs()));
-    let mut effects: Vec<Acting> = Vec::new();
-    for i in order {
-        let own = &list[i].acting;
-        let same = |a: &Acting| a.effect.id() == own.effect.id() && a.on == own.on;
-        if effects.len() < MOST && !effects.iter().any(same) {
-            effects.push(own.clone());
-        }
-    }
-    if effects.is_empty() {
-        return Ok(plain.clone());
-    }
-    let own = problem.nonlinear.len();
-    let first = problem.fit(&effects, &plain.state.eta[..own], &plain.state.beta, FIRST);
-    Ok(problem.fit(
-        &first.effects,
-        &first.state.eta[..own],
-        &first.state.beta,
-        POLISH,
-    ))
+    let kept = best.1.iter().enumerate().filter(|(_, c)| **c != 0.0);
+    let mut kept: Vec<(usize, f64)> = kept.map(|(i, c)| (list[i].index, *c)).collect();
+    kept.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    kept
 }

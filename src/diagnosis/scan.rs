@@ -130,17 +130,9 @@ pub(super) fn scan<S: Subject>(
 }
 
 fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
-    let mut sets: Vec<[bool; 3]> = Vec::new();
-    match group.effect.reach() {
-        Reach::All => sets.push([true; 3]),
-        Reach::One => sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k))),
-        Reach::AllOrOne => {
-            sets.push([true; 3]);
-            sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k)));
-        }
-    }
-    sets.into_iter()
-        .filter_map(|on| {
+    let sets = group.effect.reach().sets();
+    sets.iter()
+        .filter_map(|&on| {
             let columns = group.columns_on(on);
             solve(
                 group.effect,
@@ -382,112 +374,4 @@ fn steps<S: Subject>(problem: &Problem<S>, tangent: &Tangent, units: &[Unit]) ->
         });
     }
     out
-}
-
-/// Hypotheses that the sparse regression may choose from.
-const SPARSE: usize = 60;
-
-/// What simpler methods say: a whiteness test, forward selection by Akaike's criterion, the largest correlation of the raw residual, and
-/// sparse regression (LASSO, penalty by the Bayesian information criterion) on projected fingerprints.
-pub(super) fn rivals(
-    tangent: &Tangent,
-    groups: &[Group],
-    scanned: &[Scanned],
-) -> Vec<(&'static str, bool, Option<&'static str>)> {
-    let r = &tangent.residual;
-    let n = r.len() as f64;
-    let mean_square = r.norm_squared() / n;
-    let seen = mean_square > 1.0 + 3.0 * (2.0 / n).sqrt();
-    let white = ("whiteness test", seen, None);
-    let free = |s: &Scanned| super::problem::free_values(&s.acting).len() as f64;
-    let first = scanned
-        .iter()
-        .max_by(|a, b| (a.promised - 2.0 * free(a)).total_cmp(&(b.promised - 2.0 * free(b))));
-    let akaike = first
-        .filter(|s| s.promised > 2.0 * free(s))
-        .map(|s| s.acting.effect.id());
-    let mut columns: Vec<(&'static str, DVector<f64>)> = Vec::new();
-    for g in groups {
-        let mut sets = vec![[true; 3]];
-        if g.effect.reach() != Reach::All {
-            sets.extend([0, 1, 2].map(|k| [0, 1, 2].map(|j| j == k)));
-        }
-        if g.effect.reach() == Reach::One {
-            sets.remove(0);
-        }
-        for on in sets {
-            columns.extend(g.columns_on(on).into_iter().map(|c| (g.effect.id(), c)));
-        }
-    }
-    let raw = columns
-        .iter()
-        .map(|(id, c)| {
-            (
-                *id,
-                c.dot(r).abs() / (c.norm() * r.norm()).max(f64::MIN_POSITIVE),
-            )
-        })
-        .max_by(|a, b| a.1.total_cmp(&b.1));
-    let correlation = raw.filter(|c| c.1 > 3.0 / n.sqrt()).map(|c| c.0);
-    let sparse = sparse(tangent, &columns);
-    vec![
-        white,
-        ("forward selection (AIC)", akaike.is_some(), akaike),
-        (
-            "largest raw correlation",
-            correlation.is_some(),
-            correlation,
-        ),
-        ("sparse regression (LASSO)", sparse.is_some(), sparse),
-    ]
-}
-
-/// The effect with the largest standardised coefficient of the LASSO whose penalty has the smallest Bayesian information criterion.
-fn sparse(tangent: &Tangent, columns: &[(&'static str, DVector<f64>)]) -> Option<&'static str> {
-    let r = &tangent.residual;
-    type Column<'a> = (&'static str, f64, &'a DVector<f64>, DVector<f64>, f64);
-    let mut list: Vec<Column> = columns
-        .iter()
-        .filter_map(|(id, c)| {
-            let along = tangent.columns.tr_mul(c);
-            let square = tangent.projected(c.norm_squared(), &along, &along);
-            (square > 1e-9 * c.norm_squared())
-                .then(|| (*id, c.dot(r).abs() / square.sqrt(), c, along, square.sqrt()))
-        })
-        .collect();
-    list.sort_by(|a, b| b.1.total_cmp(&a.1));
-    list.truncate(SPARSE);
-    let m = list.len();
-    let gram = DMatrix::from_fn(m, m, |i, j| {
-        let (a, b) = (&list[i], &list[j]);
-        tangent.projected(a.2.dot(b.2), &a.3, &b.3) / (a.4 * b.4)
-    });
-    let target = DVector::from_fn(m, |i, _| -list[i].2.dot(r) / list[i].4);
-    let n = r.len() as f64;
-    let total = r.norm_squared();
-    let top = target.amax();
-    let mut best: (f64, Option<&'static str>) = (n * (total / n).ln(), None);
-    let mut c = DVector::zeros(m);
-    for step in 0..25 {
-        let penalty = top * 0.8_f64.powi(step);
-        for _ in 0..60 {
-            let mut moved = 0.0_f64;
-            for i in 0..m {
-                let pull = target[i] - gram.row(i).dot(&c.transpose()) + c[i];
-                let next = pull.signum() * (pull.abs() - penalty).max(0.0);
-                moved = moved.max((next - c[i]).abs());
-                c[i] = next;
-            }
-            if moved < 1e-4 * top {
-                break;
-            }
-        }
-        let left = total - 2.0 * c.dot(&target) + c.dot(&(&gram * &c));
-        let used = c.iter().filter(|x| **x != 0.0).count() as f64;
-        let criterion = n * (left.max(1e-9) / n).ln() + used * n.ln();
-        if criterion < best.0 {
-            best = (criterion, Some(list[c.iamax()].0));
-        }
-    }
-    best.1
 }

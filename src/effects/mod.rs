@@ -102,6 +102,23 @@ pub enum Reach {
     One,
 }
 
+impl Reach {
+    /// The sets of actuators that a cause of this reach may sit in.
+    pub fn sets(self) -> &'static [[bool; 3]] {
+        const SETS: [[bool; 3]; 4] = [
+            [true, true, true],
+            [true, false, false],
+            [false, true, false],
+            [false, false, true],
+        ];
+        match self {
+            Reach::AllOrOne => &SETS,
+            Reach::All => &SETS[..1],
+            Reach::One => &SETS[1..],
+        }
+    }
+}
+
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantity {

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::cases::{Case, Detail, Planted, Spec, generate_as};
 use crate::effects::{Acting, When, by_id};
-use crate::simulate::{Motion, motion_with_effects};
+use crate::simulate::{Motion, Options, motion_with_effects};
 
 /// Makes a case whose effects have the catalogue's own form, at the equivalent values of the case's own.
 ///
@@ -14,7 +14,7 @@ pub fn own_form(spec: &Spec) -> Result<Case, String> {
     generate_as(spec, &simulate)
 }
 
-fn simulate(planted: &Planted) -> Result<Motion, String> {
+fn simulate(planted: &Planted, options: &Options) -> Result<Motion, String> {
     let recording = |word: &str| {
         let last = |name: &str| name.rsplit('/').next().map(str::to_owned);
         planted.names.iter().position(|n| last(n) == last(word))
@@ -27,13 +27,13 @@ fn simulate(planted: &Planted) -> Result<Motion, String> {
     let when = When {
         recording: planted.number,
         series_s: planted.series_s,
-        start_s: planted.options.start_s,
+        start_s: options.start_s,
     };
     let (motion, ended) = motion_with_effects(
         planted.robot,
         planted.parameters,
         planted.drive,
-        planted.options,
+        options,
         &effects.ok_or("the catalogue has no form of its own for this effect")?,
         when,
         planted.pivot_m,

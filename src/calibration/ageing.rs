@@ -12,12 +12,15 @@ use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::erf::erfc;
 
+use super::Error;
+use super::aged::Cause;
+use super::aged_robot::AgedRobot;
+use super::aged_sample::AgedSample;
 use super::joint::{Joint, joint};
 use super::profile::TWO_SIDED_95;
 use super::stroke::{Strokes, Value, strokes};
-use super::{Cause, Error};
-use crate::dataset::{Cycles, HangingDataset};
-use crate::model::HangingSample;
+use crate::dataset::{Cycles, Dataset, HangingDataset};
+use crate::model::{HangingSample, Robot};
 
 /// Cycles of the ageing figure.
 pub const CYCLES: usize = 8;
@@ -45,6 +48,15 @@ pub enum By {
     Batch,
 }
 
+/// What a recording is of, for the joint fit.
+#[derive(Debug, Clone)]
+pub enum AgeingSubject {
+    /// A hanging sample.
+    Sample(Box<HangingDataset>, HangingSample),
+    /// A robot.
+    Robot(Box<Dataset>, Box<Robot>),
+}
+
 /// One recording, as ageing sees it.
 #[derive(Debug, Clone)]
 pub struct AgeingInput {
@@ -64,8 +76,8 @@ pub struct AgeingInput {
     pub step_s: f64,
     /// Cycles of its drive.
     pub cycles: Result<Cycles, String>,
-    /// Of a hanging sample: what a joint fit needs.
-    pub hanging: Option<(HangingDataset, HangingSample)>,
+    /// What it is of, and what a joint fit needs.
+    pub subject: AgeingSubject,
     /// The command at each frame (the first channel), V, to draw loops.
     pub command_v: Vec<f64>,
 }
@@ -405,7 +417,10 @@ fn rigs(electrodes: &[ElectrodeAgeing], runs: &[Run], inputs: &[AgeingInput]) ->
             own.is_some_and(|n| n.trim().eq_ignore_ascii_case(&e.name))
         };
         let own = runs.iter().map(|r| &inputs[r.input]);
-        own.filter(named).find_map(|i| Some(i.hanging.as_ref()?.1))
+        own.filter(named).find_map(|i| match &i.subject {
+            AgeingSubject::Sample(_, sample) => Some(*sample),
+            AgeingSubject::Robot(..) => None,
+        })
     };
     let mut out = Vec::new();
     for (i, a) in electrodes.iter().enumerate() {
@@ -741,25 +756,51 @@ fn of_sample(
     levels.sort_unstable();
     levels.dedup();
     let place = |p: &Placed| levels.iter().position(|l| *l == level_of(p)).unwrap_or(0);
-    let mut datasets = Vec::new();
+    let numbers: Vec<usize> = mine.iter().map(|p| place(p)).collect();
+    let stroke = |level: usize| {
+        let own: Vec<f64> = mine
+            .iter()
+            .filter(|p| place(p) == level)
+            .map(|p| p.strokes.mean.value)
+            .collect();
+        own.iter().sum::<f64>() / own.len() as f64
+    };
+    let loss: Vec<f64> = (0..levels.len())
+        .map(|l| 1.0 - stroke(l) / stroke(0))
+        .collect();
+    let days = what == "day";
+    let mut hanging = Vec::new();
     let mut samples = Vec::new();
-    let mut numbers = Vec::new();
+    let mut moving = Vec::new();
+    let mut robots = Vec::new();
     for p in &mine {
-        if let Some((dataset, sample)) = &inputs[p.input].hanging {
-            let mut dataset = dataset.clone();
-            // What follows a failure says nothing of the sample that was.
-            if p.strokes.notes.iter().any(|n| n.contains("fails"))
-                && let Some(last) = p.strokes.cycles.last()
-            {
-                dataset.forget_after(last.start_s + p.strokes.period_s);
+        // What follows a failure says nothing of what was before.
+        let failed = p.strokes.notes.iter().any(|n| n.contains("fails"));
+        let last = p.strokes.cycles.last().filter(|_| failed);
+        let end_s = last.map(|c| c.start_s + p.strokes.period_s);
+        match &inputs[p.input].subject {
+            AgeingSubject::Sample(dataset, sample) => {
+                let mut dataset = dataset.clone();
+                if let Some(end_s) = end_s {
+                    dataset.forget_after(end_s);
+                }
+                hanging.push(dataset);
+                samples.push(*sample);
             }
-            datasets.push(dataset);
-            samples.push(*sample);
-            numbers.push(place(p));
+            AgeingSubject::Robot(dataset, robot) => {
+                let mut dataset = dataset.clone();
+                if let Some(end_s) = end_s {
+                    for i in 0..dataset.samples() {
+                        dataset.usable[i] &= dataset.time_s(i) <= end_s;
+                    }
+                }
+                moving.push(dataset);
+                robots.push(robot);
+            }
         }
     }
     let rest = |l: usize| -> f64 {
-        let own: Vec<f64> = datasets
+        let own: Vec<f64> = hanging
             .iter()
             .zip(&numbers)
             .filter(|(_, n)| **n == l)
@@ -767,28 +808,32 @@ fn of_sample(
             .collect();
         own.iter().sum::<f64>() / own.len() as f64
     };
-    let rest_shift_m = (0..levels.len()).map(|l| rest(l) - rest(0)).collect();
-    let fit = if datasets.len() < mine.len() {
+    let rest_shift_m = match moving.is_empty() {
+        true => (0..levels.len()).map(|l| rest(l) - rest(0)).collect(),
+        false => Vec::new(),
+    };
+    let fit = if levels.len() < 2 {
+        Err(format!("one {what} only"))
+    } else if moving.is_empty() {
+        let refs: Vec<&HangingDataset> = hanging.iter().map(|d| &**d).collect();
+        AgedSample::new(&refs, &samples, &numbers, mount_m)
+            .and_then(|aged| joint(&aged, days, &loss))
+            .map_err(|e| e.to_string())
+    } else if !hanging.is_empty() {
         Err(
-            "what aged is told for hanging samples only: of a robot the stroke is compared, and `deacal diagnose` on all its days finds what changed"
+            "its recordings are of hanging samples and of a robot, which do not share a film"
                 .into(),
         )
-    } else if levels.len() < 2 {
-        Err(format!("one {what} only"))
+    } else if let Some(other) = robots.iter().position(|r| *r != robots[0]) {
+        Err(format!(
+            "the rigs of `{}` and `{}` differ: what aged is told of one robot, so state the same rig in both",
+            inputs[mine[0].input].id, inputs[mine[other].input].id
+        ))
     } else {
-        let refs: Vec<&HangingDataset> = datasets.iter().collect();
-        let stroke = |level: usize| {
-            let own: Vec<f64> = mine
-                .iter()
-                .filter(|p| place(p) == level)
-                .map(|p| p.strokes.mean.value)
-                .collect();
-            own.iter().sum::<f64>() / own.len() as f64
-        };
-        let loss: Vec<f64> = (0..levels.len())
-            .map(|l| 1.0 - stroke(l) / stroke(0))
-            .collect();
-        joint(&refs, &samples, &numbers, what == "day", &loss, mount_m).map_err(|e| e.to_string())
+        let refs: Vec<&Dataset> = moving.iter().map(|d| &**d).collect();
+        AgedRobot::new(robots[0], &refs, &numbers)
+            .and_then(|aged| joint(&aged, days, &loss))
+            .map_err(|e| e.to_string())
     };
     SampleAgeing {
         name: name.into(),

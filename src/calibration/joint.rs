@@ -1,6 +1,7 @@
-//! One film over all days of a sample, and what has to differ between the days: which cause moved, and on which days it stood still.
+//! One film over all days of a sample or a robot, and what has to differ between the days: which cause moved, and on which days it stood still.
+//! How their recordings are fitted is theirs (`Aged`).
 //!
-//! All recordings of a sample are fitted at once with one film (moduli of a fixed set of relaxation times: a Prony series; J held). A
+//! All recordings are fitted at once with one film (of a sample: moduli of a fixed set of relaxation times, a Prony series; J held). A
 //! *model* is a set of at most two causes, each with a *shape* over the levels (days, batches): a partition into groups that share its value
 //! ("day 1 = day 3" is one like any other; days only into runs, because what has aged does not come back), or in step with the loss of stroke, which
 //! takes one number for all days. Pairwise differences are thus penalised by their number, not their size (field of Hauber et al. 2023, here with
@@ -16,7 +17,7 @@
 //! Every single cause is fitted with a value on each level. Pairs are foretold from these fits, linearised; the likeliest are fitted two
 //! at a time until none is foretold to come near the best, by a margin that grows with what the fits saved beyond what was foretold.
 //!
-//! The position at rest shows stiffening plainly and holds how the sample was hung. It joins the evidence as one more number a recording,
+//! The position at rest of a hanging sample shows stiffening plainly and holds how it was hung. It joins the evidence as one more number a recording,
 //! whose scatter is known where the user states it and else one of nine from 0.02 to 1 mm, alike likely, plus 5 % of the shift for the
 //! model. Where mounts scatter it decides nothing. Values and intervals do not rest on it.
 //!
@@ -27,20 +28,12 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::Error;
-use super::sample::{marginal, noise_of, spread_times, start_film};
-use super::sample_problem::{Cause, Hung, Levels, Normal, Prior, Rest, SampleProblem, Slot, hang};
+use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
+use super::sample::marginal;
 use super::stroke::Value;
-use crate::dataset::{HangingDataset, OffsetSource};
 use crate::film::Film;
-use crate::fit::levenberg_marquardt::{self as lm, Resting};
-use crate::model::{Electrode, HangingSample};
+use crate::model::ForearmTorque;
 
-/// Branches of the film.
-const BRANCHES: usize = 6;
-/// Locking constant that is held.
-const LOCKING: f64 = 80.0;
-/// A resistance to begin with, ohm.
-const START_RESISTANCE_OHM: f64 = 5e6;
 /// Levels up to which all partitions are tried, not only those into runs.
 const FEW_LEVELS: usize = 5;
 /// Difference of the criterion up to which a rival model counts as not told apart: odds of 20.
@@ -49,23 +42,8 @@ const RIVAL: f64 = 6.0;
 const NEAR: f64 = 12.0;
 /// Fits at once, after which what is foretold is weighed again.
 const AT_ONCE: usize = 2;
-/// Scatter of the mounting that is thought of, m: from a marker's repeatability to a clamp set by eye.
-const MOUNTS_M: [f64; 2] = [2e-5, 1e-3];
-/// Values between these that are weighed.
-const MOUNTS: usize = 9;
-/// Accuracy of a predicted shift at rest, share of the shifts seen.
-const REST_ACCURACY: f64 = 0.05;
 /// Inflation of the noise below which a fit counts as down to the noise.
 const MISFIT: f64 = 1.5;
-/// An aged electrode, on which the step of the integration is settled: a lag asks for a finer one than a film alone.
-const AGED: Electrode = Electrode {
-    modulus_pa: 2e5,
-    resistance_ohm: 3e8,
-    active_fraction: 1.0,
-};
-/// Position at rest beyond the mean of the first frames, m.
-const SHIFT_PRIOR_M: f64 = 1e-3;
-
 /// A cause over the levels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CauseFound {
@@ -85,7 +63,7 @@ pub struct CauseFound {
     pub at_bound: bool,
 }
 
-/// A sample fitted over its levels.
+/// A sample, or a robot, fitted over its levels.
 #[derive(Debug, Clone)]
 pub struct Joint {
     /// The film of the first level.
@@ -96,13 +74,11 @@ pub struct Joint {
     pub confused: Vec<[Cause; 2]>,
     /// Probability that nothing changed.
     pub nothing: f64,
-    /// What each level's sample is by the chosen model.
-    pub samples: Vec<HangingSample>,
-    /// Factor on the film's moduli on each level.
-    pub film_factor: Vec<f64>,
-    /// Length at rest on each level, m.
-    pub rest_length_m: Vec<f64>,
-    /// Mean square of (predicted minus captured x)/noise.
+    /// The forearms of a robot.
+    pub forearm: Option<ForearmTorque>,
+    /// Each level by the chosen model.
+    pub levels: Vec<LevelModel>,
+    /// Mean square of (predicted minus captured)/noise: x of a sample, torques of a robot.
     pub weighted_mean_square: f64,
     /// The same with one set of values for all levels.
     pub unchanged_mean_square: f64,
@@ -117,43 +93,9 @@ pub struct Joint {
 /// Groups of the levels, one list a cause of a model.
 type Partition = Vec<usize>;
 
-/// A model at some values of its unknowns.
-#[derive(Clone)]
-struct Place {
-    /// Causes with a value on every level.
-    causes: Vec<Cause>,
-    slots: Vec<Slot>,
-    values: Vec<f64>,
-}
-
-impl Place {
-    /// Value of an unknown, where it is one.
-    fn get(&self, slot: Slot) -> Option<f64> {
-        let j = self.slots.iter().position(|s| *s == slot)?;
-        Some(self.values[j])
-    }
-
-    /// Value of a cause on a level.
-    fn value(&self, cause: Cause, level: usize) -> f64 {
-        let own = if self.causes.contains(&cause) {
-            level
-        } else {
-            0
-        };
-        self.get(Slot::Cause(cause, own)).unwrap_or(cause.off())
-    }
-}
-
-/// A fitted model.
-struct Solution {
-    place: Place,
-    outcome: lm::Outcome,
-}
-
 /// The rows linearised at a solution, by every cause on every level and all else.
 struct Linear {
-    slots: Vec<Slot>,
-    values: Vec<f64>,
+    place: Place,
     /// Of unknowns that rest on a bound nothing is known.
     free: Vec<bool>,
     normal: Normal,
@@ -162,7 +104,7 @@ struct Linear {
 /// -2 ln of the likelihood of a set of causes over the noise's inflation as a quadratic form in their values on every level, all else solved for.
 struct Form {
     place: Place,
-    /// By the scatter of the mounting, one of [`Data::mounts`].
+    /// By the scatter of the mounting, one of [`Aged::mounts`].
     by_mount: Vec<Quadratic>,
 }
 
@@ -238,282 +180,113 @@ fn groups(p: &Partition) -> usize {
     p.iter().max().map_or(1, |m| m + 1)
 }
 
-/// The data of a sample.
-struct Data<'a> {
-    hung: &'a [Hung<'a>],
-    level: &'a [usize],
-    levels: usize,
-    film: Film,
-    free_offset: Vec<usize>,
-    /// Positions at rest of the recordings, m.
-    seen_m: Vec<f64>,
-    /// Scatter of the mounting where it is known, m.
-    mount_m: Option<f64>,
+/// Fits a model, beginning at `from`.
+fn solve<A: Aged>(aged: &A, causes: &[Cause], from: &Place, fine: bool) -> Result<Minimum, Error> {
+    let Place { slots, values, .. } = aged.place(causes, from);
+    let within = |(slot, value): (&Slot, &f64)| {
+        let [low, high] = aged.bounds(slot);
+        value.clamp(low, high)
+    };
+    let start: Vec<f64> = slots.iter().zip(&values).map(within).collect();
+    aged.minimise(causes, slots, &start, fine)
 }
 
-impl Data<'_> {
-    /// Level from which a cause has values: all but the resistance count from the first.
-    fn first_level(cause: Cause) -> usize {
-        usize::from(cause != Cause::SeriesResistance)
-    }
+/// The problem with every cause on every level linearised at `place`; unknowns that rest on a bound by `found` stay there.
+fn linear<A: Aged>(aged: &A, place: &Place, found: Option<&Minimum>) -> Result<Linear, Error> {
+    let wide = aged.place(&Cause::ALL, place);
+    let free = |s: &Slot| {
+        let rests = || {
+            let found = found?;
+            let j = found.place.slots.iter().position(|q| q == s)?;
+            Some(found.resting[j])
+        };
+        matches!(s, Slot::Cause(..)) || !rests().unwrap_or(false)
+    };
+    Ok(Linear {
+        normal: aged.normal(&wide)?,
+        free: wide.slots.iter().map(free).collect(),
+        place: wide,
+    })
+}
 
-    /// Film and shifts, and `causes` with a value on every level.
-    fn problem(&self, causes: &[Cause]) -> SampleProblem<'_> {
-        let mut slots = Vec::new();
-        for cause in causes {
-            let first = Self::first_level(*cause);
-            slots.extend((first..self.levels).map(|l| Slot::Cause(*cause, l)));
+/// What `linear` says of a model with `causes`, each with a value on every level; `None` where that is nothing.
+fn form<A: Aged>(aged: &A, linear: &Linear, causes: &[Cause], inflation: f64) -> Option<Form> {
+    let slots = aged.slots(causes);
+    let shared = !causes.contains(&Cause::SeriesResistance);
+    // The unknowns of the small model by those of the wide one: one resistance for all levels is the sum of its columns.
+    let resistance = |s: &Slot| matches!(s, Slot::Cause(Cause::SeriesResistance, _));
+    let tie = DMatrix::from_fn(linear.place.slots.len(), slots.len(), |i, j| {
+        let (wide, own) = (&linear.place.slots[i], &slots[j]);
+        let same = wide == own || (shared && resistance(wide) && resistance(own));
+        f64::from(u8::from(same && linear.free[i]))
+    });
+    let n = slots.len();
+    let gram = tie.tr_mul(&linear.normal.gram) * &tie / inflation;
+    let gradient = tie.tr_mul(&linear.normal.gradient) / inflation;
+    let rest = &linear.normal.rest * &tie;
+    // Scaled, because ohms and metres stand side by side.
+    let scale: Vec<f64> = (0..n)
+        .map(|i| match gram[(i, i)] > 0.0 {
+            true => gram[(i, i)].sqrt(),
+            false => 1.0,
+        })
+        .collect();
+    let known = slots
+        .iter()
+        .take_while(|s| matches!(s, Slot::Cause(c, _) if causes.contains(c)))
+        .count();
+    let from: Vec<f64> = slots
+        .iter()
+        .map(|s| linear.place.slots.iter().position(|w| w == s))
+        .map(|i| i.map_or(0.0, |i| linear.place.values[i]))
+        .collect();
+    let range: Vec<f64> = slots[..known]
+        .iter()
+        .map(|s| match s {
+            Slot::Cause(c, _) => c.range(),
+            _ => 1.0,
+        })
+        .collect();
+    let mut steps = Vec::new();
+    let mut by_mount = Vec::new();
+    for sd in aged.mounts() {
+        let all = &gram + rest.tr_mul(&rest) / (sd * sd);
+        let mut scaled = DMatrix::from_fn(n, n, |i, j| all[(i, j)] / (scale[i] * scale[j]));
+        for i in 0..n {
+            scaled[(i, i)] = scaled[(i, i)] * (1.0 + 1e-10) + 1e-10;
         }
-        if !causes.contains(&Cause::SeriesResistance) {
-            slots.push(Slot::Cause(Cause::SeriesResistance, 0));
-        }
-        slots.extend((0..self.film.mu_pa.len()).map(Slot::Modulus));
-        slots.extend((0..self.hung.len()).map(Slot::Shift));
-        slots.extend(self.free_offset.iter().map(|&r| Slot::Offset(r)));
-        let priors: Vec<Prior> = slots
-            .iter()
-            .map(|s| matches!(s, Slot::Shift(_)).then_some((0.0, SHIFT_PRIOR_M)))
-            .collect();
-        let levels: Vec<Levels> = self
-            .level
-            .iter()
-            .map(|&l| Cause::ALL.map(|c| if causes.contains(&c) { l } else { 0 }))
-            .collect();
-        SampleProblem::new(self.hung, self.film.clone(), slots, priors, levels)
-    }
-
-    /// Values of the unknowns of `problem` at `from`; what that does not have, where a search begins.
-    fn values(&self, problem: &SampleProblem, from: &Place) -> Vec<f64> {
-        let value = |slot: &Slot| match *slot {
-            Slot::Cause(cause, level) => from.value(cause, level),
-            other => from.get(other).unwrap_or(match other {
-                Slot::Modulus(n) => self.film.mu_pa[n],
-                Slot::Offset(r) => self.hung[r].offset_s,
-                _ => 0.0,
+        let left = &linear.normal.rest_left;
+        let right = &gradient + rest.tr_mul(left) / (sd * sd);
+        let right = DVector::from_fn(n, |i, _| right[i] / scale[i]);
+        let step = scaled.clone().cholesky()?.solve(&right);
+        let own = marginal(&scaled, known);
+        by_mount.push(Quadratic {
+            least: linear.normal.square / inflation + left.norm_squared() / (sd * sd)
+                - right.dot(&step)
+                + 2.0 * left.len().saturating_sub(1) as f64 * sd.ln(),
+            at: DVector::from_fn(known, |i, _| (from[i] - step[i] / scale[i]) / range[i]),
+            curvature: DMatrix::from_fn(known, known, |i, j| {
+                own[(i, j)] * scale[i] * range[i] * scale[j] * range[j]
             }),
-        };
-        problem.slots.iter().map(value).collect()
-    }
-
-    fn bounds(&self, slot: &Slot) -> [f64; 2] {
-        match slot {
-            Slot::Cause(cause, _) => cause.bounds(),
-            Slot::Modulus(0) => [1e3, 1e9],
-            Slot::Modulus(_) => [0.0, 1e9],
-            Slot::Offset(r) => [-0.2, 0.2].map(|v| self.hung[*r].offset_s + v),
-            _ => [f64::NEG_INFINITY, f64::INFINITY],
-        }
-    }
-
-    /// Fits a model, beginning at `from`.
-    fn solve(&self, causes: &[Cause], from: &Place, fine: bool) -> Result<Solution, Error> {
-        let mut problem = self.problem(causes);
-        problem.rest = (!fine && self.seen_m.len() > 1).then(|| Rest {
-            seen_m: self.seen_m.clone(),
-            sd_m: self.middle_mount(),
         });
-        let bounds: Vec<[f64; 2]> = problem.slots.iter().map(|s| self.bounds(s)).collect();
-        let start: Vec<f64> = self
-            .values(&problem, from)
-            .iter()
-            .zip(&bounds)
-            .map(|(s, [low, high])| s.clamp(*low, *high))
-            .collect();
-        let options = lm::Options {
-            bounds,
-            iteration_limit: 60,
-            // The square of the first times the cost is what a step would still save: 0.1 of chi^2 in a thousand rows, 1e-5 in the last fit.
-            gradient_tolerance: if fine { 1e-4 } else { 1e-2 },
-            step_tolerance: 1e-8,
-            cost_tolerance: if fine { 1e-9 } else { 1e-6 },
-            polish_limit: 0,
-            ..lm::Options::default()
-        };
-        let outcome = lm::minimise(&problem, &start, &options)
-            .map_err(|misuse| Error::NothingToFit(misuse.to_string()))?;
-        if !outcome.cost.is_finite() {
-            return Err(Error::AllStartsFailed {
-                tried: 1,
-                last: outcome.last_failure.map(|f| f.message).unwrap_or_default(),
-            });
-        }
-        Ok(Solution {
-            place: Place {
-                causes: causes.to_vec(),
-                slots: problem.slots,
-                values: outcome.parameters.clone(),
-            },
-            outcome,
-        })
+        steps.push(step);
     }
-
-    /// The film and the resistance of the first level's recordings by themselves: where the fits begin.
-    fn first(&self) -> Result<(Place, usize), Error> {
-        let own: Vec<usize> = (0..self.hung.len())
-            .filter(|&r| self.level[r] == 0)
-            .collect();
-        let hung: Vec<Hung> = own.iter().map(|&r| self.hung[r].clone()).collect();
-        let data = Data {
-            hung: &hung,
-            level: &vec![0; own.len()],
-            levels: 1,
-            film: self.film.clone(),
-            free_offset: (0..own.len())
-                .filter(|&i| self.free_offset.contains(&own[i]))
-                .collect(),
-            seen_m: own.iter().map(|&r| self.seen_m[r]).collect(),
-            mount_m: self.mount_m,
-        };
-        let begin = Place {
-            causes: Vec::new(),
-            slots: vec![Slot::Cause(Cause::SeriesResistance, 0)],
-            values: vec![START_RESISTANCE_OHM],
-        };
-        let mut found = data.solve(&[], &begin, false)?;
-        let kept = |s: &Slot| matches!(s, Slot::Cause(..) | Slot::Modulus(_));
-        let place = &mut found.place;
-        let (slots, values) = place
-            .slots
-            .iter()
-            .zip(&place.values)
-            .filter(|(s, _)| kept(s))
-            .unzip();
-        (place.slots, place.values) = (slots, values);
-        Ok((found.place, found.outcome.evaluations))
-    }
-
-    /// The problem linearised at `place`; unknowns that rest on a bound by `outcome` stay there.
-    fn linear(&self, place: &Place, outcome: Option<&lm::Outcome>) -> Result<Linear, Error> {
-        let problem = self.problem(&Cause::ALL);
-        let values = self.values(&problem, place);
-        let free = |s: &Slot| {
-            let rests = || {
-                let j = place.slots.iter().position(|q| q == s)?;
-                let resting = &outcome?.resting[j];
-                Some(matches!(resting, Resting::Lower | Resting::Upper))
-            };
-            matches!(s, Slot::Cause(..)) || !rests().unwrap_or(false)
-        };
-        Ok(Linear {
-            normal: problem.normal(&values, &self.seen_m)?,
-            free: problem.slots.iter().map(free).collect(),
-            slots: problem.slots,
-            values,
-        })
-    }
-
-    /// What `linear` says of a model with `causes`, each with a value on every level; `None` where that is nothing.
-    fn form(&self, linear: &Linear, causes: &[Cause], inflation: f64) -> Option<Form> {
-        let problem = self.problem(causes);
-        let shared = !causes.contains(&Cause::SeriesResistance);
-        // The unknowns of the small model by those of the wide one: one resistance for all levels is the sum of its columns.
-        let resistance = |s: &Slot| matches!(s, Slot::Cause(Cause::SeriesResistance, _));
-        let tie = DMatrix::from_fn(linear.slots.len(), problem.slots.len(), |i, j| {
-            let (wide, own) = (&linear.slots[i], &problem.slots[j]);
-            let same = wide == own || (shared && resistance(wide) && resistance(own));
-            f64::from(u8::from(same && linear.free[i]))
-        });
-        let n = problem.slots.len();
-        let gram = tie.tr_mul(&linear.normal.gram) * &tie / inflation;
-        let gradient = tie.tr_mul(&linear.normal.gradient) / inflation;
-        let rest = &linear.normal.rest * &tie;
-        // Scaled, because ohms and metres stand side by side.
-        let scale: Vec<f64> = (0..n)
-            .map(|i| match gram[(i, i)] > 0.0 {
-                true => gram[(i, i)].sqrt(),
-                false => 1.0,
+    let step = &steps[steps.len() / 2];
+    let moved = |share: f64| Place {
+        causes: causes.to_vec(),
+        slots: slots.clone(),
+        values: (0..n)
+            .map(|j| {
+                let [low, high] = aged.bounds(&slots[j]);
+                (from[j] - share * step[j] / scale[j]).clamp(low, high)
             })
-            .collect();
-        let known = problem
-            .slots
-            .iter()
-            .take_while(|s| matches!(s, Slot::Cause(c, _) if causes.contains(c)))
-            .count();
-        let from: Vec<f64> = problem
-            .slots
-            .iter()
-            .map(|s| linear.slots.iter().position(|w| w == s))
-            .map(|i| i.map_or(0.0, |i| linear.values[i]))
-            .collect();
-        let range: Vec<f64> = problem.slots[..known]
-            .iter()
-            .map(|s| match s {
-                Slot::Cause(c, _) => c.range(),
-                _ => 1.0,
-            })
-            .collect();
-        let mut steps = Vec::new();
-        let mut by_mount = Vec::new();
-        for sd in self.mounts() {
-            let all = &gram + rest.tr_mul(&rest) / (sd * sd);
-            let mut scaled = DMatrix::from_fn(n, n, |i, j| all[(i, j)] / (scale[i] * scale[j]));
-            for i in 0..n {
-                scaled[(i, i)] = scaled[(i, i)] * (1.0 + 1e-10) + 1e-10;
-            }
-            let left = &linear.normal.rest_left;
-            let right = &gradient + rest.tr_mul(left) / (sd * sd);
-            let right = DVector::from_fn(n, |i, _| right[i] / scale[i]);
-            let step = scaled.clone().cholesky()?.solve(&right);
-            let own = marginal(&scaled, known);
-            by_mount.push(Quadratic {
-                least: linear.normal.square / inflation + left.norm_squared() / (sd * sd)
-                    - right.dot(&step)
-                    + 2.0 * (self.hung.len() - 1) as f64 * sd.ln(),
-                at: DVector::from_fn(known, |i, _| (from[i] - step[i] / scale[i]) / range[i]),
-                curvature: DMatrix::from_fn(known, known, |i, j| {
-                    own[(i, j)] * scale[i] * range[i] * scale[j] * range[j]
-                }),
-            });
-            steps.push(step);
-        }
-        let step = &steps[steps.len() / 2];
-        let moved = |share: f64| -> Vec<f64> {
-            (0..n)
-                .map(|j| {
-                    let [low, high] = self.bounds(&problem.slots[j]);
-                    (from[j] - share * step[j] / scale[j]).clamp(low, high)
-                })
-                .collect()
-        };
-        let hangs = |values: &Vec<f64>| {
-            (0..self.hung.len()).all(|r| {
-                let s = problem.setting(r, values);
-                let residual = &self.hung[r].residual;
-                let length = residual.rest_length_m(&s.sample, &s.film, s.offset_s);
-                length.is_ok()
-            })
-        };
-        // A step to where a sample cannot even hang is not taken.
-        let values = Some(moved(1.0)).filter(hangs).unwrap_or_else(|| moved(0.0));
-        Some(Form {
-            by_mount,
-            place: Place {
-                causes: causes.to_vec(),
-                slots: problem.slots,
-                values,
-            },
-        })
-    }
-
-    fn middle_mount(&self) -> f64 {
-        let mounts = self.mounts();
-        mounts[mounts.len() / 2]
-    }
-
-    /// Standard deviations of a length at rest that are weighed, m: the mounting's scatter, from exact to loose, and the accuracy of the model.
-    fn mounts(&self) -> Vec<f64> {
-        let n = self.seen_m.len() as f64;
-        let mean = self.seen_m.iter().sum::<f64>() / n;
-        let spread = self.seen_m.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        let model = REST_ACCURACY * spread.sqrt();
-        if let Some(mount) = self.mount_m {
-            return vec![mount.max(MOUNTS_M[0]).hypot(model)];
-        }
-        let ratio = (MOUNTS_M[1] / MOUNTS_M[0]).powf(1.0 / (MOUNTS - 1) as f64);
-        (0..MOUNTS)
-            .map(|i| (MOUNTS_M[0] * ratio.powi(i as i32)).hypot(model))
-            .collect()
-    }
+            .collect(),
+    };
+    // A step to where a sample cannot even hang is not taken.
+    let place = Some(moved(1.0))
+        .filter(|p| aged.possible(p))
+        .unwrap_or_else(|| moved(0.0));
+    Some(Form { by_mount, place })
 }
 
 /// A set of causes with the best partition of each.
@@ -523,61 +296,32 @@ struct Judged {
     criterion: f64,
 }
 
-/// Fits `datasets` of one sample; `level` numbers each recording's level, from 0 without a hole.
+/// Fits one film to all levels, and chooses what has to differ between them. `ordered` levels are days, `loss` is that of each level's stroke.
 ///
 /// # Errors
 /// [`Error`], when the model cannot be run at all.
-pub(super) fn joint(
-    datasets: &[&HangingDataset],
-    samples: &[HangingSample],
-    level: &[usize],
-    ordered: bool,
-    loss: &[f64],
-    mount_m: Option<f64>,
-) -> Result<Joint, Error> {
-    let levels = level.iter().max().map_or(0, |m| m + 1);
-    let film = start_film(spread_times(BRANCHES, datasets), LOCKING);
-    let aged: Vec<HangingSample> = samples
-        .iter()
-        .map(|s| HangingSample {
-            electrode: AGED,
-            ..*s
-        })
-        .collect();
-    let mut hung = hang(datasets, &aged, &film)?;
-    for (h, sample) in hung.iter_mut().zip(samples) {
-        h.sample = *sample;
-    }
-    let data = Data {
-        hung: &hung,
-        level,
-        levels,
-        film,
-        free_offset: (0..datasets.len())
-            .filter(|&r| datasets[r].offset_source == OffsetSource::Free)
-            .collect(),
-        seen_m: datasets.iter().map(|d| d.rest_below_m).collect(),
-        mount_m,
-    };
-    let rows: usize = hung.iter().map(|h| h.residual.rows()).sum();
+pub(super) fn joint<A: Aged>(aged: &A, ordered: bool, loss: &[f64]) -> Result<Joint, Error> {
+    let levels = aged.levels();
     let shapes = shapes(levels, ordered, loss);
 
-    let (begin, mut evaluations) = data.first()?;
+    let (begin, mut evaluations) = aged.first()?;
     let mut sets: Vec<Vec<Cause>> = vec![Vec::new()];
     sets.extend(Cause::ALL.map(|c| vec![c]));
-    let fit = |causes: &[Cause], from: &Place| -> Result<(Solution, Linear), Error> {
-        let solution = data
-            .solve(causes, from, false)
-            .or_else(|_| data.solve(causes, &begin, false))?;
-        let linear = data.linear(&solution.place, Some(&solution.outcome))?;
-        Ok((solution, linear))
+    let fit = |causes: &[Cause], from: &Place| -> Result<(Minimum, Linear), Error> {
+        let found =
+            solve(aged, causes, from, false).or_else(|_| solve(aged, causes, &begin, false))?;
+        let linear = linear(aged, &found.place, Some(&found))?;
+        Ok((found, linear))
     };
-    let mut fitted: Vec<(Solution, Linear)> = sets
+    let mut fitted: Vec<(Minimum, Linear)> = sets
         .par_iter()
         .map(|s| fit(s, &begin))
         .collect::<Result<_, _>>()?;
     let unchanged_mean_square = fitted[0].1.normal.square
-        / rows.saturating_sub(fitted[0].0.place.slots.len()).max(1) as f64;
+        / aged
+            .rows()
+            .saturating_sub(fitted[0].0.place.slots.len())
+            .max(1) as f64;
     for (i, a) in Cause::ALL.into_iter().enumerate() {
         sets.extend(Cause::ALL.into_iter().skip(i + 1).map(|b| vec![a, b]));
     }
@@ -590,7 +334,7 @@ pub(super) fn joint(
         set.iter()
             .filter_map(|half| {
                 let own = fitted.iter().find(|f| f.0.place.causes == [*half])?;
-                data.form(&own.1, set, inflation)
+                form(aged, &own.1, set, inflation)
             })
             .min_by(|x, y| least_of(x).total_cmp(&least_of(y)))
     };
@@ -598,7 +342,7 @@ pub(super) fn joint(
         .par_iter()
         .filter_map(|set| {
             let form = foretold(set, 1.0)?;
-            Some((set.clone(), data.linear(&form.place, None).ok()?))
+            Some((set.clone(), linear(aged, &form.place, None).ok()?))
         })
         .collect();
     evaluations += looked.len();
@@ -609,29 +353,23 @@ pub(super) fn joint(
             .iter()
             .min_by(|a, b| a.1.normal.square.total_cmp(&b.1.normal.square))
             .unwrap_or(&fitted[0]);
-        let place = &best.0.place;
-        let problem = data.problem(&place.causes);
-        let ended = problem.evaluate(&place.values, false)?;
-        let (_, inflation) = noise_of(
-            ended.iter().map(|r| r.residuals.as_slice()),
-            place.slots.len(),
-        );
+        let [_, inflation] = aged.noise(&best.0.place)?;
         let inflation = inflation.max(1.0);
         let is_fitted = |set: &[Cause]| fitted.iter().find(|f| f.0.place.causes == set);
         let forms: Vec<Form> = sets
             .par_iter()
             .filter_map(|set| match is_fitted(set) {
-                Some((_, linear)) => data.form(linear, set, inflation),
+                Some((_, linear)) => form(aged, linear, set, inflation),
                 None => {
                     let (_, linear) = looked.iter().find(|l| l.0 == *set)?;
-                    data.form(linear, set, inflation)
+                    form(aged, linear, set, inflation)
                 }
             })
             .collect();
         let mut models: Vec<(usize, Judged)> = forms
             .par_iter()
             .enumerate()
-            .map(|(i, form)| (i, judge(&data, form, &shapes)))
+            .map(|(i, form)| (i, judge(aged, form, &shapes)))
             .collect();
         models.sort_by(|a, b| a.1.criterion.total_cmp(&b.1.criterion));
         // As long as nothing fits to the noise, everything is tried.
@@ -650,21 +388,18 @@ pub(super) fn joint(
             models.retain(|(_, j)| j.partitions.iter().all(|p| groups(p) > 1));
             break (models, forms);
         }
-        let refits: Vec<(Solution, Linear)> = near
+        let refits: Vec<(Minimum, Linear)> = near
             .par_iter()
             .map(|&i| fit(&forms[i].place.causes, &forms[i].place))
             .collect::<Result<_, _>>()?;
         for (i, refit) in near.into_iter().zip(refits) {
-            if let Some(form) = data.form(&refit.1, &refit.0.place.causes, inflation) {
+            if let Some(form) = form(aged, &refit.1, &refit.0.place.causes, inflation) {
                 surprise = surprise.max(least_of(&forms[i]) - least_of(&form));
             }
             fitted.push(refit);
         }
     };
-    evaluations += fitted
-        .iter()
-        .map(|(s, _)| s.outcome.evaluations + s.outcome.jacobian_evaluations + 1)
-        .sum::<usize>();
+    evaluations += fitted.iter().map(|(s, _)| s.evaluations + 1).sum::<usize>();
     type Weighed = (Vec<(Cause, Partition)>, f64, usize);
     let models: Vec<Weighed> = models
         .into_iter()
@@ -723,15 +458,9 @@ pub(super) fn joint(
     }
 
     // Which days are alike is a verdict; values and intervals do not rest on it.
-    let last = data.solve(&causes, &forms[models[0].2].place, true)?;
-    let problem = data.problem(&causes);
-    let p = &last.outcome.parameters;
-    let ended = problem.evaluate(p, false)?;
-    let (weighted_mean_square, inflation) = noise_of(
-        ended.iter().map(|r| r.residuals.as_slice()),
-        last.place.slots.len(),
-    );
-    let covariance = covariance(&problem, &last, inflation)?;
+    let last = solve(aged, &causes, &forms[models[0].2].place, true)?;
+    let [weighted_mean_square, inflation] = aged.noise(&last.place)?;
+    let covariance = covariance(aged, &last, inflation)?;
     let index = |cause: Cause, group: usize| {
         last.place
             .slots
@@ -765,9 +494,7 @@ pub(super) fn joint(
                     }
                 })
                 .collect();
-            let at_bound = (0..partition.len())
-                .filter_map(at)
-                .any(|i| matches!(last.outcome.resting[i], Resting::Lower | Resting::Upper));
+            let at_bound = (0..partition.len()).filter_map(at).any(|i| last.resting[i]);
             CauseFound {
                 cause,
                 probability: probability(cause),
@@ -784,49 +511,32 @@ pub(super) fn joint(
             .cmp(&a.in_model)
             .then(b.probability.total_cmp(&a.probability))
     });
-    let first_of = |l: usize| level.iter().position(|x| *x == l).unwrap_or(0);
-    let settings: Vec<_> = (0..levels)
-        .map(|l| problem.setting(first_of(l), p))
-        .collect();
+    let (film, forearm) = aged.film(&last.place);
+    let by_level = (0..levels).map(|l| aged.level(&last.place, l));
     Ok(Joint {
-        film: {
-            let s = problem.setting(first_of(0), p);
-            let mut film = s.film;
-            for mu in &mut film.mu_pa {
-                *mu /= s.film_factor;
-            }
-            film
-        },
+        film,
+        forearm,
+        levels: by_level.collect::<Result<_, _>>()?,
         causes: found,
         confused,
         nothing,
-        samples: settings.iter().map(|s| s.sample).collect(),
-        film_factor: settings.iter().map(|s| s.film_factor).collect(),
-        rest_length_m: (0..levels)
-            .map(|l| ended[first_of(l)].run.rest_length_m)
-            .collect(),
         weighted_mean_square,
         unchanged_mean_square,
         inflation,
-        converged: last.outcome.reason.converged(),
-        evaluations: evaluations + last.outcome.evaluations + last.outcome.jacobian_evaluations,
+        converged: last.converged,
+        evaluations: evaluations + last.evaluations,
     })
 }
 
 /// Covariance of a solution's parameters, those at rest on a bound held.
-fn covariance(
-    problem: &SampleProblem,
-    solution: &Solution,
+fn covariance<A: Aged>(
+    aged: &A,
+    solution: &Minimum,
     inflation: f64,
 ) -> Result<DMatrix<f64>, Error> {
-    let mut gram = problem.gram(&solution.outcome.parameters)?;
-    for (j, prior) in problem.priors.iter().enumerate() {
-        if let Some((_, sd)) = prior {
-            gram[(j, j)] += sd.powi(-2);
-        }
-    }
+    let gram = aged.normal(&solution.place)?.gram;
     let free: Vec<usize> = (0..gram.nrows())
-        .filter(|&j| solution.outcome.resting[j] == Resting::Free && gram[(j, j)] > 0.0)
+        .filter(|&j| !solution.resting[j] && gram[(j, j)] > 0.0)
         .collect();
     let scale: Vec<f64> = free.iter().map(|&j| gram[(j, j)].sqrt()).collect();
     let k = free.len();
@@ -852,7 +562,7 @@ fn covariance(
 }
 
 /// The best partitions for a set of causes, and -2 ln of the evidence of the set with them.
-fn judge(data: &Data, form: &Form, shapes: &[Shape]) -> Judged {
+fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape]) -> Judged {
     let causes = &form.place.causes;
     let over_mounts = |by_mount: &[f64]| {
         let least = by_mount.iter().copied().fold(f64::INFINITY, f64::min);
@@ -880,10 +590,10 @@ fn judge(data: &Data, form: &Form, shapes: &[Shape]) -> Judged {
         let mut gap = at.clone();
         let mut offset = 0;
         for (c, cause) in causes.iter().enumerate() {
-            let first = Data::first_level(*cause);
+            let first = A::first_level(*cause);
             let mut add = |of: &dyn Fn(usize) -> f64| {
                 let mut column = DVector::zeros(known);
-                for level in first..data.levels {
+                for level in first..aged.levels() {
                     column[offset + level - first] = of(level);
                 }
                 columns.push(column);
@@ -894,10 +604,10 @@ fn judge(data: &Data, form: &Form, shapes: &[Shape]) -> Judged {
             for own in &shapes[chosen[c]].columns {
                 add(&|level| own[level]);
             }
-            for level in first..data.levels {
+            for level in first..aged.levels() {
                 gap[offset + level - first] -= cause.off() / cause.range();
             }
-            offset += data.levels - first;
+            offset += aged.levels() - first;
         }
         let (left, occam) = if columns.is_empty() {
             (gap, 0.0)
@@ -918,8 +628,8 @@ fn judge(data: &Data, form: &Form, shapes: &[Shape]) -> Judged {
         // A resistance that all levels share is no cause.
         let shared = causes.iter().position(|c| *c == Cause::SeriesResistance);
         let shared = shared.map_or(0.0, |i| {
-            let before = i * (data.levels - 1);
-            let own = curvature.view((before, before), (data.levels, data.levels));
+            let before = i * (aged.levels() - 1);
+            let own = curvature.view((before, before), (aged.levels(), aged.levels()));
             (1.0 + own.sum()).ln()
         });
         q.least + rise + occam - shared
@@ -929,7 +639,7 @@ fn judge(data: &Data, form: &Form, shapes: &[Shape]) -> Judged {
     // Cause by cause until none changes, from every level its own value and from each cause in turn at rest.
     let finest = shapes
         .iter()
-        .position(|s| s.columns.len() + 1 == data.levels)
+        .position(|s| s.columns.len() + 1 == aged.levels())
         .unwrap_or(0);
     let n = causes.len();
     // Partitions are sought where the mounting's scatter is the likeliest.

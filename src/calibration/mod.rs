@@ -3,6 +3,9 @@
 //! Stages as in the paper: the film from symmetric drives, the forearm from single-actuator drives with the film held, both
 //! jointly from everything. All three are the same fit with other parameters fixed.
 
+mod aged;
+mod aged_robot;
+mod aged_sample;
 mod ageing;
 mod coupon;
 mod joint;
@@ -15,9 +18,12 @@ mod sample_problem;
 mod statistics;
 mod stroke;
 
+pub use aged::{Cause, LevelModel};
+pub use aged_robot::LONG_AGO_S;
 pub use ageing::{
-    ASSUMED_SCATTER, AgeingInput, AgeingOutcome, AgeingRequest, By, CYCLES, Difference,
-    ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, doubtful, named, open, words,
+    ASSUMED_SCATTER, AgeingInput, AgeingOutcome, AgeingRequest, AgeingSubject, By, CYCLES,
+    Difference, ElectrodeAgeing, LevelStroke, Run, SampleAgeing, Trend, ageing, doubtful, named,
+    open, words,
 };
 pub use coupon::{
     CouponFit, CouponOutcome, CouponPlace, CouponRequest, CouponTotal, calibrate_coupons,
@@ -39,7 +45,6 @@ pub use sample::{
     SampleFit, SampleOutcome, SampleRequest, Scale, calibrate_samples, predict_sample_motion,
     validate_samples,
 };
-pub use sample_problem::Cause;
 pub use statistics::Uncertainty;
 pub use stroke::{CycleStroke, Strokes, Value, strokes};
 

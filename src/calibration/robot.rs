@@ -132,7 +132,10 @@ pub(super) fn modulus(i: usize, start: f64, fixed: bool) -> Parameter {
 }
 
 /// All parameters of a robot calibration: nonlinear ones first, then linear ones, as the residual wants them.
-fn parameters(request: &Request, datasets: &[&Dataset]) -> Result<(Vec<Parameter>, usize), Error> {
+pub(super) fn parameters(
+    request: &Request,
+    datasets: &[&Dataset],
+) -> Result<(Vec<Parameter>, usize), Error> {
     let start = request.start.as_ref();
     let branches = start.map_or(request.branches, |p| p.film.branches());
     let hold_film = request.stage == Stage::Forearm;
@@ -542,7 +545,7 @@ pub fn validate_robot_with(
     Ok(outcome)
 }
 
-fn open<'a>(
+pub(super) fn open<'a>(
     robot: &'a Robot,
     datasets: &[&'a Dataset],
     branches: usize,
@@ -558,7 +561,7 @@ fn open<'a>(
 }
 
 /// The starts: the given or evenly spread one first, then random ones within the priors.
-fn starts(nonlinear: &[Unknown], request: &Request) -> Vec<(String, Vec<f64>)> {
+pub(super) fn starts(nonlinear: &[Unknown], request: &Request) -> Vec<(String, Vec<f64>)> {
     let first: Vec<f64> = nonlinear.iter().map(|u| u.start).collect();
     let name = if request.start.is_some() {
         "given parameters"

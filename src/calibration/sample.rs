@@ -16,10 +16,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;
 
+use super::aged::Slot;
 use super::coupon::correlation_rows;
 use super::outcome::*;
 use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
-use super::sample_problem::{Hung, Prior, SampleProblem, Slot, hang};
+use super::sample_problem::{Hung, Prior, SampleProblem, hang};
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{HangingDataset, OffsetSource, Plan};
 use crate::film::Film;

@@ -3,93 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::aged::{Cause, Normal, Slot};
 use crate::dataset::HangingDataset;
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{LeastSquares, Matrix};
 use crate::model::HangingSample;
 use crate::residual::{SampleKnob, SampleResidual, SampleRows, SampleTrouble};
-
-/// What may differ between recordings of a sample: a cause of ageing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Cause {
-    /// The electrode is an elastic layer on the active part: its modulus, Pa.
-    ElectrodeStiffness,
-    /// Wire and electrode feed the film through a resistance, ohm.
-    SeriesResistance,
-    /// Share of the active area (or of the permittivity: the two do the same) that is left.
-    ActiveArea,
-    /// All moduli of the film over those of the first level.
-    FilmModulus,
-    /// Mass on the free end over that stated.
-    Load,
-}
-
-impl Cause {
-    /// All of them.
-    pub const ALL: [Cause; 5] = [
-        Cause::ElectrodeStiffness,
-        Cause::SeriesResistance,
-        Cause::ActiveArea,
-        Cause::FilmModulus,
-        Cause::Load,
-    ];
-
-    /// The value that changes nothing.
-    #[must_use]
-    pub fn off(self) -> f64 {
-        match self {
-            Cause::ElectrodeStiffness | Cause::SeriesResistance => 0.0,
-            Cause::ActiveArea | Cause::FilmModulus | Cause::Load => 1.0,
-        }
-    }
-
-    /// How far it goes where it changes: the standard deviation expected beforehand, for each about what takes a third to half of a stroke.
-    #[must_use]
-    pub fn range(self) -> f64 {
-        match self {
-            Cause::ElectrodeStiffness => 4e5,
-            Cause::SeriesResistance => 4e8,
-            Cause::ActiveArea => 0.3,
-            Cause::FilmModulus => 0.8,
-            Cause::Load => 0.5,
-        }
-    }
-
-    /// How likely it is beforehand, against a cause in the electrode: silicone keeps for years what grease loses in days, and the load is a
-    /// stated mass.
-    #[must_use]
-    pub fn odds(self) -> f64 {
-        match self {
-            Cause::ElectrodeStiffness | Cause::SeriesResistance | Cause::ActiveArea => 1.0,
-            Cause::FilmModulus | Cause::Load => 0.1,
-        }
-    }
-
-    /// What the search allows.
-    #[must_use]
-    pub fn bounds(self) -> [f64; 2] {
-        match self {
-            Cause::ElectrodeStiffness => [-3e6, 3e7],
-            Cause::SeriesResistance => [0.0, 1e12],
-            Cause::ActiveArea | Cause::FilmModulus | Cause::Load => [0.02, 20.0],
-        }
-    }
-}
-
-/// One unknown of the problem.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Slot {
-    /// ln of the relaxation time of a branch, s.
-    LogTime(usize),
-    /// Modulus of a spring, Pa.
-    Modulus(usize),
-    /// Shift of x of a recording, m: its zero is a noisy mean.
-    Shift(usize),
-    /// Clock offset of a recording, s.
-    Offset(usize),
-    /// A cause, in the recordings of one level (by `levels`).
-    Cause(Cause, usize),
-}
 
 /// A prior: middle and standard deviation of an unknown.
 pub(super) type Prior = Option<(f64, f64)>;
@@ -126,20 +45,6 @@ pub(super) struct Rest {
     pub seen_m: Vec<f64>,
     /// Standard deviation of one, m.
     pub sd_m: f64,
-}
-
-/// Least squares linearised.
-pub(super) struct Normal {
-    /// J^T J of rows and priors.
-    pub gram: DMatrix<f64>,
-    /// J^T r of both.
-    pub gradient: DVector<f64>,
-    /// r^T r of both.
-    pub square: f64,
-    /// Derivatives of the lengths at rest, one row a recording, less their mean.
-    pub rest: DMatrix<f64>,
-    /// Lengths at rest less what was seen, m, less their mean.
-    pub rest_left: DVector<f64>,
 }
 
 /// What a recording is run with.
@@ -280,7 +185,7 @@ impl<'a> SampleProblem<'a> {
                     }
                 }
             }
-            Slot::Cause(..) | Slot::Shift(_) | Slot::Offset(_) => Vec::new(),
+            _ => Vec::new(),
         }
     }
 

@@ -6,16 +6,15 @@ use rayon::prelude::*;
 
 use super::progress::Progress;
 use super::{Failure, Talk, load};
-use crate::calibration::{AgeingInput, AgeingOutcome, AgeingRequest, By, ageing};
+use crate::calibration::{AgeingInput, AgeingOutcome, AgeingRequest, AgeingSubject, By, ageing};
 use crate::dataset::{Dataset, HangingDataset, cycles};
-use crate::film::Film;
-use crate::model::HangingSample;
+use crate::model::{HangingSample, Robot};
 use crate::recording::{Kind, Recording, Rig};
 use crate::report::ageing_json::AgeingJson;
 use crate::report::html;
 use crate::report::json::to_text;
 use crate::report::output::OutputSet;
-use crate::report::parameter_file::{FilmEntry, ParameterFile, Quantity, electrode_effects};
+use crate::report::parameter_file::{FilmEntry, ForearmEntry, ParameterFile, ageing_effects};
 use crate::report::provenance::Provenance;
 
 /// What to compare.
@@ -112,28 +111,31 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
 /// A recording as ageing sees it: x of a sample, height of a robot.
 fn input(r: &Recording) -> Result<AgeingInput, Failure> {
     let m = &r.manifest;
-    let base = |x_m: Vec<f64>, start_s: f64, step_s: f64| AgeingInput {
-        id: m.id.clone(),
-        electrode: m.electrode.clone(),
-        batch: m.batch.clone(),
-        day: m.day,
-        x_m,
-        start_s,
-        step_s,
-        cycles: Err(String::new()),
-        hanging: None,
-        command_v: Vec::new(),
-    };
     if m.kind == Kind::Robot {
+        let Some(Rig::Robot(rig)) = &r.rig else {
+            return Err(format!(
+                "{}: recording `{}` has no rig of kind \"robot\"",
+                r.path.display(),
+                m.id
+            )
+            .into());
+        };
+        let robot = Robot::from_rig(rig, None)?;
         let d = Dataset::from_recording(r, None)?;
-        let x = d.measured_m.iter().map(|p| -p[2]).collect();
         let end_s = d.time_s(d.samples() - 1);
         return Ok(AgeingInput {
+            id: m.id.clone(),
+            electrode: m.electrode.clone(),
+            batch: m.batch.clone(),
+            day: m.day,
+            x_m: d.measured_m.iter().map(|p| -p[2]).collect(),
+            start_s: d.start_s,
+            step_s: d.step_s,
             cycles: cycles(&d.voltage, d.offset_s, d.start_s, end_s),
             command_v: (0..d.samples())
                 .map(|i| d.command_v(0, i, d.offset_s))
                 .collect(),
-            ..base(x, d.start_s, d.step_s)
+            subject: AgeingSubject::Robot(Box::new(d), Box::new(robot)),
         });
     }
     let Some(Rig::FilmSample(rig)) = &r.rig else {
@@ -148,16 +150,22 @@ fn input(r: &Recording) -> Result<AgeingInput, Failure> {
     let sample = HangingSample::from_rig(rig, None, d.payload_kg)?;
     let end_s = d.time_s(d.samples() - 1);
     Ok(AgeingInput {
+        id: m.id.clone(),
+        electrode: m.electrode.clone(),
+        batch: m.batch.clone(),
+        day: m.day,
+        x_m: d.x_m.clone(),
+        start_s: d.start_s,
+        step_s: d.step_s,
         cycles: cycles(&d.voltage, d.offset_s, d.start_s, end_s),
         command_v: (0..d.samples())
             .map(|i| d.voltage.at(0, d.time_s(i) + d.offset_s))
             .collect(),
-        hanging: Some((d.clone(), sample)),
-        ..base(d.x_m.clone(), d.start_s, d.step_s)
+        subject: AgeingSubject::Sample(Box::new(d), sample),
     })
 }
 
-/// Film and electrode of every sample on every level: `<electrode>[-<sample>]-<level>/parameters.toml`.
+/// Film, forearms and electrode of every sample or robot on every level: `<electrode>[-<sample>]-<level>/parameters.toml`.
 fn parameter_files(outcome: &AgeingOutcome, provenance: &Provenance) -> Vec<(String, String)> {
     let safe = |text: &str| -> String {
         text.chars()
@@ -176,24 +184,13 @@ fn parameter_files(outcome: &AgeingOutcome, provenance: &Provenance) -> Vec<(Str
         for s in &e.samples {
             let Ok(joint) = &s.joint else { continue };
             for (i, &level) in s.levels.iter().enumerate() {
-                let sample = &joint.samples[i];
-                let mu = |m: &f64| Quantity::exact(m * joint.film_factor[i]);
-                let Film {
-                    mu_pa,
-                    relaxation_time_s,
-                    locking,
-                } = &joint.film;
+                let own = &joint.levels[i];
+                let mut film = joint.film.clone();
+                film.mu_pa.iter_mut().for_each(|mu| *mu *= own.film_factor);
                 let file = ParameterFile {
-                    film: Some(FilmEntry {
-                        mu_pa: mu_pa.iter().map(mu).collect(),
-                        relaxation_time_s: relaxation_time_s
-                            .iter()
-                            .map(|t| Quantity::exact(*t))
-                            .collect(),
-                        locking: Quantity::exact(*locking),
-                        eps_r: Some(Quantity::exact(sample.eps_r)),
-                    }),
-                    effects: electrode_effects(&sample.electrode),
+                    film: Some(FilmEntry::of(&film, Some(own.eps_r), &[])),
+                    forearm: joint.forearm.as_ref().map(ForearmEntry::of),
+                    effects: ageing_effects(joint, i),
                     provenance: provenance.clone(),
                     ..ParameterFile::default()
                 };

@@ -190,13 +190,14 @@ pub struct SampleAgeingJson {
     pub indistinguishable: Vec<[String; 2]>,
     /// Probability that nothing changed.
     pub nothing: Number,
-    /// Mean square of (predicted minus captured x)/noise: 1 where the model is right.
+    /// Mean square of (predicted minus captured)/noise, x of a sample, torques of a robot: 1 where the model is right.
     pub weighted_mean_square: Number,
     /// The same with nothing allowed to change.
     pub unchanged_mean_square: Number,
     /// Whether the fit converged.
     pub converged: Option<bool>,
-    /// Change of the position at rest since the first, as captured, downwards, mm. Values do not rest on it: it holds how the sample was hung.
+    /// Change of the position at rest since the first, as captured, downwards, mm, of a hanging sample. Values do not rest on it: it holds how
+    /// the sample was hung.
     pub rest_shift_mm: Vec<Number>,
     /// The same by the chosen model, mm.
     pub predicted_rest_shift_mm: Vec<Number>,
@@ -279,7 +280,7 @@ fn cause(
     e: &ElectrodeAgeing,
     by: By,
 ) -> CauseJson {
-    let mass_kg = joint.samples[0].mass_kg;
+    let mass_kg = joint.levels[0].mass_kg;
     let zero = Value {
         value: 0.0,
         std_error: 0.0,
@@ -403,10 +404,8 @@ fn sample(s: &SampleAgeing, e: &ElectrodeAgeing, by: By) -> SampleAgeingJson {
         converged: joint.map(|j| j.converged),
         rest_shift_mm: s.rest_shift_m.iter().map(|v| mm(*v)).collect(),
         predicted_rest_shift_mm: joint.map_or_else(Vec::new, |j| {
-            j.rest_length_m
-                .iter()
-                .map(|l| mm(l - j.rest_length_m[0]))
-                .collect()
+            let lengths: Vec<f64> = j.levels.iter().filter_map(|l| l.rest_length_m).collect();
+            lengths.iter().map(|l| mm(l - lengths[0])).collect()
         }),
     }
 }

@@ -20,7 +20,9 @@ use serde::Serialize;
 use toml::de::DeValue;
 
 use super::provenance::{FileSum, Provenance, RecordingSum};
-use crate::calibration::{CouponOutcome, Estimate, LineOutcome, Outcome, SampleOutcome};
+use crate::calibration::{
+    CouponOutcome, Estimate, Joint, LONG_AGO_S, LineOutcome, Outcome, SampleOutcome,
+};
 use crate::diagnosis::{Diagnosis, RigKind};
 use crate::film::Film;
 use crate::model::{Electrode, ForearmTorque, Parameters};
@@ -76,7 +78,8 @@ pub struct FilmEntry {
 
 impl FilmEntry {
     /// A film with the errors of those of its parameters that are among `estimates`.
-    fn of(film: &Film, eps_r: Option<f64>, estimates: &[Estimate]) -> Self {
+    #[must_use]
+    pub fn of(film: &Film, eps_r: Option<f64>, estimates: &[Estimate]) -> Self {
         let quantity =
             |name: &str, value: f64| Quantity::of(value, estimates.iter().find(|e| e.name == name));
         let list = |letter: &str, values: &[f64]| {
@@ -222,19 +225,26 @@ fn degrees(rad: f64) -> f64 {
         .unwrap_or(plain)
 }
 
+impl ForearmEntry {
+    /// A curve without errors. Nodes that were made of degrees come back to the bit; others to the last place.
+    #[must_use]
+    pub fn of(forearm: &ForearmTorque) -> Self {
+        let torques = forearm.torque_n_m.iter();
+        ForearmEntry {
+            nodes_deg: forearm.nodes_rad().iter().map(|&r| degrees(r)).collect(),
+            torque_n_m: torques.map(|&v| Quantity::exact(v)).collect(),
+        }
+    }
+}
+
 impl ParameterFile {
     /// Parameters without errors or provenance. Nodes of the forearm that were made of degrees come back to the bit;
     /// others to the last place.
     #[must_use]
     pub fn of(parameters: &Parameters, eps_r: Option<f64>) -> Self {
-        let exact = |list: &[f64]| list.iter().map(|&v| Quantity::exact(v)).collect();
-        let forearm = &parameters.forearm;
         ParameterFile {
             film: Some(FilmEntry::of(&parameters.film, eps_r, &[])),
-            forearm: Some(ForearmEntry {
-                nodes_deg: forearm.nodes_rad().iter().map(|&r| degrees(r)).collect(),
-                torque_n_m: exact(&forearm.torque_n_m),
-            }),
+            forearm: Some(ForearmEntry::of(&parameters.forearm)),
             ..ParameterFile::default()
         }
     }
@@ -344,7 +354,7 @@ impl ParameterFile {
             )),
             effects: first
                 .filter(|_| same)
-                .map_or_else(Vec::new, |e| electrode_effects(&e)),
+                .map_or_else(Vec::new, |e| electrode_effects(&e, &[1], 0.0)),
             provenance,
             ..ParameterFile::default()
         }
@@ -542,31 +552,51 @@ impl ParameterFile {
     }
 }
 
-/// The blocks of an electrode; none for what it does not do.
-#[must_use]
-pub fn electrode_effects(electrode: &Electrode) -> Vec<Effect> {
-    let block = |id: &str, values: &[(&str, f64)]| Effect {
+/// A block with its own values on `actuators`.
+fn block(id: &str, actuators: &[usize], values: &[(&str, f64)]) -> Effect {
+    let values = values.iter();
+    Effect {
         id: id.to_owned(),
-        actuators: vec![1],
+        actuators: actuators.to_vec(),
         values: values
-            .iter()
             .map(|(n, v)| ((*n).to_owned(), toml::Value::Float(*v)))
             .collect(),
-    };
+    }
+}
+
+/// The blocks of an electrode on `actuators`, its lost area lost since `since_s`; none for what it does not do.
+fn electrode_effects(electrode: &Electrode, actuators: &[usize], since_s: f64) -> Vec<Effect> {
     let ideal = Electrode::IDEAL;
     let mut out = Vec::new();
     if electrode.modulus_pa != ideal.modulus_pa {
         let values = [("modulus", electrode.modulus_pa)];
-        out.push(block("electrode_stiffness", &values));
+        out.push(block("electrode_stiffness", actuators, &values));
     }
     if electrode.resistance_ohm != ideal.resistance_ohm {
         let values = [("resistance", electrode.resistance_ohm)];
-        out.push(block("series_resistance", &values));
+        out.push(block("series_resistance", actuators, &values));
     }
     if electrode.active_fraction != ideal.active_fraction {
         let lost = 1.0 - electrode.active_fraction;
-        let values = [("fraction", lost), ("time", 0.0)];
-        out.push(block("electrode_failure", &values));
+        let values = [("fraction", lost), ("time", since_s)];
+        out.push(block("electrode_failure", actuators, &values));
+    }
+    out
+}
+
+/// The blocks of what has aged on a level of a joint fit, beside the film; none for what has not. A sample has one film, a robot three.
+#[must_use]
+pub fn ageing_effects(joint: &Joint, level: usize) -> Vec<Effect> {
+    let own = &joint.levels[level];
+    if joint.forearm.is_none() {
+        return electrode_effects(&own.electrode, &[1], 0.0);
+    }
+    let all = [1, 2, 3];
+    let mut out = electrode_effects(&own.electrode, &all, LONG_AGO_S);
+    let heavier = own.mass_kg - joint.levels[0].mass_kg;
+    if heavier != 0.0 {
+        let values = [("mass", heavier), ("time", LONG_AGO_S)];
+        out.push(block("payload_change", &all, &values));
     }
     out
 }

@@ -325,20 +325,30 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
             for [a, b] in &written.indistinguishable {
                 lines.push(format!("These recordings do not tell {a} from {b}."));
             }
-            let shifts = s.rest_shift_m.iter().zip(&joint.rest_length_m);
-            let shown: Vec<String> = shifts
+            let lengths: Vec<f64> = joint
+                .levels
+                .iter()
+                .filter_map(|l| l.rest_length_m)
+                .collect();
+            let shown: Vec<String> = s
+                .rest_shift_m
+                .iter()
+                .zip(&lengths)
                 .map(|(seen, length)| {
                     format!(
                         "{} ({})",
                         number::fixed(seen * 1e3, 2),
-                        number::fixed((length - joint.rest_length_m[0]) * 1e3, 2)
+                        number::fixed((length - lengths[0]) * 1e3, 2)
                     )
                 })
                 .collect();
-            lines.push(format!(
-                "Position at rest against the first, captured (by the model), mm: {}. Values do not rest on it, because it holds how the sample was hung; the choice of causes weighs it.",
-                shown.join(", ")
-            ));
+            lines.push(match shown.is_empty() {
+                true => "The electrodes of the three actuators are taken to age alike; the pose at rest is part of what is fitted.".into(),
+                false => format!(
+                    "Position at rest against the first, captured (by the model), mm: {}. Values do not rest on it, because it holds how the sample was hung; the choice of causes weighs it.",
+                    shown.join(", ")
+                ),
+            });
             let mut head = vec![Cell::text("effect"), Cell::number("probability")];
             head.push(Cell::number(json.by.clone()));
             head.push(Cell::number("value (95 %)"));
@@ -405,7 +415,7 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
             parts.push(part(&heading, lines, Some(table.html()), figure));
         }
     }
-    let says = "All recordings of a sample are fitted with one film. Every set of at most two causes is weighed by its evidence, the positions at rest included; a cause is named at odds of 20 to 1 and where no other could stand for it. Values and intervals come from a fit with a value on every day.";
+    let says = "All recordings of a sample, or of a robot, are fitted with one film. Every set of at most two causes is weighed by its evidence, the positions at rest of hanging samples included; a cause is named at odds of 20 to 1 and where no other could stand for it. Values and intervals come from a fit with a value on every day.";
     let context = context! { says => says, parts => parts };
     Section::new("causes", "What moved", TEMPLATE, context)
 }

@@ -400,7 +400,7 @@ pub fn calibrate_robot(
     let is_free: Vec<bool> = unknowns.iter().map(|u| !u.is_fixed()).collect();
     let size = unknowns.len();
     let gram = gram.view((0, 0), (size, size)).into_owned();
-    let uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
+    let mut uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
     let white = Uncertainty::new(&gram, &gram, &precision, &is_free);
     let candidates = candidates(&list, &state, &uncertainty, &white, split);
     let (reach, spent) = profile(&residual, nonlinear, linear, &state, &candidates);
@@ -422,6 +422,8 @@ pub fn calibrate_robot(
                 *x = (*x - by).clamp(u.lower, u.upper);
             }
         }
+        // a correction of first order, and at the film that was pulled: as uncertain as it is large
+        uncertainty.covariance += &pulled * pulled.transpose();
     }
     let order = rising(&state.eta[..branches], &list, split);
     let mut estimates = estimates(&list, &state, &uncertainty, &ends, &resting, &order, split);

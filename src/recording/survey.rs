@@ -150,6 +150,11 @@ pub fn survey_file(
     options: &ReadOptions,
 ) -> Result<Survey, Error> {
     let importer = importer_for(path, format)?;
+    if path.metadata().is_ok_and(|m| m.len() < ALONE) {
+        let mut sections = Sections::default();
+        let capture = importer.stream(path, options, &mut sections)?;
+        return Ok(sections.finish(path, capture));
+    }
     // one thread reads, the other looks at what it has read
     let (to, batches) = mpsc::sync_channel(2);
     let (back, emptied) = mpsc::channel();
@@ -158,10 +163,9 @@ pub fn survey_file(
             let mut sections = Sections::default();
             for batch in batches {
                 match batch {
-                    Batch::Restart => sections.all.clear(),
-                    Batch::Rows(index, mut section) => {
-                        sections.take(index, &section);
-                        section.clear_rows();
+                    None => sections.restart(),
+                    Some((index, mut section)) => {
+                        sections.rows(index, &mut section);
                         // a reader that has ended wants none
                         let _ = back.send((index, section));
                     }
@@ -177,13 +181,11 @@ pub fn survey_file(
     })
 }
 
-/// What the reading thread hands over.
-enum Batch {
-    /// What came before does not count.
-    Restart,
-    /// Rows of a section.
-    Rows(usize, Section),
-}
+/// A file of fewer bytes is gone through sooner than a second thread is under way.
+const ALONE: u64 = 1 << 20;
+
+/// What the reading thread hands over: rows of a section; none where what came before does not count.
+type Batch = Option<(usize, Section)>;
 
 /// Hands rows over, and takes emptied sections back to be filled again: names of thousands of columns are not copied each time.
 struct Hand {
@@ -200,7 +202,7 @@ impl Hand {
 
 impl Sink for Hand {
     fn restart(&mut self) {
-        self.send(Batch::Restart);
+        self.send(None);
     }
 
     fn rows(&mut self, index: usize, section: &mut Section) {
@@ -219,7 +221,7 @@ impl Sink for Hand {
             None => section.without_rows(),
         };
         std::mem::swap(section, &mut empty);
-        self.send(Batch::Rows(index, empty));
+        self.send(Some((index, empty)));
     }
 }
 
@@ -231,12 +233,17 @@ struct Sections {
     all: Vec<Running>,
 }
 
-impl Sections {
-    fn take(&mut self, index: usize, section: &Section) {
+impl Sink for Sections {
+    fn restart(&mut self) {
+        self.all.clear();
+    }
+
+    fn rows(&mut self, index: usize, section: &mut Section) {
         while self.all.len() <= index {
             self.all.push(Running::default());
         }
         self.all[index].take(section);
+        section.clear_rows();
     }
 }
 

@@ -820,7 +820,7 @@ mod tests {
         let mut x: Vec<f64> = (0..2000).map(motion).collect();
         assert!(!torn_away(&x).contains(&true));
         for (j, v) in x[700..712].iter_mut().enumerate() {
-            *v = 0.0301 + 1e-6 * (j % 3) as f64;
+            *v = 0.0101 + 1e-6 * (j % 3) as f64;
         }
         let lost = torn_away(&x);
         assert!((0..2000).all(|i| lost[i] == (700..712).contains(&i)));

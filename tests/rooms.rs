@@ -174,7 +174,7 @@ const ROOMS: &[Room] = &[
             ("effects", ANY),
             ("film", &["Film"]),
             ("model", ANY),
-            ("simulate", &["Motion", "motion_with_effects"]),
+            ("simulate", &["Motion", "Options", "motion_with_effects"]),
         ]),
         NO_FILES,
         "a proof runs the diagnosis blind and only then opens the answers",

@@ -62,6 +62,17 @@ impl Cause {
         }
     }
 
+    /// The way in which an electrode ages by it, the sign of the change: what dries stiffens, resists and loses contact. Of the film and the
+    /// load nothing is known.
+    #[must_use]
+    pub fn way(self) -> Option<f64> {
+        match self {
+            Cause::ElectrodeStiffness | Cause::SeriesResistance => Some(1.0),
+            Cause::ActiveArea => Some(-1.0),
+            Cause::FilmModulus | Cause::Load => None,
+        }
+    }
+
     /// What the search allows.
     #[must_use]
     pub fn bounds(self) -> [f64; 2] {

@@ -768,7 +768,13 @@ fn of_sample(
     let loss: Vec<f64> = (0..levels.len())
         .map(|l| 1.0 - stroke(l) / stroke(0))
         .collect();
-    let days = what == "day";
+    let days: Option<Vec<f64>> = match what {
+        "day" => levels
+            .iter()
+            .map(|l| mine.iter().find(|p| level_of(p) == *l)?.day)
+            .collect(),
+        _ => None,
+    };
     let mut hanging = Vec::new();
     let mut samples = Vec::new();
     let mut moving = Vec::new();
@@ -817,7 +823,7 @@ fn of_sample(
     } else if moving.is_empty() {
         let refs: Vec<&HangingDataset> = hanging.iter().map(|d| &**d).collect();
         AgedSample::new(&refs, &samples, &numbers, mount_m)
-            .and_then(|aged| joint(&aged, days, &loss))
+            .and_then(|aged| joint(&aged, days.as_deref(), &loss))
             .map_err(|e| e.to_string())
     } else if !hanging.is_empty() {
         Err(
@@ -832,7 +838,7 @@ fn of_sample(
     } else {
         let refs: Vec<&Dataset> = moving.iter().map(|d| &**d).collect();
         AgedRobot::new(robots[0], &refs, &numbers)
-            .and_then(|aged| joint(&aged, days, &loss))
+            .and_then(|aged| joint(&aged, days.as_deref(), &loss))
             .map_err(|e| e.to_string())
     };
     SampleAgeing {

@@ -3,14 +3,15 @@
 //!
 //! All recordings are fitted at once with one film (of a sample: moduli of a fixed set of relaxation times, a Prony series; J held). A
 //! *model* is a set of at most two causes, each with a *shape* over the levels (days, batches): a partition into groups that share its value
-//! ("day 1 = day 3" is one like any other; days only into runs, because what has aged does not come back), or in step with the loss of stroke, which
-//! takes one number for all days. Pairwise differences are thus penalised by their number, not their size (field of Hauber et al. 2023, here with
+//! ("day 1 = day 3" is one like any other; days only into runs, because what has aged does not come back), or in step with the loss of stroke or with
+//! a power of the days, which takes one number for all; two causes may share theirs. Pairwise differences are thus penalised by their number, not their size (field of Hauber et al. 2023, here with
 //! L0 for L1, because the partitions of a handful of days can be counted out). Values and intervals come from a fit without penalty, with a
 //! value of its own on every level.
 //!
 //! Models are compared by their evidence (Laplace's approximation, which is exact for a quadratic form): chi^2/f + |q|^2 + ln det(1 + F), q the
 //! unknowns of the causes in units of what is expected beforehand ([`Cause::range`]), F their information with all else solved for; and -2 ln of the
-//! probability beforehand of the set (each number of causes alike likely, [`Cause::odds`]) and of the shape. So a second cause that
+//! probability beforehand of the set (each number of causes alike likely, [`Cause::odds`]) and of the shape; over days
+//! also of the way in which an electrode ages ([`Cause::way`]). So a second cause that
 //! the first could nearly stand for costs little where it is told little of, which one price a number (BIC) overlooks. f is the mean square of what the
 //! best fit leaves times the rows over which that says the same thing, so that a misfit weakens every verdict.
 //!
@@ -26,6 +27,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use statrs::function::erf::erfc;
 
 use super::Error;
 use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
@@ -42,6 +44,10 @@ const RIVAL: f64 = 6.0;
 const NEAR: f64 = 12.0;
 /// Fits at once, after which what is foretold is weighed again.
 const AT_ONCE: usize = 2;
+/// Exponents of the days since the first with which a change is thought to go: from diffusion's to one that gathers speed.
+const POWERS: [f64; 4] = [0.5, 0.75, 1.0, 1.35];
+/// Share of an electrode's changes over days that are thought to go the other way: a better contact, a layer that cracks.
+const BACKWARDS: f64 = 0.05;
 /// Inflation of the noise below which a fit counts as down to the noise.
 const MISFIT: f64 = 1.5;
 /// A cause over the levels.
@@ -151,8 +157,10 @@ struct Shape {
     price: f64,
 }
 
-/// Every partition with a value a group; and in step with the `loss` of stroke, a number for all levels.
-fn shapes(levels: usize, ordered: bool, loss: &[f64]) -> Vec<Shape> {
+/// Every partition with a value a group; in step with the `loss` of stroke, a number for all levels; and where `days` are known as a power of the
+/// time since the first, a number too.
+fn shapes(days: Option<&[f64]>, loss: &[f64]) -> Vec<Shape> {
+    let (levels, ordered) = (loss.len(), days.is_some());
     let all = partitions(levels, ordered);
     let alike = |g: usize| all.iter().filter(|q| groups(q) == g).count() as f64;
     let mut out: Vec<Shape> = all
@@ -165,13 +173,23 @@ fn shapes(levels: usize, ordered: bool, loss: &[f64]) -> Vec<Shape> {
             groups: p.clone(),
         })
         .collect();
-    let most = loss.iter().fold(0.0_f64, |m, l| m.max(l.abs()));
-    if levels > 2 && most > 0.0 {
-        out.push(Shape {
-            groups: (0..levels).collect(),
-            columns: vec![loss.iter().map(|l| l / most).collect()],
-            price: 2.0 * alike(2).ln(),
-        });
+    // One number more, one for all levels.
+    let mut alone = |course: Vec<f64>, beside: usize| {
+        let most = course.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+        if levels > 2 && most > 0.0 {
+            out.push(Shape {
+                groups: (0..levels).collect(),
+                columns: vec![course.iter().map(|c| c / most).collect()],
+                price: 2.0 * (alike(2) * beside as f64).ln(),
+            });
+        }
+    };
+    alone(loss.to_vec(), 1);
+    if let Some(days) = days {
+        for power in POWERS {
+            let course = days.iter().map(|d| (d - days[0]).max(0.0).powf(power));
+            alone(course.collect(), POWERS.len());
+        }
     }
     out
 }
@@ -296,13 +314,14 @@ struct Judged {
     criterion: f64,
 }
 
-/// Fits one film to all levels, and chooses what has to differ between them. `ordered` levels are days, `loss` is that of each level's stroke.
+/// Fits one film to all levels, and chooses what has to differ between them. `days` are those of the levels, where they are
+/// days, `loss` is that of each level's stroke.
 ///
 /// # Errors
 /// [`Error`], when the model cannot be run at all.
-pub(super) fn joint<A: Aged>(aged: &A, ordered: bool, loss: &[f64]) -> Result<Joint, Error> {
+pub(super) fn joint<A: Aged>(aged: &A, days: Option<&[f64]>, loss: &[f64]) -> Result<Joint, Error> {
     let levels = aged.levels();
-    let shapes = shapes(levels, ordered, loss);
+    let shapes = shapes(days, loss);
 
     let (begin, mut evaluations) = aged.first()?;
     let mut sets: Vec<Vec<Cause>> = vec![Vec::new()];
@@ -369,7 +388,7 @@ pub(super) fn joint<A: Aged>(aged: &A, ordered: bool, loss: &[f64]) -> Result<Jo
         let mut models: Vec<(usize, Judged)> = forms
             .par_iter()
             .enumerate()
-            .map(|(i, form)| (i, judge(aged, form, &shapes)))
+            .map(|(i, form)| (i, judge(aged, form, &shapes, days.is_some())))
             .collect();
         models.sort_by(|a, b| a.1.criterion.total_cmp(&b.1.criterion));
         // As long as nothing fits to the noise, everything is tried.
@@ -562,7 +581,7 @@ fn covariance<A: Aged>(
 }
 
 /// The best partitions for a set of causes, and -2 ln of the evidence of the set with them.
-fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape]) -> Judged {
+fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Judged {
     let causes = &form.place.causes;
     let over_mounts = |by_mount: &[f64]| {
         let least = by_mount.iter().copied().fold(f64::INFINITY, f64::min);
@@ -583,14 +602,24 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape]) -> Judged {
         _ => Cause::ALL.len() * (Cause::ALL.len() - 1) / 2,
     };
     let rare = causes.iter().map(|c| -2.0 * c.odds().ln()).sum::<f64>() + 2.0 * (sets as f64).ln();
+    // What ages an electrode ages all of it: half of the pairs are thought to share their course over the days.
+    let course = |chosen: &[usize]| match *chosen {
+        [a, b] if a == b => shapes[a].price + 2.0 * 2.0_f64.ln(),
+        [a, b] => shapes[a].price + shapes[b].price + 2.0 * 2.0_f64.ln(),
+        _ => chosen.iter().map(|&c| shapes[c].price).sum(),
+    };
     // theta = off + tie q, q of standard deviation one beforehand.
     let cost = |q: &Quadratic, chosen: &[usize]| -> f64 {
         let (at, curvature) = (&q.at, &q.curvature);
         let mut columns: Vec<DVector<f64>> = Vec::new();
         let mut gap = at.clone();
         let mut offset = 0;
+        // First (where it is free) and last level of each cause.
+        let mut ends = Vec::new();
         for (c, cause) in causes.iter().enumerate() {
             let first = A::first_level(*cause);
+            let last = offset + aged.levels() - 1 - first;
+            ends.push(((first == 0).then_some(offset), last));
             let mut add = |of: &dyn Fn(usize) -> f64| {
                 let mut column = DVector::zeros(known);
                 for level in first..aged.levels() {
@@ -622,7 +651,22 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape]) -> Judged {
             };
             let q = c.solve(&(tie.tr_mul(curvature) * &gap));
             let volume: f64 = c.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-            (gap - &tie * &q, 2.0 * volume + q.norm_squared())
+            // What the data say of the way of a change against an even chance.
+            let mut way = 0.0;
+            for (i, cause) in causes.iter().enumerate().filter(|(i, _)| chosen[*i] > 0) {
+                let Some(sign) = cause.way().filter(|_| ordered) else {
+                    continue;
+                };
+                let (first, last) = ends[i];
+                let mut row = tie.row(last).transpose();
+                if let Some(first) = first {
+                    row -= tie.row(first).transpose();
+                }
+                let sd = row.dot(&c.solve(&row)).max(f64::MIN_POSITIVE).sqrt();
+                let on = 0.5 * erfc(-sign * row.dot(&q) / (sd * std::f64::consts::SQRT_2));
+                way -= 2.0 * (2.0 * (on * (1.0 - BACKWARDS) + (1.0 - on) * BACKWARDS)).ln();
+            }
+            (gap - &tie * &q, 2.0 * volume + q.norm_squared() + way)
         };
         let rise = (left.transpose() * curvature * &left)[(0, 0)];
         // A resistance that all levels share is no cause.
@@ -632,11 +676,9 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape]) -> Judged {
             let own = curvature.view((before, before), (aged.levels(), aged.levels()));
             (1.0 + own.sum()).ln()
         });
-        q.least + rise + occam - shared
-            + rare
-            + chosen.iter().map(|&c| shapes[c].price).sum::<f64>()
+        q.least + rise + occam - shared + rare + course(chosen)
     };
-    // Cause by cause until none changes, from every level its own value and from each cause in turn at rest.
+    // Cause by cause until none changes: from every level its own value, from each cause in turn at rest, from the best course that all share.
     let finest = shapes
         .iter()
         .position(|s| s.columns.len() + 1 == aged.levels())
@@ -650,11 +692,15 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape]) -> Judged {
         .min_by(|a, b| cost(a, &all).total_cmp(&cost(b, &all)))
         .unwrap_or(&form.by_mount[0]);
     let mut best = (all.clone(), cost(mount, &all));
-    for begin in 0..=n {
-        let mut chosen = all.clone();
-        if begin < n {
-            chosen[begin] = 0;
-        }
+    let mut begins = vec![all.clone()];
+    begins.extend((0..n).map(|rests| {
+        let mut begin = all.clone();
+        begin[rests] = 0;
+        begin
+    }));
+    let shared = (1..shapes.len()).map(|s| vec![s; n]);
+    begins.extend(shared.min_by(|a, b| cost(mount, a).total_cmp(&cost(mount, b))));
+    for mut chosen in begins {
         let mut value = cost(mount, &chosen);
         loop {
             let before = value;

@@ -183,7 +183,6 @@ fn line_unknowns(residual: &LineResidual) -> (Vec<Unknown>, Vec<Unknown>) {
 
 impl Subject for LineResidual<'_> {
     const CHAINS: usize = 1;
-    const MOST_EFFECTS: usize = 4;
     // Residuals are already counted by their correlation length.
     const TEMPERATURE: f64 = 2.0;
 

@@ -44,6 +44,10 @@ const DRAWN: usize = 6;
 /// Hypotheses that are fitted in full, and of one effect at most.
 const FITTED: usize = 10;
 const OF_ONE: usize = 2;
+/// Causes from which series of causes grow on a single coordinate.
+const STARTS: usize = 4;
+/// Causes at once on a single coordinate, and in the model of a rival, at most.
+const MOST: usize = 6;
 /// Hypotheses that are fitted where no score comes near what noise makes, and what near is.
 const FITTED_IF_QUIET: usize = 3;
 const QUIET: f64 = 0.6;
@@ -106,13 +110,18 @@ fn doubt<S: Subject>(
     let quiet = chance.largest < QUIET * chance.limit(request.false_alarm_rate)
         && plain.cost() < PAIR_ABOVE * chance.scale.max(1.0) * plain.state.rows as f64;
     let mut chosen = choose(&scanned, if quiet { FITTED_IF_QUIET } else { FITTED });
+    let mut by_surprise: Vec<&Scanned> = Vec::new();
     if plain.cost() < WEAK_BELOW * plain.state.rows as f64 {
-        let mut by_surprise: Vec<&Scanned> = scanned.iter().collect();
+        by_surprise.extend(&scanned);
         let of = |s: &Scanned| chance.surprise(s.acting.effect.id(), s.acting.on);
         by_surprise.sort_by(|a, b| of(b).total_cmp(&of(a)));
         by_surprise.truncate(SURPRISING);
-        by_surprise.retain(|s| !chosen.iter().any(|c| std::ptr::eq(*c, *s)));
-        chosen.extend(by_surprise);
+        let new = by_surprise
+            .iter()
+            .copied()
+            .filter(|s| !chosen.iter().any(|c| std::ptr::eq(*c, *s)));
+        let new: Vec<&Scanned> = new.collect();
+        chosen.extend(new);
     }
     let mut fits = refit(&problem, &plain, &chosen, &[]);
     if let Some(leader) = fits.first().filter(|f| f.cost() < 0.8 * plain.cost()) {
@@ -127,18 +136,16 @@ fn doubt<S: Subject>(
         } else {
             nominal
         };
-        let mut seen_ids: Vec<(&str, [bool; 3])> = Vec::new();
-        let leading: Vec<&Fitted> = fits
-            .iter()
-            .filter(|f| {
-                let key = (f.effects[0].effect.id(), f.effects[0].on);
-                let new = !seen_ids.contains(&key) && seen_ids.len() < LEADING;
-                if new {
-                    seen_ids.push(key);
-                }
-                new
-            })
-            .collect();
+        // The best of each hypothesis: those that fit best, and those that surprise most, which a film that bends to others outdoes.
+        let mut leading: Vec<&Fitted> = Vec::new();
+        for f in &fits {
+            let own = &f.effects[0];
+            let known = leading.iter().any(|l| l.effects[0].is(own));
+            let surprising = by_surprise.iter().any(|s| s.acting.is(own));
+            if !known && (leading.len() < LEADING || surprising) {
+                leading.push(f);
+            }
+        }
         fits = leading
             .into_par_iter()
             .map(|f| polish(&problem, f))
@@ -195,55 +202,68 @@ fn doubt<S: Subject>(
     let (surprise, limit) = (chance.largest, chance.limit(rate));
     let adequate = (surprise < limit || largest_drop < allowed)
         && plain.mean_square < NEVER_ADEQUATE * chance.scale.max(1.0);
-    // Pairs
+    // More than one
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
     if let (false, Some(first)) = (adequate, singles.first())
         && left::<S>(first) > PAIR_ABOVE
     {
         watch("looking for a second effect");
-        let second = singles
-            .get(1)
-            .filter(|s| s.excess() < 4.0 * first.excess() && left::<S>(s) > PAIR_ABOVE);
-        let mut both: Vec<Judged> = Vec::new();
-        for base in std::iter::once(first).chain(second) {
-            both.extend(with_partner(&problem, base, &groups, &units, &wanted)?);
-        }
-        weigh_down(&mut both);
-        both.sort_by(|a, b| a.score.total_cmp(&b.score));
-        // The best partner of the best partner: a first choice may have stood in for two others.
-        if let Some(other) = both.first().map(|p| p.fitted.effects[1].clone()) {
-            let tried = |j: &Judged| j.fitted.effects[0].effect.id() == other.effect.id();
-            if !tried(first) && !second.is_some_and(tried) {
-                let alone = problem.nominal(std::slice::from_ref(&other), POLISH);
-                let alone = Judged::new(&problem, alone);
-                let mut more = with_partner(&problem, &alone, &groups, &units, &wanted)?;
-                weigh_down(&mut more);
-                both.extend(more);
-                both.sort_by(|a, b| a.score.total_cmp(&b.score));
+        let beside = |base: &Judged| {
+            let mut both = with_partner(&problem, base, &groups, &units, &wanted)?;
+            weigh_down(&mut both);
+            both.sort_by(|a, b| a.score.total_cmp(&b.score));
+            Ok::<_, Error>(both)
+        };
+        if S::CHAINS == 1 {
+            // Rigs that nobody simulated have several causes, and the best single one may stand in for others: from each of the best a
+            // series grows as long as one more pays.
+            let mut ends: Vec<Judged> = Vec::new();
+            for start in of_each_cause(&singles).take(STARTS) {
+                let mut grown = start.clone();
+                while grown.fitted.effects.len() < MOST && left::<S>(&grown) > PAIR_ABOVE {
+                    let both = beside(&grown)?;
+                    let next = both
+                        .iter()
+                        .find(|n| joins::<S>(&grown, n, allowed))
+                        .cloned();
+                    if grown.fitted.effects.len() == 1 {
+                        partners.extend(both);
+                    }
+                    match next {
+                        Some(n) => grown = n,
+                        None => break,
+                    }
+                }
+                ends.push(grown);
             }
-        }
-        pair = both
-            .iter()
-            .find(|p| joins::<S>(first, p, 3.0 * allowed))
-            .cloned();
-        partners = both;
-        // Rigs that nobody simulated have more than two: as long as one more pays.
-        while let Some(base) = pair
-            .clone()
-            .filter(|p| p.fitted.effects.len() < S::MOST_EFFECTS && left::<S>(p) > PAIR_ABOVE)
-        {
-            let mut more = with_partner(&problem, &base, &groups, &units, &wanted)?;
-            weigh_down(&mut more);
-            let next = more
+            pair = ends
                 .into_iter()
-                .filter(|n| joins::<S>(&base, n, allowed))
+                .filter(|p| p.fitted.effects.len() > 1 && joins::<S>(first, p, allowed))
                 .min_by(|a, b| a.score.total_cmp(&b.score));
-            match next {
-                Some(n) => pair = Some(n),
-                None => break,
+        } else {
+            let second = singles
+                .get(1)
+                .filter(|s| s.excess() < 4.0 * first.excess() && left::<S>(s) > PAIR_ABOVE);
+            for base in std::iter::once(first).chain(second) {
+                partners.extend(beside(base)?);
             }
+            partners.sort_by(|a, b| a.score.total_cmp(&b.score));
+            // The best partner of the best partner: a first choice may have stood in for two others.
+            if let Some(other) = partners.first().map(|p| p.fitted.effects[1].clone()) {
+                let tried = |j: &Judged| j.fitted.effects[0].effect.id() == other.effect.id();
+                if !tried(first) && !second.is_some_and(tried) {
+                    let alone = problem.nominal(std::slice::from_ref(&other), POLISH);
+                    partners.extend(beside(&Judged::new(&problem, alone))?);
+                }
+            }
+            partners.sort_by(|a, b| a.score.total_cmp(&b.score));
+            pair = partners
+                .iter()
+                .find(|p| joins::<S>(first, p, 3.0 * allowed))
+                .cloned();
         }
+        partners.sort_by(|a, b| a.score.total_cmp(&b.score));
     }
     let best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
     let verdict = if adequate || singles.is_empty() {
@@ -386,17 +406,24 @@ fn left<S: Subject>(j: &Judged) -> f64 {
     }
 }
 
+/// The best fit of each cause, best first.
+fn of_each_cause(singles: &[Judged]) -> impl Iterator<Item = &Judged> {
+    let id = |j: &Judged| j.fitted.effects[0].effect.id();
+    let first = move |i: usize| !singles[..i].iter().any(|j| id(j) == id(&singles[i]));
+    (0..singles.len())
+        .filter(move |i| first(*i))
+        .map(|i| &singles[i])
+}
+
 /// Whether a further cause stays. On a robot the excess must fall by a quarter, and nearly vanish where it is no larger than what a
-/// textbook form that is wrong in detail leaves. Rigs that nobody simulated have many small causes in inexact forms: there the criterion
-/// must decide for it and what was held out confirm it, or what was held out gain by a quarter and what was fitted confirm it.
+/// textbook form that is wrong in detail leaves. Rigs that nobody simulated have many small causes in inexact forms: there it must fit better,
+/// and what was held out must say so too.
 fn joins<S: Subject>(base: &Judged, next: &Judged, chance: f64) -> bool {
     if S::CHAINS == 1 && !next.holdout.is_nan() {
-        let decisive =
-            next.score < base.score - DECISIVE && next.holdout < CONFIRMED * base.holdout;
-        // Slow misfits leave next to no independent samples, and then the criterion never decides: what was held out must.
-        let seen =
-            next.mean_square < CONFIRMED * base.mean_square && next.holdout < SEEN * base.holdout;
-        return decisive || seen;
+        // Slow misfits leave next to no independent samples, and then the criterion never decides.
+        let fits =
+            next.score < base.score - DECISIVE || next.mean_square < CONFIRMED * base.mean_square;
+        return fits && next.holdout < CONFIRMED * base.holdout;
     }
     let left = if base.mean_square > FORM_LEAVES {
         0.75
@@ -410,11 +437,10 @@ fn joins<S: Subject>(base: &Judged, next: &Judged, chance: f64) -> bool {
 
 /// Mean square up to which what one cause leaves may be its form.
 const FORM_LEAVES: f64 = 2.25;
-/// Difference of the criterion that decides (Kass and Raftery 1995: very strong), and mean square of what was held out that confirms.
+/// Difference of the criterion that decides (Kass and Raftery 1995: very strong), and share to which a further cause must bring a mean
+/// square.
 const DECISIVE: f64 = 10.0;
 const CONFIRMED: f64 = 0.95;
-/// Share to which a further cause must bring the mean square of what was held out, where the criterion cannot decide.
-const SEEN: f64 = 0.75;
 
 /// Relaxation times in rising order, their moduli with them.
 fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
@@ -433,9 +459,9 @@ fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
     p
 }
 
-/// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is believed; with the logarithm
-/// of an ordinary film's noise.
-fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, f64), Error> {
+/// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is believed; with that
+/// of an ordinary film ([`Problem::log_noise`]).
+fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, [f64; 2]), Error> {
     problem.weigh(&problem.typical())?;
     let ordinary = problem.log_noise();
     let first = problem.several(BASELINE);
@@ -458,9 +484,7 @@ fn choose(scanned: &[Scanned], count: usize) -> Vec<&Scanned> {
     for s in scanned {
         let same = |c: &&&Scanned| c.acting.effect.id() == s.acting.effect.id();
         let of = out.iter().filter(same).count();
-        let known = out
-            .iter()
-            .any(|c| c.acting.effect.id() == s.acting.effect.id() && c.acting.on == s.acting.on);
+        let known = out.iter().any(|c| c.acting.is(&s.acting));
         if out.len() < count
             && of < OF_ONE
             && !(known && of > 0 && s.promised < 0.5 * out[0].promised)

@@ -271,19 +271,20 @@ impl<S: Subject> Problem<S> {
         }
     }
 
-    /// Mean logarithm of the noise's standard deviation over all residuals, as the weights have it.
-    pub fn log_noise(&self) -> f64 {
-        let (mut sum, mut rows) = (0.0, 0.0);
-        for number in 0..self.train_when.len() {
-            for w in self.train.whitening(number) {
-                sum -= match S::CHAINS {
-                    1 => w[0].ln(),
-                    _ => (w[0] * w[2] * w[5]).ln(),
-                };
-                rows += S::CHAINS as f64;
-            }
+    /// Logarithm of the noise's standard deviation, as the weights have it: mean and median over all samples.
+    pub fn log_noise(&self) -> [f64; 2] {
+        let mut each: Vec<f64> = (0..self.train_when.len())
+            .flat_map(|number| self.train.whitening(number))
+            .map(|w| match S::CHAINS {
+                1 => -w[0].ln(),
+                _ => -(w[0] * w[2] * w[5]).ln() / S::CHAINS as f64,
+            })
+            .collect();
+        if each.is_empty() {
+            return [0.0; 2];
         }
-        sum / f64::max(rows, 1.0)
+        let (middle, mean) = (each.len() / 2, each.iter().sum::<f64>() / each.len() as f64);
+        [mean, *each.select_nth_unstable_by(middle, f64::total_cmp).1]
     }
 
     /// Variance of the noise that the residual shows over the one that the weights promise: from second differences of neighbouring
@@ -366,25 +367,46 @@ impl<S: Subject> Problem<S> {
         Ok(())
     }
 
-    /// Sets the weights at a fitted model, unless its film is so extreme that it makes more noise than the residual shows: weights set
-    /// there would hide everything, and those of an ordinary film are taken. `ordinary` is the logarithm of that one's noise. Says
-    /// whether the model's own were taken.
+    /// Sets the weights at a fitted model. Where its film is so extreme that it makes more noise than the residual shows, weights set there
+    /// would hide everything, and those of an ordinary film are taken; the same of its causes, but a stop or a friction may multiply the
+    /// noise of what little motion it leaves, so that they are doubted only where the middle sample is too noisy. `ordinary` is
+    /// [`Problem::log_noise`] of an ordinary film. Says whether the model's own film was taken.
     ///
     /// # Errors
     /// Those of [`Problem::weigh`].
-    pub fn weigh_if_believed(&mut self, fitted: &Fitted, ordinary: f64) -> Result<bool, Locked> {
+    pub fn weigh_if_believed(
+        &mut self,
+        fitted: &Fitted,
+        ordinary: [f64; 2],
+    ) -> Result<bool, Locked> {
+        if S::CHAINS == 1 {
+            self.weigh(fitted)?;
+            return Ok(true);
+        }
         let residual = self.residual(fitted);
         let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
         let scale = self.noise_scale(&design.column(design.ncols() - 1).into_owned());
         drop(residual);
-        let shown = self.log_noise() - ordinary + 0.5 * scale.ln();
-        self.weigh(fitted)?;
-        let own = self.log_noise() - ordinary;
-        if S::CHAINS > 1 && own > NOISIER && own > shown + NOISIER {
-            self.weigh(&self.typical())?;
-            return Ok(false);
+        let over = |noise: [f64; 2]| [0, 1].map(|i| noise[i] - ordinary[i]);
+        let shown = over(self.log_noise()).map(|n| n + 0.5 * scale.ln());
+        let noisier = |own: f64, shown: f64| own > NOISIER && own > shown + NOISIER;
+        let mut model = fitted.clone();
+        model.effects.clear();
+        self.weigh(&model)?;
+        let film = !noisier(over(self.log_noise())[0], shown[0]);
+        if !film {
+            model = self.typical();
+            self.weigh(&model)?;
         }
-        Ok(true)
+        if !fitted.effects.is_empty() {
+            let mut with = model.clone();
+            with.effects.clone_from(&fitted.effects);
+            self.weigh(&with)?;
+            if noisier(over(self.log_noise())[1], shown[1]) {
+                self.weigh(&model)?;
+            }
+        }
+        Ok(film)
     }
 
     /// The residual of the training recordings with the effects of a fitted model.

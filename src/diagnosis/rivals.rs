@@ -11,13 +11,11 @@ use super::outcome::{Error, RivalModel};
 use super::problem::{Fitted, Problem, Tangent, free_values};
 use super::scan::{Group, Scanned, Unit, scan};
 use super::subject::Subject;
-use super::{FIRST, POLISH, choose, gain, refit};
+use super::{FIRST, MOST, POLISH, choose, gain, refit};
 use crate::effects::Acting;
 
 const FORWARD: &str = "forward selection (AIC)";
 const SPARSE: &str = "sparse regression (LASSO)";
-/// Causes that a rival may take at most.
-const MOST: usize = 6;
 /// Hypotheses that are fitted in full in each step of the forward selection.
 const TRIED: usize = 6;
 /// Columns that the sparse regression may choose from.
@@ -123,8 +121,7 @@ fn sparse<S: Subject>(
     let mut effects: Vec<Acting> = Vec::new();
     for (i, _) in lasso(tangent, &columns) {
         let own = &columns[i].0;
-        let same = |a: &Acting| a.effect.id() == own.effect.id() && a.on == own.on;
-        if effects.len() < MOST && !effects.iter().any(same) {
+        if effects.len() < MOST && !effects.iter().any(|a| a.is(own)) {
             effects.push(own.clone());
         }
     }

@@ -152,8 +152,6 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     }
     /// Score differences of this size make odds of e to 1 in probabilities.
     const TEMPERATURE: f64 = super::TEMPERATURE;
-    /// Effects at once at most.
-    const MOST_EFFECTS: usize = 2;
     /// Whether what the best model leaves must be something that is in no entry, from the mean squares of the plain and the best
     /// model.
     fn unexplained(plain: f64, best: f64) -> bool;

@@ -1,6 +1,9 @@
-//! A conductance in parallel with the film, fed through the series resistance: the film sees less than the command, the more the higher
-//! the field:  phi = phi_c / (1 + x (E/E_0)^n), with x set so that the loss is `loss_fraction` at 3 kV on a film at area stretch 1.2.
+//! A conductance in parallel with the film, fed through a wire: the film sees less than the command, the more the higher the field, and
+//! sees it later:  R d(C phi)/dt = phi_c - phi (1 + x (1 - n/m + n/m (E/E_0)^m)). E_0 is the field at 3 kV on a film at area stretch 1.2, where x
+//! makes the loss at rest `loss_fraction`, and where it grows with the power n of the field; m is 2, or n where that is larger: a
+//! conductance that obeys Ohm's law at low fields. Without a resistance the loss is at once.
 
+use super::series_resistance::charged;
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct Leakage;
@@ -9,6 +12,26 @@ pub struct Leakage;
 const AT_V: f64 = 3000.0;
 /// Area stretch at which the loss is stated.
 const AT_AREA: f64 = 1.2;
+/// Power of the field with which a conductance begins to grow.
+const GROWS: f64 = 2.0;
+/// Steps of the fixed point in which a film that is charged through a wire finds its loss.
+const ROUNDS: usize = 3;
+
+/// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire, and how much more that is for
+/// a voltage larger by a share of it.
+fn grown(v: &[f64], along: &Along, i: usize, phi_v: f64) -> [f64; 2] {
+    let field = phi_v.abs() / AT_V * along.area_stretch(i) / AT_AREA;
+    let power = v[1].max(GROWS);
+    let share = v[1] / power;
+    let x = v[0] / (1.0 - v[0]);
+    let growing = x * share * field.powf(power);
+    [x * (1.0 - share) + growing, power * growing]
+}
+
+/// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire.
+pub(crate) fn leak(v: &[f64], along: &Along, i: usize, phi_v: f64) -> f64 {
+    grown(v, along, i, phi_v)[0]
+}
 
 impl Effect for Leakage {
     fn id(&self) -> &'static str {
@@ -18,13 +41,14 @@ impl Effect for Leakage {
         "a leakage current through the film or over its surface takes part of the voltage, more at a higher field"
     }
     fn source(&self) -> &'static str {
-        "voltage divider with a conductance that grows with the field"
+        "voltage divider with a conductance that grows with the field, Kirchhoff's law for the wire before it"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[
                 size("loss_fraction", "1", 0.0, 0.5, 0.1),
                 shape("field_exponent", "1", 1.5, 0.3, 4.0, 1.0),
+                shape("resistance", "ohm", 0.0, 0.0, 1e8, 3e6),
             ]
         }
     }
@@ -35,25 +59,39 @@ impl Effect for Leakage {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        vec![vec![vec![0.01, 0.7]], vec![vec![0.01, 2.0]]]
+        [[0.5, 0.0], [2.0, 0.0], [1.0, 2e6]]
+            .iter()
+            .map(|[exponent, wire]| vec![vec![0.01, *exponent, *wire]])
+            .collect()
     }
     fn brought_out_by(&self) -> &'static str {
         "the same pose at several voltages: payload steps under held voltages"
+    }
+    fn remembers(&self) -> bool {
+        true
     }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         if v[0] == 0.0 {
             return;
         }
-        let x = v[0] / (1.0 - v[0]);
+        if v[2] > 0.0 {
+            let first_v = at_rest(v, along, 0, phi_v[0]);
+            let leak = |i: usize, phi: f64| leak(v, along, i, phi);
+            charged(v[2], along, first_v, ROUNDS, leak, phi_v);
+            return;
+        }
         for (i, phi) in phi_v.iter_mut().enumerate() {
-            let field = phi.abs() / AT_V * along.area_stretch(i) / AT_AREA;
-            // the field is that of the film's own voltage: Newton on y (1 + x (f y)^n) = 1
-            let (mut y, n) = (1.0_f64, v[1]);
-            for _ in 0..4 {
-                let g = x * (field * y).powf(n);
-                y = (y - (y * (1.0 + g) - 1.0) / (1.0 + (n + 1.0) * g)).max(1e-3);
-            }
-            *phi *= y;
+            *phi = at_rest(v, along, i, *phi);
         }
     }
+}
+
+/// What is left of a command of `told_v` that is held: Newton on y (1 + leak(y)) = 1.
+fn at_rest(v: &[f64], along: &Along, i: usize, told_v: f64) -> f64 {
+    let mut y = 1.0_f64;
+    for _ in 0..4 {
+        let [g, more] = grown(v, along, i, told_v * y);
+        y = (y - (y * (1.0 + g) - 1.0) / (1.0 + g + more)).max(1e-3);
+    }
+    told_v * y
 }

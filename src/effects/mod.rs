@@ -120,6 +120,7 @@ impl Reach {
 }
 
 pub(crate) use joint_friction::level as friction_level;
+pub(crate) use leakage::leak;
 
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -371,7 +372,7 @@ impl std::fmt::Debug for Acting {
 
 impl PartialEq for Acting {
     fn eq(&self, other: &Self) -> bool {
-        self.effect.id() == other.effect.id() && self.values == other.values && self.on == other.on
+        self.is(other) && self.values == other.values
     }
 }
 
@@ -380,6 +381,11 @@ impl Acting {
     pub fn off(effect: &'static dyn Effect, on: [bool; 3]) -> Self {
         let values = effect.parameters().iter().map(|q| q.off).collect();
         Acting { effect, values, on }
+    }
+
+    /// Whether it is the same cause in the same actuators, whatever the values.
+    pub fn is(&self, other: &Acting) -> bool {
+        self.effect.id() == other.effect.id() && self.on == other.on
     }
 }
 

@@ -33,25 +33,40 @@ impl Effect for SeriesResistance {
     fn remembers(&self) -> bool {
         true
     }
-    /// With the charge q = C phi:  q' = (C phi_c - q)/(R C), integrated exactly for a linear C phi_c and the mean 1/C of the step, so
-    /// that phi is phi_c in the limit of no resistance.
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
-        let r = v[0];
-        if r == 0.0 {
-            return;
+        if v[0] > 0.0 {
+            charged(v[0], along, phi_v[0], 0, |_, _| 0.0, phi_v);
         }
-        let capacitance = |i: usize| {
-            along
-                .lozenge
-                .capacitance_f(along.theta_dea_rad[i], along.eps_f_m)
-        };
-        let mut c0 = capacitance(0);
-        let mut charge = c0 * phi_v[0];
-        let mut before = phi_v[0];
-        for i in 1..phi_v.len() {
-            let c1 = capacitance(i);
-            let c = 2.0 / (1.0 / c0 + 1.0 / c1);
-            let x = along.step_s / (r * c);
+    }
+}
+
+/// The voltage on a film that a wire of `resistance_ohm` feeds, in place of the commanded one, V, from `first_v` at the first sample; a
+/// conductance over the film takes `leak(i, phi)` times the current that phi would drive through the wire. With the charge
+/// q = C phi and k = 1 + leak,  q' = (C phi_c - k q)/(R C)  is integrated exactly for a linear C phi_c and the mean 1/C of the step, so that
+/// phi is phi_c/k in the limit of no resistance; k is that of the step's end, which `rounds` steps of a fixed point close in on.
+pub(super) fn charged(
+    resistance_ohm: f64,
+    along: &Along,
+    first_v: f64,
+    rounds: usize,
+    leak: impl Fn(usize, f64) -> f64,
+    phi_v: &mut [f64],
+) {
+    let capacitance = |i: usize| {
+        along
+            .lozenge
+            .capacitance_f(along.theta_dea_rad[i], along.eps_f_m)
+    };
+    let mut c0 = capacitance(0);
+    let mut before = std::mem::replace(&mut phi_v[0], first_v);
+    let mut charge = c0 * first_v;
+    for i in 1..phi_v.len() {
+        let command = phi_v[i];
+        let c1 = capacitance(i);
+        let c = 2.0 / (1.0 / c0 + 1.0 / c1);
+        let after = |phi: f64| {
+            let k = 1.0 + leak(i, phi);
+            let x = k * along.step_s / (resistance_ohm * c);
             let decay = (-x).exp();
             // phi_1(x) = (1 - e^-x)/x, share of the slope
             let mean = if x < 1e-6 {
@@ -59,11 +74,15 @@ impl Effect for SeriesResistance {
             } else {
                 (1.0 - decay) / x
             };
-            let command = phi_v[i];
-            charge = charge * decay + c0 * before * (mean - decay) + c1 * command * (1.0 - mean);
-            before = command;
-            phi_v[i] = charge / c1;
-            c0 = c1;
+            charge * decay + (c0 * before * (mean - decay) + c1 * command * (1.0 - mean)) / k
+        };
+        let mut next = after(charge / c0);
+        for _ in 0..rounds {
+            next = after(next / c1);
         }
+        charge = next;
+        before = command;
+        phi_v[i] = charge / c1;
+        c0 = c1;
     }
 }

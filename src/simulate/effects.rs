@@ -15,7 +15,7 @@ use super::Error;
 use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
-use crate::effects::{Acting, Along, Reading, Site, When};
+use crate::effects::{Acting, Along, Reading, Site, When, leak};
 use crate::film::Film;
 use crate::kinematics::Vec3;
 use crate::model::{Parameters, Robot};
@@ -58,9 +58,10 @@ enum Memory {
 }
 
 impl Memory {
-    fn of(id: &str) -> Self {
-        match id {
+    fn of(acting: &Acting) -> Self {
+        match acting.effect.id() {
             "series_resistance" => Memory::Charge,
+            "leakage" if acting.values[2] > 0.0 => Memory::Charge,
             "dielectric_relaxation" => Memory::Polarisation,
             "slew_limit" => Memory::Output,
             "joint_friction" => Memory::Presliding,
@@ -103,7 +104,7 @@ impl Part {
         let memory = if off {
             Memory::None
         } else {
-            Memory::of(acting.effect.id())
+            Memory::of(acting)
         };
         Part {
             acting: acting.clone(),
@@ -466,7 +467,11 @@ impl Addition for EffectAddition {
                 match part.memory {
                     Memory::Charge => {
                         let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
-                        rate[0] = (told - phi) / v[0] / NANOCOULOMB;
+                        let (ohm, leak) = match v {
+                            [_, _, wire] => (wire, leak(v, &along, 0, phi)),
+                            _ => (&v[0], 0.0),
+                        };
+                        rate[0] = (told - phi * (1.0 + leak)) / ohm / NANOCOULOMB;
                         action.phi_v[k] = phi;
                     }
                     Memory::Polarisation => {

@@ -64,6 +64,20 @@ const PROMISED: &[(&str, &[(&str, &str)])] = &[
     ("frame_tilt", &[("rotation", "rad")]),
     ("marker_offset", &[("offset", "m")]),
     ("mocap_lag", &[("delay", "s"), ("pure", "1")]),
+    (
+        "x_space_charge",
+        &[("fraction", "1"), ("time_constant", "s")],
+    ),
+    ("x_electrode_viscosity", &[("viscosity", "Pa s")]),
+    (
+        "x_nonlinear_flow",
+        &[
+            ("modulus", "Pa"),
+            ("time_constant", "s"),
+            ("stress_exponent", "1"),
+        ],
+    ),
+    ("x_backlash", &[("stiffness", "N m/rad"), ("play", "rad")]),
 ];
 
 #[test]

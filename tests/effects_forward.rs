@@ -141,8 +141,15 @@ fn the_inverse_model_with_the_cause_asks_for_the_voltage_that_was_given() {
         ("frame_tilt", &[0.01, -0.02, 0.03], all, 2.0),
         ("marker_offset", &[5e-4, -3e-4, 4e-4], all, 2.0),
         ("mocap_lag", &[0.02, 0.6], all, 2.0),
+        ("x_space_charge", &[0.1, 5.0], all, 2.0),
+        ("x_electrode_viscosity", &[2e3], all, 2.0),
+        ("x_nonlinear_flow", &[1e5, 0.5, 3.0], all, 2.0),
+        ("x_backlash", &[0.02, 0.02], all, 5.0),
     ];
-    assert_eq!(cases.len(), deacal::effects::CATALOGUE.len());
+    for effect in deacal::effects::CATALOGUE {
+        let id = effect.id();
+        assert!(cases.iter().any(|c| c.0 == id), "{id}");
+    }
     let plain = motion(&robot, &parameters, &log, &options(), &[]).unwrap();
     let mut complaints = Vec::new();
     for &(id, values, on, allowed) in cases {

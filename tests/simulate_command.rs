@@ -550,7 +550,7 @@ fn what_cannot_be_simulated_is_said_with_place_values_and_remedy() {
 
 /// Every cause of the catalogue at a moderate size, as `--effect` takes it; V rms that are allowed with it; and from which voltage on
 /// the command can be told from the film's voltage (a dead band hides what lies below it, a slew limit what is steeper).
-const EFFECTS: [(&str, f64, f64); 27] = [
+const EFFECTS: [(&str, f64, f64); 31] = [
     ("series_resistance:resistance=1e7", 2.0, 1e3),
     ("leakage:loss_fraction=0.05", 2.0, 1e3),
     ("amplifier_gain:gain_error=0.05,offset=60", 2.0, 1e3),
@@ -586,6 +586,10 @@ const EFFECTS: [(&str, f64, f64); 27] = [
     ("frame_tilt:rotation=0.01/-0.02/0.03", 2.0, 1e3),
     ("marker_offset:offset=5e-4/-3e-4/4e-4", 2.0, 1e3),
     ("mocap_lag:delay=0.02", 2.0, 1e3),
+    ("x_space_charge:fraction=0.1,time_constant=5", 2.0, 1e3),
+    ("x_electrode_viscosity:viscosity=2e3", 2.0, 1e3),
+    ("x_nonlinear_flow:modulus=1e5,time_constant=0.5", 2.0, 1e3),
+    ("x_backlash:stiffness=0.02,play=0.02", 5.0, 1e3),
 ];
 
 #[test]

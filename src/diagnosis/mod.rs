@@ -32,7 +32,7 @@ pub use robot::diagnose;
 
 use rayon::prelude::*;
 
-use crate::effects::{Acting, Effect, When};
+use crate::effects::{Acting, Effect, When, is_rare};
 use judge::{Judged, NEVER_ADEQUATE, alike};
 use locate::{Spot, locate};
 use problem::{Effort, Fitted, Problem, Tangent, value_errors};
@@ -44,10 +44,12 @@ const DRAWN: usize = 6;
 /// Hypotheses that are fitted in full, and of one effect at most.
 const FITTED: usize = 10;
 const OF_ONE: usize = 2;
-/// Causes from which series of causes grow on a single coordinate.
-const STARTS: usize = 4;
+/// Best causes from which series of causes grow on a single coordinate.
+const STARTS: usize = 2;
 /// Causes at once on a single coordinate, and in the model of a rival, at most.
 const MOST: usize = 6;
+/// Hypotheses of rare causes that are fitted.
+const RARE: usize = 4;
 /// Hypotheses that are fitted where no score comes near what noise makes, and what near is.
 const FITTED_IF_QUIET: usize = 3;
 const QUIET: f64 = 0.6;
@@ -89,7 +91,11 @@ fn doubt<S: Subject>(
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
     let words = problem.train.words();
-    let wanted = |id: &str| request.only.is_empty() || request.only.iter().any(|o| o == id);
+    let rare = |id: &str| S::CHAINS > 1 && is_rare(id);
+    let wanted = |id: &str| match &request.only[..] {
+        [] => !rare(id),
+        only => only.iter().any(|o| o == id),
+    };
     watch("fitting the plain model");
     let (mut plain, ordinary) = baseline(&mut problem)?;
     watch("scanning the catalogue");
@@ -219,9 +225,16 @@ fn doubt<S: Subject>(
             // Rigs that nobody simulated have several causes, and the best single one may stand in for others: from each of the best a
             // series grows as long as one more pays.
             let mut ends: Vec<Judged> = Vec::new();
-            for start in of_each_cause(&singles).take(STARTS) {
+            let mut known: Vec<Vec<&str>> = Vec::new();
+            for start in starts(&singles) {
                 let mut grown = start.clone();
                 while grown.fitted.effects.len() < MOST && left::<S>(&grown) > PAIR_ABOVE {
+                    let mut set: Vec<&str> = ids(&grown).collect();
+                    set.sort_unstable();
+                    if known.contains(&set) {
+                        break;
+                    }
+                    known.push(set);
                     let both = beside(&grown)?;
                     let next = both
                         .iter()
@@ -265,14 +278,27 @@ fn doubt<S: Subject>(
         }
         partners.sort_by(|a, b| a.score.total_cmp(&b.score));
     }
-    let best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
-    let verdict = if adequate || singles.is_empty() {
+    let mut best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
+    let mut verdict = if adequate || singles.is_empty() {
         Verdict::Adequate
     } else if S::unexplained(plain.mean_square, best.mean_square) {
         Verdict::Unexplained
     } else {
         Verdict::MissingPhysics
     };
+    if verdict == Verdict::Unexplained && request.only.is_empty() {
+        watch("trying rare causes");
+        let explains = |r: &Judged| {
+            !S::unexplained(plain.mean_square, r.mean_square)
+                && (r.holdout.is_nan() || r.holdout < best.holdout)
+        };
+        if let Some(r) = of_the_rare(&problem, &plain, &rare)?.filter(explains) {
+            best = r.clone();
+            singles.insert(0, r);
+            pair = None;
+            verdict = Verdict::MissingPhysics;
+        }
+    }
     watch("judging");
     let in_model = verdict == Verdict::MissingPhysics;
     let augmented = if in_model { &best } else { &plain };
@@ -387,8 +413,12 @@ fn doubt<S: Subject>(
                 .iter()
                 .chain(&partners)
                 .map(|j| {
-                    let ids = j.fitted.effects.iter().map(|a| a.effect.id()).collect();
-                    (ids, j.score - plain.score, j.mean_square, j.holdout)
+                    (
+                        ids(j).collect(),
+                        j.score - plain.score,
+                        j.mean_square,
+                        j.holdout,
+                    )
                 })
                 .collect(),
             p_value: chance.p_value(),
@@ -406,13 +436,41 @@ fn left<S: Subject>(j: &Judged) -> f64 {
     }
 }
 
-/// The best fit of each cause, best first.
-fn of_each_cause(singles: &[Judged]) -> impl Iterator<Item = &Judged> {
-    let id = |j: &Judged| j.fitted.effects[0].effect.id();
-    let first = move |i: usize| !singles[..i].iter().any(|j| id(j) == id(&singles[i]));
-    (0..singles.len())
-        .filter(move |i| first(*i))
-        .map(|i| &singles[i])
+/// The best fit of a cause that is thought of only where no other will do.
+fn of_the_rare<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Judged,
+    rare: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Option<Judged>, Error> {
+    let tangent = Tangent::new(problem, &plain.fitted)?;
+    let groups = fingerprints(problem, &plain.fitted, rare);
+    let scanned = scan(problem, &tangent, &groups, &[], rare);
+    let fits = refit(problem, &plain.fitted, &choose(&scanned, RARE), &[]);
+    Ok(fits
+        .iter()
+        .map(|f| Judged::new(problem, polish(problem, f)))
+        .min_by(|a, b| a.score.total_cmp(&b.score)))
+}
+
+/// Ids of the causes of a fit.
+fn ids(j: &Judged) -> impl Iterator<Item = &'static str> {
+    j.fitted.effects.iter().map(|a| a.effect.id())
+}
+
+/// The single causes from which series grow: the best by their score, and the one that fits best of what was not held out, which may
+/// need others before it foretells anything.
+fn starts(singles: &[Judged]) -> Vec<&Judged> {
+    let mut out: Vec<&Judged> = Vec::new();
+    for j in singles {
+        if out.len() < STARTS && !out.iter().any(|o| ids(o).eq(ids(j))) {
+            out.push(j);
+        }
+    }
+    let fits = singles
+        .iter()
+        .min_by(|a, b| a.mean_square.total_cmp(&b.mean_square));
+    out.extend(fits.filter(|f| !out.iter().any(|o| ids(o).eq(ids(f)))));
+    out
 }
 
 /// Whether a further cause stays. On a robot the excess must fall by a quarter, and nearly vanish where it is no larger than what a
@@ -569,7 +627,7 @@ fn with_partner<S: Subject>(
         .collect();
     // A single coordinate costs next to nothing, and its many small causes hide each other.
     let (count, judged) = match (S::CHAINS, first.mean_square > 3.0) {
-        (1, _) => (6, 6),
+        (1, _) => (6, 4),
         (_, true) => (6, 2),
         (_, false) => (3, 2),
     };

@@ -10,11 +10,13 @@ mod actuator_mass;
 mod amplifier_deadband;
 mod amplifier_gain;
 mod amplifier_saturation;
+mod backlash;
 mod clock_skew;
 mod command;
 mod dielectric_relaxation;
 mod electrode_failure;
 mod electrode_stiffness;
+mod electrode_viscosity;
 mod end_stop;
 mod frame_tilt;
 mod hinge_stiffness;
@@ -27,11 +29,13 @@ mod loss_of_tension;
 mod marker_offset;
 pub(crate) mod mocap_lag;
 mod mullins_softening;
+mod nonlinear_flow;
 mod payload_change;
 mod permittivity_stretch;
 mod series_resistance;
 mod slew_limit;
 mod slow_creep;
+mod space_charge;
 mod temperature_drift;
 mod time_offset;
 
@@ -40,7 +44,8 @@ pub use command::command_for;
 use crate::film::Film;
 use crate::kinematics::{Lozenge, Mechanism, Vec3};
 
-/// Every cause that is known, in the order of the balance: electrical chain, film and lozenge, joints and masses, measurement.
+/// Every cause that is known, in the order of the balance: electrical chain, film and lozenge, joints and masses, measurement; and at the
+/// end, with ids `x_...`, those that are thought of only where none of the others will do ([`is_rare`]).
 pub const CATALOGUE: &[&dyn Effect] = &[
     &series_resistance::SeriesResistance,
     &leakage::Leakage,
@@ -69,11 +74,20 @@ pub const CATALOGUE: &[&dyn Effect] = &[
     &frame_tilt::FrameTilt,
     &marker_offset::MarkerOffset,
     &mocap_lag::MocapLag,
+    &space_charge::SpaceCharge,
+    &electrode_viscosity::ElectrodeViscosity,
+    &nonlinear_flow::NonlinearFlow,
+    &backlash::Backlash,
 ];
 
 /// The cause with this id.
 pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.id() == id)
+}
+
+/// Whether a cause of a robot is thought of only where none of the others will do: nearly all that it does, one of them does too.
+pub fn is_rare(id: &str) -> bool {
+    id.starts_with("x_")
 }
 
 /// Where a cause enters, and so what has to be worked out again when its values change.
@@ -121,6 +135,7 @@ impl Reach {
 
 pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
+pub(crate) use nonlinear_flow::flow;
 
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -15,7 +15,7 @@ use super::Error;
 use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
-use crate::effects::{Acting, Along, Reading, Site, When, leak};
+use crate::effects::{Acting, Along, Reading, Site, When, flow, leak};
 use crate::film::Film;
 use crate::kinematics::Vec3;
 use crate::model::{Parameters, Robot};
@@ -26,6 +26,7 @@ const NANOCOULOMB: f64 = 1e-9;
 /// Times within which what has no inertia of its own follows, s: a clamped rate, a largest energy, an acceleration.
 const SLEW_S: f64 = 2e-4;
 const LARGEST_S: f64 = 2e-4;
+const PLAY_S: f64 = 2e-4;
 const INERTIA_S: f64 = 2e-3;
 /// The slow share's time over the fast one's, as in the catalogue.
 const SLOWER: f64 = 15.0;
@@ -51,6 +52,12 @@ enum Memory {
     Branch,
     /// sigma_2 at the beginning, Pa.
     Rest,
+    /// ln xi_1, ln xi_2 of a branch that flows the faster the more it carries.
+    Flow,
+    /// What charge in the film holds off, V.
+    HeldOff,
+    /// theta_b behind a play, now and at the beginning, rad.
+    Play,
     /// theta_b', followed closely: its difference is the acceleration.
     BicepRate,
     /// The end effector's velocity, followed closely.
@@ -70,6 +77,9 @@ impl Memory {
             "loss_of_tension" => Memory::Rest,
             "actuator_mass" => Memory::BicepRate,
             "payload_change" => Memory::Velocity,
+            "x_space_charge" => Memory::HeldOff,
+            "x_nonlinear_flow" => Memory::Flow,
+            "x_backlash" => Memory::Play,
             _ => Memory::None,
         }
     }
@@ -83,7 +93,8 @@ impl Memory {
             Memory::Output => (1, 1000.0),
             Memory::Presliding => (1, 1.0),
             Memory::LargestEnergy => (1, 1e5),
-            Memory::Branch => (2, 1.0),
+            Memory::Branch | Memory::Flow | Memory::Play => (2, 1.0),
+            Memory::HeldOff => (1, 100.0),
             Memory::Rest => (1, 1e6),
             Memory::BicepRate | Memory::Velocity => (1, 1.0),
         }
@@ -425,7 +436,9 @@ impl Addition for EffectAddition {
                         }
                         z.copy_from_slice(&x);
                     }
-                    Memory::Presliding | Memory::None => z.fill(0.0),
+                    Memory::Flow => z.copy_from_slice(&s.stretch[k].map(f64::ln)),
+                    Memory::Play => z.fill(s.theta_b_rad[k]),
+                    Memory::HeldOff | Memory::Presliding | Memory::None => z.fill(0.0),
                 }
             }
         }
@@ -482,6 +495,10 @@ impl Addition for EffectAddition {
                             + v[0] * z[0] * z[0]
                             + v[2] * z[1] * z[1];
                         action.phi_v[k] = square.max(0.0).sqrt();
+                    }
+                    Memory::HeldOff => {
+                        rate[0] = (v[0] * told - z[0]) / v[1];
+                        action.phi_v[k] = told - z[0];
                     }
                     Memory::Output => {
                         let sign = if told == 0.0 {
@@ -575,9 +592,29 @@ impl Addition for EffectAddition {
                         rate.copy_from_slice(&own);
                         action.torque_dea_n_m[k] -= v[0] * torque(stress);
                     }
+                    Memory::Flow => {
+                        let (own, stress, _) = flow(v, s.stretch[k].map(|l| l * l), [z[0], z[1]]);
+                        rate.copy_from_slice(&own);
+                        action.torque_dea_n_m[k] -= v[0] * torque(stress);
+                    }
+                    Memory::Play => {
+                        let ahead = s.theta_b_rad[k] - z[0];
+                        let pushed = (ahead - v[1]).max(0.0) + (ahead + v[1]).min(0.0);
+                        rate[0] = pushed / PLAY_S;
+                        action.torque_b_n_m[k] -= v[0] * (z[0] - z[1]);
+                    }
                     _ => {
                         let effect = part.acting.effect;
                         let mut made = [0.0];
+                        // The lever is 1 here: what asks for the rate of the lozenge is given that one.
+                        let rate = [[s.theta_b_rad[k], s.theta_dea_rate_rad_s[k], 0.0]];
+                        let along = match effect.id() {
+                            "x_electrode_viscosity" => Along {
+                                theta_b: &rate,
+                                ..along
+                            },
+                            _ => along,
+                        };
                         effect.torque(v, &along, &mut made);
                         if matches!(effect.id(), "joint_damping" | "end_stop") {
                             action.torque_b_n_m[k] += made[0];

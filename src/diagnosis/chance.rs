@@ -42,7 +42,7 @@ const SCALES: [f64; 2] = [0.5, 3.0];
 /// Surprises of clean recordings over those of drawn noise: what the draws do not have (noise in the columns, motion that the smoother
 /// takes for noise). From 70 clean cases of the project's own (`deacal prove`, seeds 4242 and 7001): the exponential tail of their
 /// largest surprises exceeds 14.6 in about one of a hundred, that of the draws 8.8 in one of fifty.
-const BEYOND_DRAWN: f64 = 1.65;
+pub(super) const BEYOND_DRAWN: f64 = 1.65;
 
 /// A column with all that its score needs.
 struct Column {

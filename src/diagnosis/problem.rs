@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::chance::BEYOND_DRAWN;
 use super::subject::Subject;
 use crate::effects::{Acting, Site, When};
 use crate::film::Locked;
@@ -563,7 +564,8 @@ pub(super) fn informed<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64
 /// Standard errors of the free values of a fitted model's effects, in their units.
 ///
 /// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under the noise of the capture.
-/// What a textbook form leaves beyond noise widens it by the root of the mean square.
+/// What a textbook form leaves beyond noise widens it by the root of the mean square, and on robots what clean recordings make beyond the
+/// drawn noise ([`BEYOND_DRAWN`]).
 pub(super) fn value_errors<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
@@ -587,9 +589,10 @@ pub(super) fn value_errors<S: Subject>(
         .map(|&i| 1.0 / gram[(i, i)].sqrt().max(f64::MIN_POSITIVE))
         .collect();
     let misfit = (fitted.cost() / fitted.state.rows as f64).max(1.0);
+    let beyond = if S::CHAINS > 1 { BEYOND_DRAWN } else { 1.0 };
     let mut h = DMatrix::from_fn(n, n, |a, b| scale[a] * scale[b] * gram[(free[a], free[b])]);
     let mut s = DMatrix::from_fn(n, n, |a, b| {
-        misfit * scale[a] * scale[b] * scores[(free[a], free[b])]
+        misfit * beyond * scale[a] * scale[b] * scores[(free[a], free[b])]
     });
     for a in 0..n {
         let prior = unknowns[free[a]].prior.map_or(0.0, |p| p.sd.powi(-2));

@@ -66,8 +66,8 @@ fn a_fit_with_the_film_free_finds_the_offset() {
     // a fast branch of the film and a shift of the clock look alike
     assert!(worst < 3e-3, "{worst}");
     assert!(rms < 1e-3, "{rms}");
-    // Wanted are 93 to 97 %, and all within 1 ms. Measured on 500: 91.0 %, and 92.8 % within 1 ms: this is a floor.
-    assert!(share - 0.91 >= -slack(n), "{share}");
+    // 3 of 4 at the least, and 88 to 100 % of a hundred. Missed on 500: 91.0 % (92.8 % of them within 1 ms).
+    assert!((share - 0.95).abs() <= slack(n), "{share}");
 }
 
 /// A drive of sines and jumps, V. The jumps fall anywhere between the samples of a log.
@@ -132,8 +132,11 @@ fn a_shared_channel_tells_offset_and_skew() {
         );
         assert!(worst < 1e-3, "{worst}");
         assert!(skew_worst < 10e-6, "{skew_worst}");
-        // Measured on 500: 97.6 and 98.0 %, a little more than promised.
-        assert!(share >= 0.95 - slack(n), "{share}");
+        // Missed on 500 by a hair: 97.6 and 98.0 %, more than promised.
+        assert!(
+            (0.95 - slack(n)..=0.95 + slack(n)).contains(&share),
+            "{share}"
+        );
     }
 }
 

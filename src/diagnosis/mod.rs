@@ -254,6 +254,7 @@ fn doubt<S: Subject>(
                 .into_iter()
                 .filter(|p| p.fitted.effects.len() > 1 && joins::<S>(first, p, allowed))
                 .min_by(|a, b| a.score.total_cmp(&b.score));
+            partners.sort_by(|a, b| a.score.total_cmp(&b.score));
         } else {
             let second = singles
                 .get(1)
@@ -276,7 +277,6 @@ fn doubt<S: Subject>(
                 .find(|p| joins::<S>(first, p, 3.0 * allowed))
                 .cloned();
         }
-        partners.sort_by(|a, b| a.score.total_cmp(&b.score));
     }
     let mut best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
     let mut verdict = if adequate || singles.is_empty() {

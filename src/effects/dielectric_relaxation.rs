@@ -1,7 +1,7 @@
 //! Part of the polarisation follows the field slowly:  phi^2 -> (1 - x - y) phi^2 + x psi_1^2 + y psi_2^2,  tau_j psi_j' = phi - psi_j.
 //! Two shares, because one time leaves structure: `time_constant`, and fifteen times that.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, shape, size};
 
 pub struct DielectricRelaxation;
 
@@ -53,13 +53,7 @@ impl Effect for DielectricRelaxation {
         for phi in phi_v {
             let now = *phi;
             for (p, t) in psi.iter_mut().zip(times) {
-                let h = along.step_s / t;
-                let decay = (-h).exp();
-                let mean = if h < 1e-6 {
-                    1.0 - 0.5 * h
-                } else {
-                    (1.0 - decay) / h
-                };
+                let (decay, mean) = decays(along.step_s / t);
                 *p = *p * decay + before * (mean - decay) + now * (1.0 - mean);
             }
             before = now;

@@ -136,6 +136,7 @@ impl Reach {
 pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
 pub(crate) use nonlinear_flow::flow;
+pub(crate) use slow_creep::creep;
 
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -402,6 +403,17 @@ impl Acting {
     pub fn is(&self, other: &Acting) -> bool {
         self.effect.id() == other.effect.id() && self.on == other.on
     }
+}
+
+/// What is left of a state after x of its time constants, e^-x, and its mean along the way, (1 - e^-x)/x.
+fn decays(x: f64) -> (f64, f64) {
+    let left = (-x).exp();
+    let mean = if x < 1e-6 {
+        1.0 - 0.5 * x
+    } else {
+        (1.0 - left) / x
+    };
+    (left, mean)
 }
 
 /// A logistic step from 0 to 1 around 0.

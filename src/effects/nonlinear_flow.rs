@@ -1,6 +1,7 @@
 //! One more branch of the film whose flow speeds up with its stress: the rate of a linear branch times (s/S_0)^(m - 1), s the equivalent stress
 //! over the modulus and S_0 = 0.1; `time_constant` is the relaxation time at S_0. Relaxed at the first sample.
 
+use super::slow_creep::creep;
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct NonlinearFlow;
@@ -12,16 +13,15 @@ const STEP: f64 = 0.1;
 
 /// d ln xi/dt of the branch with values `v` at the squared stretches `l`, its stress over its modulus, and the rate with which it relaxes, 1/s.
 pub(crate) fn flow(v: &[f64], l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
-    let (a, b) = (l[0] * (-2.0 * x[0]).exp(), l[1] * (-2.0 * x[1]).exp());
-    let c = 1.0 / (a * b);
-    let s = [a - c, b - c];
+    let (rate, s) = creep(v[1], l, x);
     let size = (s[0] * s[0] - s[0] * s[1] + s[1] * s[1]).sqrt();
-    let fast = (size / AT).powf(v[2] - 1.0) / v[1];
-    let rate = fast / 3.0;
+    let faster = (size / AT).powf(v[2] - 1.0);
+    // the slope of the stress is at most that of its largest part
+    let steep = l[0] * (-2.0 * x[0]).exp() + l[1] * (-2.0 * x[1]).exp() + size;
     (
-        [rate * (s[0] - 0.5 * s[1]), rate * (s[1] - 0.5 * s[0])],
+        rate.map(|r| faster * r),
         s,
-        fast * v[2] * (a + b + c),
+        faster / v[1] * v[2] * steep.max(1.0),
     )
 }
 

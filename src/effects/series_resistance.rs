@@ -1,6 +1,6 @@
 //! Wire and electrode resistance R feed the capacitance of the film:  R d(C phi)/dt = phi_c - phi.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, size};
 
 pub struct SeriesResistance;
 
@@ -67,13 +67,7 @@ pub(super) fn charged(
         let after = |phi: f64| {
             let k = 1.0 + leak(i, phi);
             let x = k * along.step_s / (resistance_ohm * c);
-            let decay = (-x).exp();
-            // phi_1(x) = (1 - e^-x)/x, share of the slope
-            let mean = if x < 1e-6 {
-                1.0 - 0.5 * x
-            } else {
-                (1.0 - decay) / x
-            };
+            let (decay, mean) = decays(x);
             charge * decay + (c0 * before * (mean - decay) + c1 * command * (1.0 - mean)) / k
         };
         let mut next = after(charge / c0);

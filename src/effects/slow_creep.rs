@@ -8,6 +8,16 @@ pub struct SlowCreep;
 /// Longest step in which the branch is followed while the robot rests, s.
 const REST_STEP_S: f64 = 5.0;
 
+/// d ln xi/dt of a neo-Hookean branch with the relaxation time `time_s`, far from locking, at the squared stretches `l`, and its stress over its
+/// modulus:  d ln xi_1/dt = (s_1 - s_2/2)/(3 T).
+pub(crate) fn creep(time_s: f64, l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+    let (a, b) = (l[0] * (-2.0 * x[0]).exp(), l[1] * (-2.0 * x[1]).exp());
+    let c = 1.0 / (a * b);
+    let s = [a - c, b - c];
+    let rate = 1.0 / (3.0 * time_s);
+    ([rate * (s[0] - 0.5 * s[1]), rate * (s[1] - 0.5 * s[0])], s)
+}
+
 impl Effect for SlowCreep {
     fn id(&self) -> &'static str {
         "slow_creep"
@@ -39,7 +49,6 @@ impl Effect for SlowCreep {
     fn brought_out_by(&self) -> &'static str {
         "the first recording repeated at the end, and a rest of twenty minutes"
     }
-    /// d ln xi_1/dt = (s_1 - s_2/2)/(3 mu T), with neo-Hookean s: the branch is far from locking.
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         if v[0] == 0.0 {
             return;
@@ -51,16 +60,10 @@ impl Effect for SlowCreep {
                 .stretches(along.theta_dea_rad[i])
                 .map(|l| l * l)
         };
-        let stress = |l: [f64; 2], x: [f64; 2]| {
-            let (a, b) = (l[0] * (-2.0 * x[0]).exp(), l[1] * (-2.0 * x[1]).exp());
-            let c = 1.0 / (a * b);
-            [a - c, b - c]
-        };
         let advance = |l: [f64; 2], x: &mut [f64; 2], h: f64| {
-            let s = stress(l, *x);
-            let rate = h / (3.0 * v[1]);
-            x[0] += rate * (s[0] - 0.5 * s[1]);
-            x[1] += rate * (s[1] - 0.5 * s[0]);
+            let rate = creep(v[1], l, *x).0;
+            x[0] += h * rate[0];
+            x[1] += h * rate[1];
         };
         let mut x = [0.0; 2];
         let rest_s = v[2] + along.when.series_s;
@@ -70,7 +73,7 @@ impl Effect for SlowCreep {
         }
         for (i, t) in torque_n_m.iter_mut().enumerate() {
             let l = squared(i);
-            let s = stress(l, x);
+            let s = creep(v[1], l, x).1;
             let slope = along.lozenge.log_stretch_slopes(along.theta_dea_rad[i]);
             *t -= v[0] * volume * (s[0] * slope[0] + s[1] * slope[1]);
             advance(l, &mut x, along.step_s);

@@ -1,6 +1,6 @@
 //! Charge creeps into the film and holds off part of the voltage:  phi = phi_c - s,  s' = (x phi_c - s)/tau, none at the first sample.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, shape, size};
 
 pub struct SpaceCharge;
 
@@ -44,13 +44,7 @@ impl Effect for SpaceCharge {
         if v[0] == 0.0 {
             return;
         }
-        let h = along.step_s / v[1];
-        let decay = (-h).exp();
-        let mean = if h < 1e-6 {
-            1.0 - 0.5 * h
-        } else {
-            (1.0 - decay) / h
-        };
+        let (decay, mean) = decays(along.step_s / v[1]);
         let mut held = 0.0;
         let mut before = phi_v[0];
         for (i, phi) in phi_v.iter_mut().enumerate() {

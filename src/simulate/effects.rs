@@ -15,7 +15,7 @@ use super::Error;
 use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
-use crate::effects::{Acting, Along, Reading, Site, When, flow, leak};
+use crate::effects::{Acting, Along, Reading, Site, When, creep, flow, leak};
 use crate::film::Film;
 use crate::kinematics::Vec3;
 use crate::model::{Parameters, Robot};
@@ -377,16 +377,9 @@ impl EffectAddition {
     }
 }
 
-/// d ln xi/dt of a slow branch with the relaxation time `time_s` at the stretches `l`, and its stress over its modulus.
-fn creep(time_s: f64, l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2]) {
-    let (a, b) = (
-        l[0] * l[0] * (-2.0 * x[0]).exp(),
-        l[1] * l[1] * (-2.0 * x[1]).exp(),
-    );
-    let c = 1.0 / (a * b);
-    let s = [a - c, b - c];
-    let rate = 1.0 / (3.0 * time_s);
-    ([rate * (s[0] - 0.5 * s[1]), rate * (s[1] - 0.5 * s[0])], s)
+/// lambda_1^2, lambda_2^2.
+fn squared(stretch: [f64; 2]) -> [f64; 2] {
+    stretch.map(|l| l * l)
 }
 
 /// theta_DEA and theta_b with its derivatives, of one chain at one moment.
@@ -431,7 +424,7 @@ impl Addition for EffectAddition {
                         let steps = (rest_s / REST_STEP_S).ceil().max(1.0);
                         let mut x = [0.0; 2];
                         for _ in 0..steps as usize {
-                            let rate = creep(v[1], s.stretch[k], x).0;
+                            let rate = creep(v[1], squared(s.stretch[k]), x).0;
                             x = [0, 1].map(|i| x[i] + rate[i] * rest_s / steps);
                         }
                         z.copy_from_slice(&x);
@@ -588,12 +581,12 @@ impl Addition for EffectAddition {
                         }
                     }
                     Memory::Branch => {
-                        let (own, stress) = creep(v[1], s.stretch[k], [z[0], z[1]]);
+                        let (own, stress) = creep(v[1], squared(s.stretch[k]), [z[0], z[1]]);
                         rate.copy_from_slice(&own);
                         action.torque_dea_n_m[k] -= v[0] * torque(stress);
                     }
                     Memory::Flow => {
-                        let (own, stress, _) = flow(v, s.stretch[k].map(|l| l * l), [z[0], z[1]]);
+                        let (own, stress, _) = flow(v, squared(s.stretch[k]), [z[0], z[1]]);
                         rate.copy_from_slice(&own);
                         action.torque_dea_n_m[k] -= v[0] * torque(stress);
                     }

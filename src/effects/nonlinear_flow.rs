@@ -16,13 +16,9 @@ pub(crate) fn flow(v: &[f64], l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2], 
     let (rate, s) = creep(v[1], l, x);
     let size = (s[0] * s[0] - s[0] * s[1] + s[1] * s[1]).sqrt();
     let faster = (size / AT).powf(v[2] - 1.0);
-    // the slope of the stress is at most that of its largest part
-    let steep = l[0] * (-2.0 * x[0]).exp() + l[1] * (-2.0 * x[1]).exp() + size;
-    (
-        rate.map(|r| faster * r),
-        s,
-        faster / v[1] * v[2] * steep.max(1.0),
-    )
+    // the three squared elastic stretches, added
+    let steep = 3.0 * l[0] * (-2.0 * x[0]).exp() - 2.0 * s[0] + s[1];
+    (rate.map(|r| faster * r), s, faster / v[1] * v[2] * steep)
 }
 
 impl Effect for NonlinearFlow {

@@ -12,7 +12,7 @@ use deacal::calibration::*;
 use deacal::dataset::{Dataset, Parts, Plan, SmoothingPlan, Voltage};
 use deacal::film::{Film, InitialState};
 use deacal::model::{ForearmTorque, Parameters};
-use deacal::recording::{ReadOptions, Recording, sha256, survey_file};
+use deacal::recording::{ReadOptions, Recording, survey_file};
 use deacal::report::json::*;
 use deacal::report::parameter_file::ParameterFile;
 use deacal::report::plan_file::{parse_plan, plan_to_toml};
@@ -555,7 +555,7 @@ fn import_json_says_what_is_there() {
     let survey = survey_file(&motion, None, &ReadOptions::default()).unwrap();
     let file = ImportJson {
         recordings: vec![import],
-        files: vec![ImportFile::new(&motion, sha256(&motion).unwrap(), &survey)],
+        files: vec![ImportFile::new(&motion, &survey)],
         provenance: Provenance::of("deacal import robot", [&recording]),
     };
     let text = to_text(&file);

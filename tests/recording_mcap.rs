@@ -816,9 +816,15 @@ struct Gatherer {
     /// Per section: stamps and columns.
     rows: BTreeMap<usize, (Vec<f64>, Vec<Vec<f64>>)>,
     most: usize,
+    restarts: usize,
 }
 
 impl Sink for Gatherer {
+    fn restart(&mut self) {
+        self.rows.clear();
+        self.restarts += 1;
+    }
+
     fn rows(&mut self, index: usize, section: &mut Section) {
         let (stamps, columns) = self.rows.entry(index).or_default();
         self.most = self.most.max(section.rows() * section.columns.len());
@@ -833,7 +839,17 @@ impl Sink for Gatherer {
 
 #[test]
 fn a_large_file_goes_by_as_it_would_be_read() {
-    // 5 million numbers; some rows are out of order, and a topic begins when the others have gone by.
+    goes_by(false);
+}
+
+/// What the beginning tells of the topics does not hold to the end.
+#[test]
+fn a_large_file_with_a_late_topic_goes_by_again() {
+    goes_by(true);
+}
+
+fn goes_by(late: bool) {
+    // 5 million numbers; some rows are out of order
     let mut many = poses(620_000, false);
     for i in (0..many.messages.len() - 40).step_by(1000) {
         many.messages.swap(i, i + 37);
@@ -851,8 +867,12 @@ fn a_large_file_goes_by_as_it_would_be_read() {
     };
     let compressed = WriteOptions::new().compression(Some(Compression::Lz4));
     let mut file = tempfile::NamedTempFile::new().unwrap();
-    file.write_all(&write(compressed, &[many, numbers]))
-        .unwrap();
+    let channels = if late {
+        [many, numbers]
+    } else {
+        [numbers, many]
+    };
+    file.write_all(&write(compressed, &channels)).unwrap();
     let whole = read_file(file.path()).unwrap();
     let importer = importer_for(file.path(), None).unwrap();
     let mut seen = Gatherer::default();
@@ -876,8 +896,10 @@ fn a_large_file_goes_by_as_it_would_be_read() {
             assert_eq!(bits(a), bits(&b.values), "{}", b.title());
         }
     }
-    assert_eq!(whole.sections[0].rows(), 620_000);
-    assert_eq!(whole.sections[1].columns.len(), 2);
+    let (poses, numbers) = if late { (0, 1) } else { (1, 0) };
+    assert_eq!(whole.sections[poses].rows(), 620_000);
+    assert_eq!(whole.sections[numbers].columns.len(), 2);
+    assert_eq!(seen.restarts, usize::from(late));
     // Not the five million at once.
     assert!(seen.most < 300_000, "{}", seen.most);
 }

@@ -7,7 +7,7 @@ use super::{Failure, Talk};
 use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
-use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, sha256, survey_file};
+use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, survey_file};
 use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
 use crate::report::output::{OutputSet, write_atomic};
@@ -54,13 +54,9 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 &mut lines,
             )?);
         } else {
-            // the sum goes over the file beside the reading
-            let again = path.clone();
-            let sum = std::thread::spawn(move || sha256(&again));
             let survey = survey_file(path, None, &ReadOptions::default())?;
-            let sum = sum.join().map_err(|_| "the sum could not be made")??;
             lines.extend(survey::lines(path, &survey));
-            files.push(ImportFile::new(path, sum, &survey));
+            files.push(ImportFile::new(path, &survey));
             surveys.push((path, survey));
         }
         progress.stopped()?;

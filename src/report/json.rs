@@ -1209,8 +1209,6 @@ impl From<&Doubt> for DoubtJson {
 pub struct ImportFile {
     /// Its path.
     pub file: String,
-    /// SHA-256 of its bytes, hexadecimal.
-    pub sha256: String,
     /// The importer that read it.
     pub format: String,
     /// Its tables.
@@ -1224,10 +1222,9 @@ pub struct ImportFile {
 impl ImportFile {
     /// Of a file that was gone through.
     #[must_use]
-    pub fn new(path: &Path, sha256: impl Into<String>, survey: &Survey) -> Self {
+    pub fn new(path: &Path, survey: &Survey) -> Self {
         ImportFile {
             file: path.display().to_string(),
-            sha256: sha256.into(),
             format: survey.format.to_owned(),
             sections: survey.sections.iter().map(SectionJson::from).collect(),
             notes: survey.notes.iter().map(NoteJson::from).collect(),

@@ -21,7 +21,7 @@ mod table;
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Sink};
+use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Section, Sink};
 use super::error::{Error, ErrorKind, quote};
 use super::text::decode;
 pub use records::{MAX_RECORD_BYTES, Record, RecordReader};
@@ -45,66 +45,79 @@ impl Importer for Mcap {
         Ok(capture(path, gathered)?.0)
     }
 
-    /// A small file is read as [`Importer::read`] does; a larger one is gone through twice: once for what its topics hold, which is
-    /// known at its end only, and once for the rows.
+    /// A small file is read as [`Importer::read`] does. Of a larger one the beginning tells what its topics hold; where the end tells
+    /// otherwise, the rows are shown again from the first.
     fn stream(
         &self,
         path: &Path,
         _options: &ReadOptions,
         sink: &mut dyn Sink,
     ) -> Result<Capture, Error> {
-        let gathered = gather(path, Keeping::Few, &mut |_, _| {})?;
-        let forgotten = gathered.forgotten;
-        let (mut out, sources) = capture(path, gathered)?;
-        if !forgotten {
-            for (index, section) in out.sections.iter_mut().enumerate() {
+        let beginning = gather(path, Keeping::Few, &mut |_, _| {})?;
+        let whole = !beginning.stopped;
+        let (mut guess, mut sources) = capture(path, beginning)?;
+        if whole {
+            for (index, section) in guess.sections.iter_mut().enumerate() {
                 sink.rows(index, section);
+            }
+            return Ok(guess);
+        }
+        loop {
+            let sections = &mut guess.sections;
+            sections.iter_mut().for_each(Section::clear_rows);
+            let mut late = vec![0; sections.len()];
+            let mut show = |channel: usize, c: &mut Channel, all: bool| {
+                for (table, t) in c.tables.list.iter_mut().enumerate() {
+                    for (place, series) in t.series.iter_mut().enumerate() {
+                        if !all && series.waiting() < WAITING {
+                            continue;
+                        }
+                        let from = |s: &Source| (s.channel, s.table, s.series);
+                        let here = (channel, table, place);
+                        let Some(index) = sources.iter().position(|s| from(s) == here) else {
+                            series.forget();
+                            continue;
+                        };
+                        // rows in the order of time need not wait
+                        let source = &sources[index];
+                        let now = all || source.in_order;
+                        late[index] += series.pour(&mut sections[index], &source.leaves, now);
+                        sink.rows(index, &mut sections[index]);
+                    }
+                }
+                c.tables.waiting = 0;
+            };
+            let mut gathered = gather(path, Keeping::Some, &mut |channel, c| {
+                if c.tables.waiting >= WAITING {
+                    show(channel, c, false);
+                }
+            })?;
+            for (channel, c) in gathered.channels.iter_mut().enumerate() {
+                show(channel, c, true);
+            }
+            let (mut out, known) = capture(path, gathered)?;
+            if known != sources {
+                sink.restart();
+                (guess, sources) = (out, known);
+                continue;
+            }
+            for (section, late) in out.sections.iter().zip(late) {
+                if late > 0 {
+                    out.notes.push(Note::warning(
+                        path,
+                        format!(
+                            "{}: {late} rows are earlier than rows long before them, and stay where they are",
+                            section.name
+                        ),
+                    ));
+                }
             }
             return Ok(out);
         }
-        let sections = &mut out.sections;
-        let mut late = vec![0; sections.len()];
-        let mut show = |channel: usize, c: &mut Channel, all: bool| {
-            for (index, source) in sources.iter().enumerate() {
-                if source.channel != channel {
-                    continue;
-                }
-                let table = c.tables.list.get_mut(source.table);
-                let series = table.and_then(|t| t.series.get_mut(source.series));
-                let Some(series) = series.filter(|s| all || s.waiting() >= WAITING) else {
-                    continue;
-                };
-                // Rows in the order of time need not wait.
-                let now = all || source.in_order;
-                late[index] += series.pour(&mut sections[index], &source.leaves, now);
-                sink.rows(index, &mut sections[index]);
-            }
-            c.tables.waiting = 0;
-        };
-        let mut again = gather(path, Keeping::Some, &mut |channel, c| {
-            if c.tables.waiting >= WAITING {
-                show(channel, c, false);
-            }
-        })?;
-        for (channel, c) in again.channels.iter_mut().enumerate() {
-            show(channel, c, true);
-        }
-        for (section, late) in out.sections.iter().zip(late) {
-            if late > 0 {
-                out.notes.push(Note::warning(
-                    path,
-                    format!(
-                        "{}: {late} rows are earlier than rows long before them, and stay where they are",
-                        section.name
-                    ),
-                ));
-            }
-        }
-        Ok(out)
     }
 }
 
-/// Values beyond which a file is gone through twice instead of being kept; 32 MiB.
+/// Values beyond which the rows of a file are shown as they come instead of being kept; 32 MiB.
 const FEW_VALUES: usize = 1 << 22;
 /// So many values of a series wait before they are shown: rows that are out of order by less are put into order.
 const WAITING: usize = 2 * BATCH;
@@ -114,7 +127,7 @@ const WAITING: usize = 2 * BATCH;
 enum Keeping {
     /// Kept; too many are an error.
     All,
-    /// Kept while they are few, else all forgotten.
+    /// Kept while they are few; the reading stops there.
     Few,
     /// Kept until someone takes them.
     Some,
@@ -126,11 +139,12 @@ struct Gathered {
     channels: Vec<Channel>,
     unknown: u64,
     broken: u64,
-    /// The rows were too many, and only what they were like is known.
-    forgotten: bool,
+    /// The rows were too many, and what follows was not read.
+    stopped: bool,
 }
 
 /// Where the rows of a section come from.
+#[derive(PartialEq, Eq)]
 struct Source {
     channel: usize,
     table: usize,
@@ -316,7 +330,7 @@ fn gather(
     let mut by_id: Vec<u32> = vec![u32::MAX; 1 << 16];
     let mut unknown: u64 = 0;
     let mut broken: u64 = 0;
-    let mut forgotten = false;
+    let mut stopped = false;
     let mut budget = match keeping {
         Keeping::All => table::MAX_VALUES,
         Keeping::Few => FEW_VALUES,
@@ -335,13 +349,11 @@ fn gather(
                     budget = usize::MAX;
                 }
                 c.tables.budget = budget;
-                c.tables.keep = !forgotten;
                 c.message(u64_at(body, 6), &body[22..]);
                 budget = c.tables.budget;
                 if c.tables.full && keeping == Keeping::Few {
-                    c.tables.full = false;
-                    forgotten = true;
-                    channels.iter_mut().for_each(|c| c.tables.forget());
+                    stopped = true;
+                    break;
                 } else if c.tables.full {
                     return Err(Error::new(
                         ErrorKind::Grammar,
@@ -384,7 +396,7 @@ fn gather(
         channels,
         unknown,
         broken,
-        forgotten,
+        stopped,
     })
 }
 

@@ -29,8 +29,6 @@ pub(super) struct Leaf {
 /// Where a decoder puts what it finds: the topic's own table first, then one a list of things.
 pub(super) struct Tables {
     pub list: Vec<Table>,
-    /// Whether rows are kept; else they are only counted, and it is noted which columns have numbers.
-    pub keep: bool,
     /// Values that may still be kept.
     pub budget: usize,
     /// A row was not kept, for want of budget.
@@ -43,26 +41,16 @@ impl Tables {
     pub fn new() -> Self {
         Tables {
             list: vec![Table::default()],
-            keep: true,
             budget: MAX_VALUES,
             full: false,
             waiting: 0,
         }
     }
 
-    /// Drops the rows that were kept; what they were like stays.
-    pub fn forget(&mut self) {
-        for series in self.list.iter_mut().flat_map(|t| &mut t.series) {
-            series.times_s = Vec::new();
-            series.columns = Vec::new();
-        }
-    }
-
     /// Ends the row of a table.
     pub fn push(&mut self, table: usize, time_s: f64) {
-        let budget = if self.keep { self.budget } else { 0 };
-        let Some(waiting) = self.list[table].push(time_s, budget) else {
-            self.full |= self.keep;
+        let Some(waiting) = self.list[table].push(time_s, self.budget) else {
+            self.full = true;
             return;
         };
         self.budget -= waiting.1;
@@ -392,6 +380,12 @@ impl Series {
             *column = rest.iter().map(|&i| column[i]).collect();
         }
         late
+    }
+
+    /// Drops the rows that wait.
+    pub fn forget(&mut self) {
+        self.times_s.clear();
+        self.columns.iter_mut().for_each(Vec::clear);
     }
 
     /// Values that wait to be shown.

@@ -48,6 +48,7 @@ fn candidate(
                 name: q.name,
                 unit: q.unit.into(),
                 value,
+                fitted: value,
                 word,
                 std_error,
                 ci95: [value - 2.0 * std_error, value + 2.0 * std_error],

@@ -274,6 +274,27 @@ fn silverbox_stiffens() {
     assert!(h.after_v < 2e-3 && h.after_v < 0.5 * h.before_v, "{h:?}");
 }
 
+/// At its smallest amplitudes the circuit is linear, and its noise lies within the band of the signal.
+#[test]
+fn the_quiet_silverbox_is_adequate() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/silverbox2013/quiet.csv");
+    let dir = tempfile::tempdir().unwrap();
+    for (id, span) in [
+        ("all", "[0.2, 6.0]"),
+        ("first", "[0.2, 3.0]"),
+        ("second", "[3.0, 6.0]"),
+    ] {
+        let quiet = silverbox(dir.path(), &file, id, span);
+        let d = diagnose(&[&quiet], &[]);
+        assert_eq!(d.verdict, Verdict::Adequate, "{id}: {}", d.says);
+        assert!(
+            d.remarks
+                .iter()
+                .any(|r| r.contains("noise within the band"))
+        );
+    }
+}
+
 #[test]
 fn an_input_in_a_file_of_its_own_may_be_shorter() {
     let dir = tempfile::tempdir().unwrap();

@@ -89,6 +89,8 @@ const LOG_PRIOR_SD: f64 = 1.15;
 const TORQUE_PRIOR_N_M: f64 = 5e-3;
 /// Rounds of weights: the noise gain depends on the film that is being fitted.
 const ROUNDS: usize = 2;
+/// Pairs of tracks from which the pull of noise in the columns is told.
+const NOISE_PAIRS: usize = 8;
 /// Relative standard error up to which a parameter counts as determined.
 const IDENTIFIABLE: f64 = 0.33;
 /// Relative standard error of a relaxation time beyond which its modulus does not count as determined either.
@@ -411,7 +413,7 @@ pub fn calibrate_robot(
     }
     // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion tells.
     if !residual.layout().free_offsets.is_empty() {
-        let pull = residual.column_noise_score(&state.eta, &state.beta)?;
+        let pull = residual.column_noise_score(&state.eta, &state.beta, NOISE_PAIRS)?;
         let moving: Vec<bool> = (0..size)
             .map(|i| is_free[i] && resting[i].is_none())
             .collect();

@@ -57,8 +57,10 @@ pub struct Value {
     pub name: &'static str,
     /// Its unit.
     pub unit: String,
-    /// Its value; a word for what picks a form or names a recording.
+    /// Its value, freed of what the noise of the motion makes of it; a word for what picks a form or names a recording.
     pub value: f64,
+    /// The value with which the model predicts best from motion that is as noisy.
+    pub fitted: f64,
     /// The word, where the value stands for one.
     pub word: Option<String>,
     /// Standard error; NaN where it was not estimated.

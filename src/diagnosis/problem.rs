@@ -561,15 +561,23 @@ pub(super) fn informed<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64
     sizes + shapes.sum::<f64>()
 }
 
-/// Standard errors of the free values of a fitted model's effects, in their units.
+/// The free values of a fitted model's effects as they are, with no standard error.
+pub(super) fn unknown_values(fitted: &Fitted) -> Vec<(f64, f64)> {
+    let of = |&(e, v): &(usize, usize)| (fitted.effects[e].values[v], f64::NAN);
+    fitted.free.iter().map(of).collect()
+}
+
+/// The free values of a fitted model's effects and their standard errors, in their units.
 ///
 /// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under the noise of the capture.
 /// What a textbook form leaves beyond noise widens it by the root of the mean square, and on robots what clean recordings make beyond the
-/// drawn noise ([`BEYOND_DRAWN`]).
-pub(super) fn value_errors<S: Subject>(
+/// drawn noise ([`BEYOND_DRAWN`]). With `freed`, what the noise of the motion adds to the scores on average is taken out of the values
+/// (errors in variables; Nakamura 1990): the fitted ones predict best from motion that is as noisy, and are wrong by as much.
+pub(super) fn value_estimates<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
-) -> Result<Vec<f64>, Locked> {
+    freed: bool,
+) -> Result<Vec<(f64, f64)>, Locked> {
     let mut residual = problem.residual(fitted);
     residual.linearise(&fitted.state.eta, &fitted.state.beta, true)?;
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
@@ -600,18 +608,26 @@ pub(super) fn value_errors<S: Subject>(
         s[(a, a)] += scale[a] * scale[a] * prior;
     }
     let Some(inverse) = h.cholesky().map(|c| c.inverse()) else {
-        return Ok(vec![f64::NAN; fitted.free.len()]);
+        return Ok(unknown_values(fitted));
     };
     let covariance = &inverse * s * &inverse;
+    let bias = match freed {
+        true => residual.column_noise_score(eta, beta)?,
+        false => None,
+    };
+    let moved = bias.map(|pull| &inverse * DVector::from_fn(n, |a, _| scale[a] * pull[free[a]]));
     Ok((0..fitted.free.len())
         .map(|i| {
             let (e, v) = fitted.free[i];
-            let spread = fitted.effects[e].effect.parameters()[v].spread;
-            free.iter()
-                .position(|&f| f == first + i)
-                .map_or(f64::NAN, |a| {
-                    covariance[(a, a)].max(0.0).sqrt() * scale[a] * spread
-                })
+            let q = &fitted.effects[e].effect.parameters()[v];
+            let value = fitted.effects[e].values[v];
+            let Some(a) = free.iter().position(|&f| f == first + i) else {
+                return (value, f64::NAN);
+            };
+            let by = moved.as_ref().map_or(0.0, |m| m[a] * scale[a] * q.spread);
+            let error = covariance[(a, a)].max(0.0).sqrt() * scale[a] * q.spread;
+            // a correction of first order is as uncertain as it is large
+            ((value + by).clamp(q.lower, q.upper), error.hypot(by))
         })
         .collect())
 }

@@ -1,16 +1,19 @@
 //! The delta robot as a subject: three torques a sample, judged in volts above 1 kV.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
 use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
 use super::{DRAWN, doubt};
 use crate::dataset::OffsetSource;
-use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
+use crate::effects::{Acting, CATALOGUE, Effect, Seen, Site, When};
 use crate::film::Locked;
 use crate::model::{ForearmTorque, Parameters, Robot};
 use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
+
+/// Pairs of tracks from which the pull of noise in the columns is told.
+const NOISE_PAIRS: usize = 4;
 
 /// Diagnoses `robot` on the recordings `train`, judged also on `holdout`. `watch` is told what is being done.
 ///
@@ -350,6 +353,17 @@ impl Subject for RobotResidual<'_> {
 
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
         RobotResidual::score_covariance(self, eta, beta)
+    }
+    fn column_noise_score(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Option<DVector<f64>>, Locked> {
+        let still = |a: &Acting| a.effect.site() != Site::Motion;
+        if !RobotResidual::effects(self, eta).iter().all(still) {
+            return Ok(None);
+        }
+        RobotResidual::column_noise_score(self, eta, beta, NOISE_PAIRS).map(Some)
     }
 
     fn carried(&self, plain: &[f64]) -> Vec<f64> {

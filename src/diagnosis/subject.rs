@@ -1,6 +1,6 @@
 //! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie, and the words of the kind.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::RigKind;
 use crate::effects::{Acting, Effect, When};
@@ -125,6 +125,14 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Result<Vec<Vec<f64>>, Locked>;
     /// Covariance of the scores X'e under the noise.
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked>;
+    /// What the noise in the columns adds to the scores X'r on average; `None` where that is not known.
+    fn column_noise_score(
+        &self,
+        _eta: &[f64],
+        _beta: &[f64],
+    ) -> Result<Option<DVector<f64>>, Locked> {
+        Ok(None)
+    }
     /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.
     fn carried(&self, plain: &[f64]) -> Vec<f64>;
     /// The plain model as physics.

@@ -22,7 +22,7 @@ impl Effect for DielectricRelaxation {
         const {
             &[
                 size("fraction", "1", 0.0, 0.6, 0.1),
-                shape("time_constant", "s", 0.4, 0.05, 5.0, 0.5),
+                shape("time_constant", "s", 0.4, 0.05, 75.0, 0.5),
                 size("slow_fraction", "1", 0.0, 0.6, 0.1),
             ]
         }
@@ -35,6 +35,10 @@ impl Effect for DielectricRelaxation {
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         vec![vec![vec![0.02, 0.4, 0.0], vec![0.0, 0.4, 0.02]]]
+    }
+    /// The slow share alone, where it is the larger one: what the fast one takes up may be noise.
+    fn plainer(&self, v: &[f64]) -> Option<Vec<f64>> {
+        (v[2] > v[0]).then(|| vec![v[2], SLOWER * v[1], 0.0])
     }
     fn brought_out_by(&self) -> &'static str {
         "voltage steps with holds of tens of seconds, and a load step under constant voltage"

@@ -324,6 +324,10 @@ pub trait Effect: Sync + Send {
     fn starts(&self, _seen: &Seen) -> Vec<Vec<Vec<f64>>> {
         Vec::new()
     }
+    /// Values near which a plainer reading of the same form may do as well.
+    fn plainer(&self, _v: &[f64]) -> Option<Vec<f64>> {
+        None
+    }
     /// The drive that brings it out, in half a sentence.
     fn brought_out_by(&self) -> &'static str;
 

@@ -169,7 +169,7 @@ impl Effect {
                     values.push((name.into(), toml::Value::String(word)));
                     continue;
                 }
-                if !value.value.is_finite() {
+                if !value.fitted.is_finite() {
                     continue; // off, as when it is not there
                 }
             }
@@ -178,7 +178,7 @@ impl Effect {
                 many => toml::Value::Array(many.iter().map(|v| of(v)).collect()),
             };
             let float = toml::Value::Float;
-            values.push((name.into(), numbers(&|v| float(v.value))));
+            values.push((name.into(), numbers(&|v| float(v.fitted))));
             if own.iter().any(|v| v.std_error.is_finite()) {
                 let errors = numbers(&|v| float(v.std_error));
                 values.push((format!("{name}_std_error"), errors));

@@ -28,8 +28,6 @@ const HELD: usize = 512;
 const REPLICATES: usize = 12;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
 const COVARIANCE_REACH_S: f64 = 0.6;
-/// Pairs of tracks from which the pull of noise in the columns is told.
-const NOISE_PAIRS: usize = 8;
 /// Kept samples to each side over which the size of the noise is averaged where it is followed from place to place.
 const NEAR: usize = 2;
 /// Length of a block of the noise scores, s: long against the correlation of the residual's noise.
@@ -1435,19 +1433,24 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// What the capture's noise adds on average to the scores X'r, X = [d r/d eta | B], because columns and residual are made of the
-    /// same noisy motion (errors in variables); without effects. Told from pairs of tracks: the smoothed one plus and minus what the
-    /// smoother makes of drawn noise, in whose mean all cancels that is linear in the noise.
+    /// same noisy motion (errors in variables); not for effects on the motion. Told from so many `pairs` of tracks: the smoothed one plus
+    /// and minus what the smoother makes of drawn noise, in whose mean all cancels that is linear in the noise.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
-    pub fn column_noise_score(&self, eta: &[f64], beta: &[f64]) -> Result<DVector<f64>, Locked> {
+    pub fn column_noise_score(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        pairs: usize,
+    ) -> Result<DVector<f64>, Locked> {
         let size = eta.len() + beta.len();
         let scores = |residual: &Self| -> Result<DVector<f64>, Locked> {
             let gram = residual.evaluate(eta, beta)?.at(eta.len(), beta);
             Ok(gram.column(size).rows(0, size).into_owned())
         };
         let base = scores(self)?;
-        let drawn: Vec<DVector<f64>> = (0..2 * NOISE_PAIRS)
+        let drawn: Vec<DVector<f64>> = (0..2 * pairs)
             .into_par_iter()
             .map(|m| {
                 let mut noisier = self.clone();

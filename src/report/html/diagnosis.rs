@@ -232,6 +232,9 @@ fn sits_in(list: &[usize]) -> String {
     }
 }
 
+/// Standard errors from which on it is said that the model keeps another value than the one freed of noise.
+const TELLING: f64 = 0.5;
+
 /// The values of a candidate with their intervals: `resistance 9.80e6 ohm (9.1e6 to 10.6e6)`.
 fn values(c: &Candidate) -> String {
     let one = |v: &crate::diagnosis::Value| {
@@ -242,6 +245,9 @@ fn values(c: &Candidate) -> String {
         let [low, high] = v.ci95.map(|e| number::significant(e, 3));
         if low != MISSING && high != MISSING {
             text += &format!(" ({low} to {high})");
+        }
+        if (v.value - v.fitted).abs() > TELLING * v.std_error {
+            text += &format!(", {} in the model", number::significant(v.fitted, 3));
         }
         text + if v.at_bound { " at its bound" } else { "" }
     };

@@ -903,3 +903,13 @@ fn goes_by(late: bool) {
     // Not the five million at once.
     assert!(seen.most < 300_000, "{}", seen.most);
 }
+
+/// Found by fuzzing: the name of a topic may hold a line end, and an error is one line all the same.
+#[test]
+fn an_error_is_one_line_whatever_a_topic_is_called() {
+    let file =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/mcap/topic-with-line-end.mcap");
+    let error = read_file(&file).unwrap_err().to_string();
+    assert!(error.contains("no topic can be read"), "{error}");
+    assert!(!error.contains('\n'), "{error}");
+}

@@ -48,6 +48,8 @@ const OF_ONE: usize = 2;
 const STARTS: usize = 2;
 /// Causes at once on a single coordinate, and in the model of a rival, at most.
 const MOST: usize = 6;
+/// Causes that may join a series unconfirmed before one that what was held out confirms.
+const AHEAD: usize = 1;
 /// Hypotheses of rare causes that are fitted.
 const RARE: usize = 4;
 /// Hypotheses that are fitted where no score comes near what noise makes, and what near is.
@@ -223,32 +225,43 @@ fn doubt<S: Subject>(
         };
         if S::CHAINS == 1 {
             // Rigs that nobody simulated have several causes, and the best single one may stand in for others: from each of the best a
-            // series grows as long as one more pays.
-            let mut ends: Vec<Judged> = Vec::new();
+            // series grows as long as one more pays. The best series goes on though none pays at once: it may take a few until
+            // what was held out says so.
             let mut known: Vec<Vec<&str>> = Vec::new();
-            for start in starts(&singles) {
-                let mut grown = start.clone();
-                while grown.fitted.effects.len() < MOST && left::<S>(&grown) > PAIR_ABOVE {
+            let mut grow = |start: &Judged, ahead: usize| {
+                let (mut grown, mut kept) = (start.clone(), start.clone());
+                while grown.fitted.effects.len() < MOST
+                    && grown.fitted.effects.len() <= kept.fitted.effects.len() + ahead
+                    && left::<S>(&grown) > PAIR_ABOVE
+                {
                     let mut set: Vec<&str> = ids(&grown).collect();
                     set.sort_unstable();
-                    if known.contains(&set) {
+                    if ahead == 0 && known.contains(&set) {
                         break;
                     }
                     known.push(set);
                     let both = beside(&grown)?;
-                    let next = both
-                        .iter()
-                        .find(|n| joins::<S>(&grown, n, allowed))
-                        .cloned();
-                    if grown.fitted.effects.len() == 1 {
+                    let confirmed = both.iter().find(|n| joins::<S>(&kept, n, allowed));
+                    let likely = both.first().filter(|n| ahead > 0 && fits_better(&grown, n));
+                    let next = confirmed.or(likely).cloned();
+                    if grown.fitted.effects.len() == 1 && ahead == 0 {
                         partners.extend(both);
                     }
-                    match next {
-                        Some(n) => grown = n,
-                        None => break,
+                    let Some(next) = next else { break };
+                    if joins::<S>(&kept, &next, allowed) {
+                        kept = next.clone();
                     }
+                    grown = next;
                 }
-                ends.push(grown);
+                Ok::<_, Error>(kept)
+            };
+            let mut ends: Vec<Judged> = Vec::new();
+            for start in starts(&singles) {
+                ends.push(grow(start, 0)?);
+            }
+            let best = ends.iter().min_by(|a, b| a.score.total_cmp(&b.score));
+            if let Some(best) = best.cloned() {
+                ends.push(grow(&best, AHEAD)?);
             }
             pair = ends
                 .into_iter()
@@ -488,10 +501,9 @@ fn starts(singles: &[Judged]) -> Vec<&Judged> {
 /// and what was held out must say so too.
 fn joins<S: Subject>(base: &Judged, next: &Judged, chance: f64) -> bool {
     if S::CHAINS == 1 && !next.holdout.is_nan() {
-        // Slow misfits leave next to no independent samples, and then the criterion never decides.
-        let fits =
-            next.score < base.score - DECISIVE || next.mean_square < CONFIRMED * base.mean_square;
-        return fits && next.holdout < CONFIRMED * base.holdout;
+        let more = next.fitted.effects.len() - base.fitted.effects.len();
+        let confirmed = CONFIRMED.powi(i32::try_from(more).unwrap_or(i32::MAX));
+        return fits_better(base, next) && next.holdout < confirmed * base.holdout;
     }
     let left = if base.mean_square > FORM_LEAVES {
         0.75
@@ -501,6 +513,12 @@ fn joins<S: Subject>(base: &Judged, next: &Judged, chance: f64) -> bool {
     base.fitted.cost() - next.fitted.cost() > 150.0_f64.max(chance)
         && next.excess() < left * base.excess()
         && (next.holdout.is_nan() || next.holdout <= base.holdout)
+}
+
+/// Whether a further cause on a single coordinate fits better. Slow misfits leave next to no independent samples, and then the criterion
+/// alone never decides.
+fn fits_better(base: &Judged, next: &Judged) -> bool {
+    next.score < base.score - DECISIVE || next.mean_square < CONFIRMED * base.mean_square
 }
 
 /// Mean square up to which what one cause leaves may be its form.

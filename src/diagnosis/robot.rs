@@ -13,7 +13,7 @@ use crate::model::{ForearmTorque, Parameters, Robot};
 use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
 
 /// Pairs of tracks from which the pull of noise in the columns is told.
-const NOISE_PAIRS: usize = 4;
+const NOISE_PAIRS: usize = 2;
 
 /// Diagnoses `robot` on the recordings `train`, judged also on `holdout`. `watch` is told what is being done.
 ///

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::error::{Error, ErrorKind, quote, suggestion};
+use super::error::{Error, ErrorKind, one_line, quote, suggestion};
 use super::{
     c3d, delimited, lvm, mcap, nexus_csv, optitrack_csv, oscilloscope, qualisys_tsv, tdms, text,
     trc,
@@ -40,7 +40,7 @@ impl Note {
             path: path.to_owned(),
             line: None,
             level: Level::Info,
-            text: text.into(),
+            text: one_line(text),
         }
     }
 

@@ -83,7 +83,7 @@ struct Sentence<'a>(&'a Error);
 impl fmt::Display for Sentence<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let d = &self.0.detail;
-        write!(f, "{}", d.path.display())?;
+        write!(f, "{}", one_line(d.path.display().to_string()))?;
         if let Some(line) = d.line {
             write!(f, ", line {line}")?;
         }
@@ -91,14 +91,14 @@ impl fmt::Display for Sentence<'_> {
             write!(f, ", column {column}")?;
         }
         if !d.key.is_empty() {
-            write!(f, ", {}", d.key)?;
+            write!(f, ", {}", one_line(&d.key))?;
         }
-        write!(f, ": {}", d.found)?;
+        write!(f, ": {}", one_line(&d.found))?;
         if !d.expected.is_empty() {
-            write!(f, ", expected {}", d.expected)?;
+            write!(f, ", expected {}", one_line(&d.expected))?;
         }
         if !d.action.is_empty() {
-            write!(f, "; {}", d.action)?;
+            write!(f, "; {}", one_line(&d.action))?;
         }
         Ok(())
     }
@@ -244,15 +244,21 @@ pub fn suggestion<S: AsRef<str>>(name: &str, known: &[S]) -> String {
     }
 }
 
+/// A text safe to print in one line: names in a file may hold line ends.
+#[must_use]
+pub fn one_line(text: impl Into<String>) -> String {
+    let text = text.into();
+    match text.contains(char::is_control) {
+        true => text.replace(char::is_control, "\u{fffd}"),
+        false => text,
+    }
+}
+
 /// A short quotation of what a file says, safe to print in one line.
 #[must_use]
 pub fn quote(text: &str) -> String {
     const MOST: usize = 40;
-    let mut out: String = text
-        .chars()
-        .take(MOST)
-        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
-        .collect();
+    let mut out = one_line(text.chars().take(MOST).collect::<String>());
     if text.chars().nth(MOST).is_some() {
         out.push_str("...");
     }
@@ -278,6 +284,13 @@ mod tests {
             e.to_string(),
             "a/motion.csv, line 12, column 3: found \"x\", expected a number; correct the cell"
         );
+    }
+
+    #[test]
+    fn names_with_line_ends_stay_in_one_line() {
+        let e =
+            Error::new(ErrorKind::Grammar, Path::new("a\nb"), "no topic MCAP0\r\n").action("c\td");
+        assert!(!e.to_string().contains(char::is_control), "{e:?}");
     }
 
     #[test]

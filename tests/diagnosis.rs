@@ -52,7 +52,7 @@ fn intervals_hold_the_value_of_the_catalogues_own_form() {
     for (id, seed) in [("series_resistance", 41), ("hinge_stiffness", 42)] {
         let t = trial(&own_form(&spec(Kind::Effect(id), seed, 0.6)).unwrap());
         assert_eq!(t.named.first().map(String::as_str), Some(id), "{t:?}");
-        let (name, value, error) = t.values.iter().find(|v| v.2.is_finite()).unwrap();
+        let (name, value, error, _) = t.values.iter().find(|v| v.2.is_finite()).unwrap();
         let truth = t.true_values.iter().find(|v| v.0 == *name).unwrap().1;
         assert!((value - truth).abs() < 3.0 * error, "{t:?}");
         assert!(*error < 0.26 * truth.abs(), "{t:?}");
@@ -145,6 +145,16 @@ fn practice_cases_are_named() {
         "{}",
         proof["confusion"]
     );
+    // every cause that is named has a size with an interval
+    let trials = std::fs::read_to_string(dir.path().join("trials.json")).unwrap();
+    let trials: Vec<serde_json::Value> = serde_json::from_str(&trials).unwrap();
+    for t in trials.iter().filter(|t| t["named"][0].is_string()) {
+        let values = t["values"].as_array().unwrap();
+        let with = values
+            .iter()
+            .any(|v| v[2].is_number() && v[3][0].is_number());
+        assert!(with, "{}: {values:?}", t["case"]);
+    }
 }
 
 #[test]

@@ -278,6 +278,15 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
     assert_eq!(file.parameters().unwrap().film, d.parameters.film);
     assert_eq!(file.series, series());
     assert_eq!(file.to_toml(), text);
+    // a size freed of what noise does stands beside the one that predicts
+    let mut freed = d.clone();
+    freed.candidates[0].values[0].value *= 1.02;
+    let text = ParameterFile::of_diagnosis(&freed, series(), Provenance::new("t")).to_toml();
+    let name = freed.candidates[0].values[0].name;
+    assert!(text.contains(&format!("{name}_estimate = ")), "{text}");
+    let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
+    assert_eq!(file.acting(&number).unwrap(), held);
+    assert_eq!(file.to_toml(), text);
     // every kind of value, in the model or not
     for c in &d.candidates {
         let mut one = d.clone();

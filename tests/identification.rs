@@ -12,7 +12,8 @@ use deacal::calibration::{Request, Stage, calibrate_robot};
 use deacal::dataset::{Dataset, Parts, Voltage};
 use deacal::film::InitialState;
 use deacal::model::{Parameters, Robot};
-use deacal::simulate::{Circle, Drive, Options, Payload, motion, rest};
+use deacal::residual::{RobotResidual, SeparableResidual};
+use deacal::simulate::{Circle, Drive, Options, Payload, motion, predict_motions, rest};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -178,4 +179,87 @@ fn voltages_from_a_fit_lead_the_true_film_along_a_circle() {
         worst[0], worst[1], worst[2], worst[3]
     );
     assert!(worst[3] < 0.5, "{worst:?} % of the diameter");
+}
+
+#[test]
+fn a_motion_captured_again_is_smoothed_as_the_first_time() {
+    let g = golden("forward_dynamics");
+    let (robot, nominal) = (robot(&g["rig"]), parameters(&g));
+    let mut generator = ChaCha12Rng::seed_from_u64(71);
+    let drive = ("again", [5000.0, 4000.0, 3000.0], 12.0);
+    let d = recording(&robot, &nominal, drive, &mut generator);
+    let (own, dice) = (d.track(), ChaCha12Rng::seed_from_u64(72));
+    let again = |times| d.retaken_track(&d.measured_m, &mut dice.clone(), times);
+    let (silent, plus, minus) = (again(0.0), again(1.0), again(-1.0));
+    let (silent, plus, minus) = (silent.unwrap(), plus.unwrap(), minus.unwrap());
+    let n = d.samples();
+    let mut noise = 0.0;
+    for i in 0..n {
+        for k in 0..3 {
+            assert!((silent.position_m[i][k] - own.position_m[i][k]).abs() < 1e-12);
+            assert!((silent.acceleration_m_s2[i][k] - own.acceleration_m_s2[i][k]).abs() < 1e-6);
+            let mean = 0.5 * (plus.position_m[i][k] + minus.position_m[i][k]);
+            assert!((mean - own.position_m[i][k]).abs() < 1e-12);
+            noise += (plus.position_m[i][k] - own.position_m[i][k]).powi(2) / (3 * n) as f64;
+        }
+    }
+    // what smoothing leaves of the noise
+    let left = noise.sqrt() / NOISE_M;
+    assert!((0.1..0.9).contains(&left), "{left}");
+    // a motion that is known nowhere has no track
+    let nowhere = vec![[f64::NAN; 3]; n];
+    assert!(d.retaken_track(&nowhere, &mut generator, 1.0).is_none());
+}
+
+#[test]
+fn scores_of_a_simulated_recording_have_the_mean_that_its_model_says() {
+    // The score at the truth, over recordings that differ in their noise, against what is told from the model alone.
+    let g = golden("forward_dynamics");
+    let (robot, nominal) = (robot(&g["rig"]), parameters(&g));
+    let mut generator = ChaCha12Rng::seed_from_u64(73);
+    let drive = ("score", [5000.0, 4000.0, 3000.0], 12.0);
+    let recordings: Vec<Dataset> = (0..24)
+        .map(|_| recording(&robot, &nominal, drive, &mut generator))
+        .collect();
+    let forearm = &nominal.forearm;
+    let film = &nominal.film;
+    let eta: Vec<f64> = (film.relaxation_time_s.iter().map(|t| t.ln()))
+        .chain([1.0 / film.locking])
+        .collect();
+    let beta: Vec<f64> = [&film.mu_pa[..], &forearm.torque_n_m].concat();
+    let mut scores = Vec::new();
+    let mut told = None;
+    for d in &recordings {
+        let mut residual = RobotResidual::new(&robot, &[d], eta.len() - 1, forearm).unwrap();
+        residual.weigh(&eta, &beta).unwrap();
+        let gram = residual.evaluate(&eta, &beta).unwrap().at(eta.len(), &beta);
+        let size = eta.len() + beta.len();
+        scores.push(gram.column(size).rows(0, size).into_owned());
+        if told.is_none() {
+            let series = residual.series();
+            let motions = predict_motions(&robot, &[d], &nominal, &|_| 0.0, &[], &series).unwrap();
+            told = residual
+                .expected_score(Some(&motions), &eta, &beta, 12)
+                .unwrap();
+        }
+    }
+    let told = told.unwrap();
+    assert!(told.simulated && told.draws.len() == 12);
+    let count = scores.len() as f64;
+    for i in 0..eta.len() + beta.len() {
+        let mean = scores.iter().map(|s| s[i]).sum::<f64>() / count;
+        let variance = scores.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        let drawn = told.draws.iter().map(|s| s[i] * s[i]).sum::<f64>() / 12.0;
+        let off = (mean - told.mean[i]).abs() / (variance / count).sqrt();
+        assert!(
+            off < 4.5,
+            "unknown {i}: {mean} and {} ({off})",
+            told.mean[i]
+        );
+        let ratio = drawn / variance;
+        assert!(
+            (0.2..5.0).contains(&ratio),
+            "unknown {i}: variance {ratio} of the true one"
+        );
+    }
 }

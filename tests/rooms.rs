@@ -98,6 +98,19 @@ const ROOMS: &[Room] = &[
         "a fit has never heard of a film; it sees numbers through the traits of the problem",
     ),
     (
+        "simulate",
+        May::Only(&[
+            ("units", ANY),
+            ("kinematics", ANY),
+            ("film", ANY),
+            ("effects", ANY),
+            ("dataset", &["Dataset", "Voltage"]),
+            ("model", ANY),
+        ]),
+        NO_FILES,
+        "a simulation is the yardstick of the calibration and shares nothing with it but the model and the recorded voltages",
+    ),
+    (
         "calibration",
         May::Only(&[
             ("parameter", ANY),
@@ -121,27 +134,15 @@ const ROOMS: &[Room] = &[
             ("model", ANY),
             ("residual", ANY),
             ("fit", ANY),
+            ("simulate", &["predict_motions"]),
         ]),
         NO_FILES,
         "a diagnosis doubts what a fit found; it judges on datasets and gives plain data",
     ),
     (
-        "simulate",
-        May::Only(&[
-            ("units", ANY),
-            ("kinematics", ANY),
-            ("film", ANY),
-            ("effects", ANY),
-            ("model", ANY),
-        ]),
-        NO_FILES,
-        "a simulation is the yardstick of the calibration and shares nothing with it but the model",
-    ),
-    (
         "validation",
         May::Only(&[
             ("units", ANY),
-            ("film", &["InitialState"]),
             ("effects", ANY),
             ("dataset", ANY),
             ("model", ANY),

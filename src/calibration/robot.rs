@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;
@@ -413,7 +414,9 @@ pub fn calibrate_robot(
     }
     // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion tells.
     if !residual.layout().free_offsets.is_empty() {
-        let pull = residual.column_noise_score(&state.eta, &state.beta, NOISE_PAIRS)?;
+        let pull = residual
+            .expected_score(None, &state.eta, &state.beta, NOISE_PAIRS)?
+            .map_or_else(|| DVector::zeros(size), |score| score.mean);
         let moving: Vec<bool> = (0..size)
             .map(|i| is_free[i] && resting[i].is_none())
             .collect();

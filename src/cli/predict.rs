@@ -25,7 +25,7 @@ use crate::report::output::write_atomic_with;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::Provenance;
 use crate::residual::command_for_v;
-use crate::validation::predict_motion;
+use crate::simulate::predict_motion;
 
 /// What to predict.
 #[derive(Subcommand)]
@@ -168,7 +168,14 @@ fn motion(
                 .offset_s
         }
     };
-    let forward = predict_motion(robot, dataset, parameters, offset_s, effects, when)?;
+    let forward =
+        predict_motion(robot, dataset, parameters, offset_s, effects, when).map_err(|why| {
+            let advice = match why.advice() {
+                "" => String::new(),
+                advice => format!(": {advice}"),
+            };
+            format!("recording `{}`: {why}{advice}", dataset.id)
+        })?;
     progress.stopped()?;
     drop(progress);
     let n = dataset.samples();

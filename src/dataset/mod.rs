@@ -317,12 +317,8 @@ impl Dataset {
                 track.velocity_m_s[i][k] += d[1];
                 track.acceleration_m_s2[i][k] += d[2];
             });
-            if let Some(slow) = self.slow_deviation(axis, generator) {
-                for i in 0..self.samples() {
-                    track.position_m[i][k] += slow.position[i];
-                    track.velocity_m_s[i][k] += slow.velocity[i];
-                    track.acceleration_m_s2[i][k] += slow.acceleration[i];
-                }
+            if let Some(slow) = self.slow_noise_m(axis, generator) {
+                self.deviate(&mut track, k, &slow, 1.0);
             }
         }
         track
@@ -331,30 +327,68 @@ impl Dataset {
     /// The smoothed track with the capture's noise once more: plus `times` what the smoother makes of a draw of it.
     pub fn noisier_track(&self, generator: &mut impl Rng, times: f64) -> Track {
         let mut track = self.track();
-        // the noise that the smoother found holds both parts
-        let white = self.colour.map_or(1.0, |c| 1.0 / (1.0 + c.variance)).sqrt();
         for (k, axis) in self.axes.iter().enumerate() {
-            let noise: Vec<f64> = (0..self.samples())
-                .map(|i| {
-                    let fresh: f64 = StandardNormal.sample(generator);
-                    if self.captured(i) {
-                        white * axis.choice.noise * fresh
-                    } else {
-                        f64::NAN
-                    }
-                })
-                .collect();
-            let white = self.smooth_as(axis, &noise);
-            let slow = self.slow_deviation(axis, generator);
-            for part in white.iter().chain(&slow) {
-                for i in 0..self.samples() {
-                    track.position_m[i][k] += times * part.position[i];
-                    track.velocity_m_s[i][k] += times * part.velocity[i];
-                    track.acceleration_m_s2[i][k] += times * part.acceleration[i];
-                }
-            }
+            let noise = self.capture_noise_m(axis, generator);
+            self.deviate(&mut track, k, &noise, times);
         }
         track
+    }
+
+    /// Adds `times` what the smoother makes of an axis's noise to a track.
+    fn deviate(&self, track: &mut Track, k: usize, noise_m: &[f64], times: f64) {
+        let Some(part) = self.smooth_as(&self.axes[k], noise_m) else {
+            return;
+        };
+        for i in 0..self.samples() {
+            track.position_m[i][k] += times * part.position[i];
+            track.velocity_m_s[i][k] += times * part.velocity[i];
+            track.acceleration_m_s2[i][k] += times * part.acceleration[i];
+        }
+    }
+
+    /// The track of another motion, m a frame, had it been captured and smoothed as this one was: with `times` a draw of the capture's
+    /// noise, and its gaps. `None` where it is not known at too many frames.
+    pub fn retaken_track(
+        &self,
+        position_m: &[Vec3],
+        generator: &mut impl Rng,
+        times: f64,
+    ) -> Option<Track> {
+        let mut track = self.track();
+        for (k, axis) in self.axes.iter().enumerate() {
+            let noise = self.capture_noise_m(axis, generator);
+            let seen: Vec<f64> = (position_m.iter().zip(&noise))
+                .map(|(u, n)| u[k] + times * n)
+                .collect();
+            let smoothed = self.smooth_as(axis, &seen)?;
+            for i in 0..self.samples() {
+                track.position_m[i][k] = smoothed.position[i];
+                track.velocity_m_s[i][k] = smoothed.velocity[i];
+                track.acceleration_m_s2[i][k] = smoothed.acceleration[i];
+            }
+        }
+        Some(track)
+    }
+
+    /// A draw of the capture's noise on an axis, m: its white and its slow part; NaN where nothing was captured.
+    fn capture_noise_m(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Vec<f64> {
+        // the noise that the smoother found holds both parts
+        let white = self.colour.map_or(1.0, |c| 1.0 / (1.0 + c.variance)).sqrt();
+        let mut noise: Vec<f64> = (0..self.samples())
+            .map(|i| {
+                let fresh: f64 = StandardNormal.sample(generator);
+                if self.captured(i) {
+                    white * axis.choice.noise * fresh
+                } else {
+                    f64::NAN
+                }
+            })
+            .collect();
+        let slow = self.slow_noise_m(axis, generator);
+        for (n, slow) in noise.iter_mut().zip(slow.into_iter().flatten()) {
+            *n += slow;
+        }
+        noise
     }
 
     /// Other values of an axis, smoothed as its own are.
@@ -363,29 +397,23 @@ impl Dataset {
         smooth_axis(values, self.step_s, order, cutoff_hz).ok()
     }
 
-    /// What the smoother makes of a draw of the noise's slow part.
-    fn slow_deviation(
-        &self,
-        axis: &SmoothedAxis,
-        generator: &mut impl Rng,
-    ) -> Option<SmoothedAxis> {
+    /// A draw of the noise's slow part on an axis, m; NaN where nothing was captured.
+    fn slow_noise_m(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Option<Vec<f64>> {
         let colour = self.colour?;
         let a = (-self.step_s / colour.correlation_s).exp();
         // The noise that the smoother found holds both parts.
         let size = axis.choice.noise * (colour.variance / (1.0 + colour.variance)).sqrt();
         let mut state: f64 = StandardNormal.sample(generator);
-        let values: Vec<f64> = (0..self.samples())
-            .map(|i| {
-                let fresh: f64 = StandardNormal.sample(generator);
-                state = a * state + (1.0 - a * a).sqrt() * fresh;
-                if self.captured(i) {
-                    size * state
-                } else {
-                    f64::NAN
-                }
-            })
-            .collect();
-        self.smooth_as(axis, &values)
+        let noise = (0..self.samples()).map(|i| {
+            let fresh: f64 = StandardNormal.sample(generator);
+            state = a * state + (1.0 - a * a).sqrt() * fresh;
+            if self.captured(i) {
+                size * state
+            } else {
+                f64::NAN
+            }
+        });
+        Some(noise.collect())
     }
 
     /// Runs of frames that were not captured: first frame and length.

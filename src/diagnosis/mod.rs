@@ -35,7 +35,7 @@ use rayon::prelude::*;
 use crate::effects::{Acting, Effect, When, is_rare};
 use judge::{Judged, NEVER_ADEQUATE, alike};
 use locate::{Spot, locate};
-use problem::{Effort, Fitted, Problem, Tangent, unknown_values, value_estimates};
+use problem::{Effort, Estimate, Fitted, Problem, Tangent, unknown_values, value_estimates};
 use scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use subject::Subject;
 
@@ -707,47 +707,17 @@ fn candidates<S: Subject>(
     verdict: Verdict,
     surprise: f64,
 ) -> Vec<Candidate> {
-    let mut out: Vec<Candidate> = Vec::new();
     let in_model = verdict == Verdict::MissingPhysics;
-    let mut add = |judged: &Judged, own: usize, probability: f64, in_model: bool| {
-        let acting = &judged.fitted.effects[own];
-        if out
-            .iter()
-            .any(|c| c.acting.effect.id() == acting.effect.id())
-        {
-            return;
+    // Each cause once, with the first model that names it.
+    let mut chosen: Vec<(&Judged, usize, f64, bool)> = Vec::new();
+    let id = |judged: &Judged, own: usize| judged.fitted.effects[own].effect.id();
+    let mut add = |judged, own, probability, in_model| {
+        if chosen.iter().all(|c| id(c.0, c.1) != id(judged, own)) {
+            chosen.push((judged, own, probability, in_model));
         }
-        let estimates = value_estimates(problem, &judged.fitted, in_model)
-            .unwrap_or_else(|_| unknown_values(&judged.fitted));
-        let values = values(problem, &judged.fitted, own, &estimates);
-        let says = format!(
-            "{}{}; the weighted mean square falls from {:.2} to {:.2}",
-            acting.effect.says(),
-            if acting.on == [true; 3] {
-                String::new()
-            } else {
-                format!(
-                    " (actuator {})",
-                    1 + acting.on.iter().position(|o| *o).unwrap_or(0)
-                )
-            },
-            plain.mean_square,
-            judged.mean_square
-        );
-        out.push(Candidate {
-            acting: acting.clone(),
-            probability,
-            delta_bic: judged.score - plain.score,
-            mean_square: judged.mean_square,
-            holdout_mean_square: judged.holdout,
-            in_model,
-            values,
-            says,
-        });
     };
-    let best = pair.or(singles.first());
-    let Some(best) = best else {
-        return out;
+    let Some(best) = pair.or(singles.first()) else {
+        return Vec::new();
     };
     // Odds among rivals; each effect by its best variant.
     let known = match verdict {
@@ -812,6 +782,51 @@ fn candidates<S: Subject>(
     {
         add(almost, 1, 0.02 * known, false);
     }
+    let mut models: Vec<(&Judged, bool)> = Vec::new();
+    for (judged, _, _, in_model) in &chosen {
+        if !models.iter().any(|(m, _)| std::ptr::eq(*m, *judged)) {
+            models.push((judged, *in_model));
+        }
+    }
+    let estimates: Vec<Vec<Estimate>> = models
+        .par_iter()
+        .map(|(judged, in_model)| {
+            value_estimates(problem, &judged.fitted, *in_model)
+                .unwrap_or_else(|_| unknown_values(&judged.fitted))
+        })
+        .collect();
+    let mut out: Vec<Candidate> = chosen
+        .iter()
+        .map(|&(judged, own, probability, in_model)| {
+            let acting = &judged.fitted.effects[own];
+            let of_model = models.iter().position(|(m, _)| std::ptr::eq(*m, judged));
+            Candidate {
+                acting: acting.clone(),
+                probability,
+                delta_bic: judged.score - plain.score,
+                mean_square: judged.mean_square,
+                holdout_mean_square: judged.holdout,
+                in_model,
+                values: of_model.map_or_else(Vec::new, |m| {
+                    values(problem, &judged.fitted, own, &estimates[m])
+                }),
+                says: format!(
+                    "{}{}; the weighted mean square falls from {:.2} to {:.2}",
+                    acting.effect.says(),
+                    if acting.on == [true; 3] {
+                        String::new()
+                    } else {
+                        format!(
+                            " (actuator {})",
+                            1 + acting.on.iter().position(|o| *o).unwrap_or(0)
+                        )
+                    },
+                    plain.mean_square,
+                    judged.mean_square
+                ),
+            }
+        })
+        .collect();
     out.sort_by(|a, b| {
         b.in_model
             .cmp(&a.in_model)
@@ -835,7 +850,7 @@ fn values<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
     own: usize,
-    estimates: &[(f64, f64)],
+    estimates: &[Estimate],
 ) -> Vec<Value> {
     let acting = &fitted.effects[own];
     let name_of = |number: f64| {
@@ -854,7 +869,14 @@ fn values<S: Subject>(
         .enumerate()
         .map(|(v, q)| {
             let free = fitted.free.iter().position(|f| *f == (own, v));
-            let (value, std_error) = free.map_or((acting.values[v], f64::NAN), |i| estimates[i]);
+            let Estimate {
+                value,
+                std_error,
+                ci95,
+            } = match free {
+                Some(i) => estimates[i],
+                None => Estimate::new(acting.values[v], f64::NAN, 1.0),
+            };
             let word = match q.name {
                 "recording" => name_of(value),
                 _ if v == 0 => acting
@@ -866,15 +888,14 @@ fn values<S: Subject>(
             };
             let at_bound = std_error.is_nan() && (value <= q.lower || value >= q.upper);
             let (factor, unit) = problem.train.unit_of(q.unit);
-            let (value, std_error) = (factor * value, factor * std_error);
             Value {
                 name: q.name,
                 unit,
-                value,
+                value: factor * value,
                 fitted: factor * acting.values[v],
                 word,
-                std_error,
-                ci95: [value - 1.96 * std_error, value + 1.96 * std_error],
+                std_error: factor * std_error,
+                ci95: ci95.map(|end| factor * end),
                 at_bound,
             }
         })

@@ -1,18 +1,19 @@
 //! The delta robot as a subject: three torques a sample, judged in volts above 1 kV.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
 use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
 use super::{DRAWN, doubt};
 use crate::dataset::OffsetSource;
-use crate::effects::{Acting, CATALOGUE, Effect, Seen, Site, When};
+use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
 use crate::film::Locked;
 use crate::model::{ForearmTorque, Parameters, Robot};
-use crate::residual::{OFFSET_REACH_S, RobotResidual, root_v};
+use crate::residual::{ExpectedScore, OFFSET_REACH_S, RobotResidual, root_v};
+use crate::simulate::predict_motions;
 
-/// Pairs of tracks from which the pull of noise in the columns is told.
+/// Pairs of draws of the noise from which it is told how far estimates are off.
 const NOISE_PAIRS: usize = 2;
 
 /// Diagnoses `robot` on the recordings `train`, judged also on `holdout`. `watch` is told what is being done.
@@ -354,16 +355,23 @@ impl Subject for RobotResidual<'_> {
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
         RobotResidual::score_covariance(self, eta, beta)
     }
-    fn column_noise_score(
+
+    fn expected_score(
         &self,
         eta: &[f64],
         beta: &[f64],
-    ) -> Result<Option<DVector<f64>>, Locked> {
-        let still = |a: &Acting| a.effect.site() != Site::Motion;
-        if !RobotResidual::effects(self, eta).iter().all(still) {
-            return Ok(None);
-        }
-        RobotResidual::column_noise_score(self, eta, beta, NOISE_PAIRS).map(Some)
+        truth: &[f64],
+    ) -> Result<Option<ExpectedScore>, Locked> {
+        let (true_eta, true_beta) = truth.split_at(eta.len());
+        let motions = predict_motions(
+            &self.mechanics(0).robot,
+            &self.datasets().collect::<Vec<_>>(),
+            &RobotResidual::parameters(self, true_eta, true_beta),
+            &|r| self.offset_s(r, true_eta),
+            &RobotResidual::effects(self, true_eta),
+            &self.series(),
+        );
+        RobotResidual::expected_score(self, motions.as_deref(), eta, beta, NOISE_PAIRS)
     }
 
     fn carried(&self, plain: &[f64]) -> Vec<f64> {

@@ -1,12 +1,12 @@
 //! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie, and the words of the kind.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::RigKind;
 use crate::effects::{Acting, Effect, When};
 use crate::film::Locked;
 use crate::model::Parameters;
-use crate::residual::SeparableResidual;
+use crate::residual::{ExpectedScore, SeparableResidual};
 
 /// Where a kept residual lies: voltage (or input), its rate, time s, height, rate, largest stretch (or swing) so far, angle (or
 /// position).
@@ -125,12 +125,14 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Result<Vec<Vec<f64>>, Locked>;
     /// Covariance of the scores X'e under the noise.
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked>;
-    /// What the noise in the columns adds to the scores X'r on average; `None` where that is not known.
-    fn column_noise_score(
+    /// What the scores X'r at (eta, beta) are on average were the model true with the values `truth`, in their order; `None` where that is
+    /// not known.
+    fn expected_score(
         &self,
         _eta: &[f64],
         _beta: &[f64],
-    ) -> Result<Option<DVector<f64>>, Locked> {
+        _truth: &[f64],
+    ) -> Result<Option<ExpectedScore>, Locked> {
         Ok(None)
     }
     /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.

@@ -51,8 +51,8 @@ pub struct Trial {
     pub gap_closed: f64,
     /// Whether a place among the first three overlaps the truth by half; none where the truth has no place.
     pub located: Option<bool>,
-    /// The first named effect's values: name, value, standard error.
-    pub values: Vec<(String, f64, f64)>,
+    /// The first named effect's values: name, value, standard error, 95 % interval.
+    pub values: Vec<(String, f64, f64, [f64; 2])>,
     /// The truth's values of it.
     pub true_values: Vec<(String, f64)>,
     /// Size of the true effect over the smallest that the diagnosis says it would have found.
@@ -239,7 +239,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         out.values = c
             .values
             .iter()
-            .map(|v| (v.name.to_string(), v.value, v.std_error))
+            .map(|v| (v.name.to_string(), v.value, v.std_error, v.ci95))
             .collect();
     }
     let e = &d.evidence;

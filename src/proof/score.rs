@@ -197,13 +197,13 @@ pub fn score(trials: &[Trial]) -> Proof {
     let right = select(&|t| single(t) && first(t));
     let (mut inside, mut measured) = (0, 0);
     for t in &right {
-        let value = t.values.iter().find_map(|(name, value, error)| {
+        let value = t.values.iter().find_map(|(name, _, error, ci95)| {
             let truth = t.true_values.iter().find(|v| v.0 == *name)?;
-            (error.is_finite() && *name != "time").then_some((truth.1, *value, *error))
+            (error.is_finite() && *name != "time").then_some((truth.1, *ci95))
         });
-        if let Some((truth, value, error)) = value {
+        if let Some((truth, [low, high])) = value {
             measured += 1;
-            inside += usize::from((truth - value).abs() <= 1.96 * error);
+            inside += usize::from(low <= truth && truth <= high);
         }
     }
     let named = select(&|t| !t.named.is_empty());

@@ -179,6 +179,9 @@ impl Effect {
             };
             let float = toml::Value::Float;
             values.push((name.into(), numbers(&|v| float(v.fitted))));
+            if own.iter().any(|v| v.value != v.fitted) {
+                values.push((format!("{name}_estimate"), numbers(&|v| float(v.value))));
+            }
             if own.iter().any(|v| v.std_error.is_finite()) {
                 let errors = numbers(&|v| float(v.std_error));
                 values.push((format!("{name}_std_error"), errors));
@@ -274,6 +277,7 @@ fn acting(
         let place = format!("[[effect]] {} {key}", entry.id);
         let plain = key
             .strip_suffix("_std_error")
+            .or_else(|| key.strip_suffix("_estimate"))
             .or_else(|| key.strip_suffix("_ci95"));
         if plain.is_some_and(|p| names.contains(&p)) {
             continue;

@@ -10,7 +10,8 @@
 //! [provenance]  program, command, rig and recordings with their SHA-256
 //! ```
 //!
-//! Each number `X` has its standard error in `X_std_error` and its 95 % interval in `X_ci95`, `nan` where there is none.
+//! Each number `X` has its standard error in `X_std_error` and its 95 % interval in `X_ci95`, `nan` where there is none; where noise in the
+//! motion pulls at a number of a cause, both belong to `X_estimate`, the one freed of that.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -523,6 +524,16 @@ impl ParameterFile {
             out.push_str("\n# A cause that the plain model leaves out.\n[[effect]]\n");
             let _ = writeln!(out, "id = {}", string(&effect.id));
             let _ = writeln!(out, "actuators = {:?}", effect.actuators);
+            if effect
+                .values
+                .iter()
+                .any(|(name, _)| name.ends_with("_estimate"))
+            {
+                comment(
+                    &mut out,
+                    "X predicts best from motion as noisy as this; X_estimate is freed of what the noise does to it: X_std_error and X_ci95 are its own.",
+                );
+            }
             values(&mut out, &effect.values);
         }
         if !self.series.is_empty() {

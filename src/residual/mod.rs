@@ -16,7 +16,7 @@ mod sample;
 pub use coupon::{CouponLocked, CouponResidual};
 pub use decimate::Decimation;
 pub use normal::{Normal, SeparableResidual, Slope};
-pub use robot::{Layout, RobotResidual, VoltageError};
+pub use robot::{ExpectedScore, Layout, RobotResidual, VoltageError};
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
 pub use sample::{
     MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun, SampleTrouble,

@@ -15,7 +15,7 @@ use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Effect, Site, When};
 use crate::film::Locked;
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
-use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Unreachable};
+use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Track, Unreachable};
 
 /// Where a clock offset is free: the residual's band over the half-power frequency of the smoothed motion. Timing shows in fast
 /// motion; for the film alone the wider band only lets in what smoothing takes from the motion.
@@ -77,6 +77,8 @@ struct Prepared<'a> {
     dataset: &'a Dataset,
     when: When,
     mechanics: Arc<Mechanics>,
+    /// The track where it is not the dataset's own.
+    other_track: Option<Arc<Track>>,
     decimation: Decimation,
     centres: Vec<usize>,
     /// phi_c^2, its change per second, and phi_c at the frames, at a fixed offset.
@@ -150,6 +152,17 @@ pub struct VoltageError {
     pub sd_v: Vec<[f64; 3]>,
     /// Frames that count: captured, not within 0.3 s of an end, in reach, with a known voltage.
     pub counts: Vec<bool>,
+}
+
+/// What the scores X'r are on average, at parameters and in their order.
+#[derive(Debug, Clone)]
+pub struct ExpectedScore {
+    /// The average.
+    pub mean: DVector<f64>,
+    /// What draws of the capture's noise make of them beside.
+    pub draws: Vec<DVector<f64>>,
+    /// Whether the motions were simulated: without, only what noise in the columns makes is in the average.
+    pub simulated: bool,
 }
 
 /// Step of the differences with respect to an effect's value, in its spread.
@@ -902,7 +915,11 @@ impl<'a> RobotResidual<'a> {
         if effects.iter().all(|a| a.effect.site() != Site::Motion) {
             return Ok(Cow::Borrowed(&r.mechanics));
         }
-        Mechanics::with_effects(self.robot, &r.dataset.track(), effects, r.dataset.pivot_m)
+        let track = match &r.other_track {
+            Some(track) => Cow::Borrowed(&**track),
+            None => Cow::Owned(r.dataset.track()),
+        };
+        Mechanics::with_effects(self.robot, &track, effects, r.dataset.pivot_m)
             .map(Cow::Owned)
             .map_err(|(sample, _)| Locked {
                 spring: 0,
@@ -1432,36 +1449,73 @@ impl<'a> RobotResidual<'a> {
         Ok(covariance)
     }
 
-    /// What the capture's noise adds on average to the scores X'r, X = [d r/d eta | B], because columns and residual are made of the
-    /// same noisy motion (errors in variables); not for effects on the motion. Told from so many `pairs` of tracks: the smoothed one plus
-    /// and minus what the smoother makes of drawn noise, in whose mean all cancels that is linear in the noise.
+    /// What the scores X'r, X = [d r/d eta | B], are on average were the model true; with H^-1 it says how far the estimates are off.
+    ///
+    /// With `motions`, those that the model makes of the voltages (m a frame): the mean where each is captured and smoothed as its recording
+    /// was. It is zero but for what noise in the columns, smoothing and interpolation do. Without, or where such a track is out of reach:
+    /// what noise alone adds, because columns and residual are made of the same noisy motion (errors in variables). Told from so many
+    /// `pairs` of draws of the noise, once plus and once minus, in whose mean all cancels that is linear in it. `None` where it cannot be
+    /// told.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
-    pub fn column_noise_score(
+    pub fn expected_score(
+        &self,
+        motions: Option<&[Vec<[f64; 3]>]>,
+        eta: &[f64],
+        beta: &[f64],
+        pairs: usize,
+    ) -> Result<Option<ExpectedScore>, Locked> {
+        if let Some(motions) = motions {
+            let retaken = |number: usize, dataset: &Dataset, generator: &mut ChaCha12Rng, times| {
+                dataset.retaken_track(&motions[number], generator, times)
+            };
+            let score = self.drawn_score(eta, beta, pairs, retaken)?;
+            if score.is_some() {
+                return Ok(score);
+            }
+        }
+        let noisier = |_, dataset: &Dataset, generator: &mut ChaCha12Rng, times| {
+            Some(dataset.noisier_track(generator, times))
+        };
+        let Some(score) = self.drawn_score(eta, beta, pairs, noisier)? else {
+            return Ok(None);
+        };
+        Ok(Some(ExpectedScore {
+            mean: score.mean - self.scores(eta, beta)?,
+            simulated: false,
+            ..score
+        }))
+    }
+
+    /// X'r.
+    fn scores(&self, eta: &[f64], beta: &[f64]) -> Result<DVector<f64>, Locked> {
+        let size = eta.len() + beta.len();
+        let gram = self.evaluate(eta, beta)?.at(eta.len(), beta);
+        Ok(gram.column(size).rows(0, size).into_owned())
+    }
+
+    /// The scores of pairs of other tracks.
+    fn drawn_score(
         &self,
         eta: &[f64],
         beta: &[f64],
         pairs: usize,
-    ) -> Result<DVector<f64>, Locked> {
-        let size = eta.len() + beta.len();
-        let scores = |residual: &Self| -> Result<DVector<f64>, Locked> {
-            let gram = residual.evaluate(eta, beta)?.at(eta.len(), beta);
-            Ok(gram.column(size).rows(0, size).into_owned())
-        };
-        let base = scores(self)?;
-        let drawn: Vec<DVector<f64>> = (0..2 * pairs)
+        track: impl Fn(usize, &Dataset, &mut ChaCha12Rng, f64) -> Option<Track> + Sync,
+    ) -> Result<Option<ExpectedScore>, Locked> {
+        let drawn: Option<Vec<DVector<f64>>> = (0..2 * pairs)
             .into_par_iter()
             .map(|m| {
-                let mut noisier = self.clone();
+                let mut other = self.clone();
                 let times = if m % 2 == 0 { 1.0 } else { -1.0 };
-                for (number, r) in noisier.recordings.iter_mut().enumerate() {
+                for (number, r) in other.recordings.iter_mut().enumerate() {
                     let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_c011 + m as u64 / 2);
                     generator.set_stream(number as u64);
-                    let track = r.dataset.noisier_track(&mut generator, times);
-                    // a track out of reach tells nothing
+                    let Some(track) = track(number, r.dataset, &mut generator, times) else {
+                        return Ok(None);
+                    };
                     let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
-                        return Ok(base.clone());
+                        return Ok(None);
                     };
                     r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
                     r.forearm = forearm_columns(
@@ -1472,15 +1526,22 @@ impl<'a> RobotResidual<'a> {
                         self.arch,
                     );
                     r.mechanics = Arc::new(mechanics);
+                    r.other_track = Some(Arc::new(track));
                     if r.maxwell.is_some() {
                         r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
                     }
                 }
-                scores(&noisier)
+                other.linearise(eta, beta, true)?;
+                other.scores(eta, beta).map(Some)
             })
             .collect::<Result<_, _>>()?;
-        let mean = drawn.iter().sum::<DVector<f64>>() / drawn.len() as f64;
-        Ok(mean - base)
+        Ok(drawn.map(|drawn| ExpectedScore {
+            mean: drawn.iter().sum::<DVector<f64>>() / drawn.len() as f64,
+            draws: (drawn.chunks_exact(2))
+                .map(|pair| (&pair[0] - &pair[1]) / 2.0)
+                .collect(),
+            simulated: true,
+        }))
     }
 
     /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it (as it was last worked
@@ -1648,6 +1709,7 @@ fn prepare<'a>(
         dataset,
         when,
         mechanics: Arc::new(mechanics),
+        other_track: None,
         decimation,
         centres,
         command: None,

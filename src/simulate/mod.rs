@@ -7,6 +7,7 @@
 //! | hanging film sample, both ways | [`sample_motion`], [`sample_phi_squared_v2`], [`sample_rest`] |
 //! | what else acts on the robot | [`Addition`] |
 //! | a motion with causes of the catalogue | [`motion_with_effects`], made of [`effect_addition`], [`effect_robot`], [`effect_reading`], [`EffectClock`] |
+//! | the motion that the voltages of a recording make | [`predict_motion`] |
 //! | built-in drives, a path or a circle through the inverse model | [`Drive`], [`PlannedPath`], [`Circle`], [`flip_polarity`] |
 //! | the files of a recording, with noise and a seed | [`mod@write`] |
 //! | voltages and payload over time | [`Voltage`], [`Sampled`], [`Payload`] |
@@ -19,6 +20,7 @@ mod drive;
 mod effects;
 mod integrator;
 mod path;
+mod recorded;
 mod robot;
 mod sample;
 mod voltage;
@@ -31,6 +33,7 @@ pub use effects::{
 };
 pub use integrator::Effort;
 pub use path::{PlannedDrive, PlannedPath, drive_along};
+pub use recorded::{PredictedMotion, predict_motion, predict_motions};
 pub use robot::{Energy, Motion, Options, Rest, Start, motion, motion_as_far, rest};
 pub use sample::{
     SampleMotion, SampleOptions, SampleRest, SampleTrack, Stretches, sample_motion,

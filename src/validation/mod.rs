@@ -8,15 +8,11 @@
 //! | force | force of the surroundings that motion and voltages ask for | the payload's weight |
 //! | stroke | height between lowest and highest pose of the predicted motion | the same of the measured one |
 
-mod forward;
-
-pub use forward::{Forward, predict_motion};
-
 use crate::calibration::{self, Outcome, predict_force, validate_robot_with};
 use crate::dataset::Dataset;
 use crate::effects::{Acting, When};
 use crate::model::{Parameters, Robot};
-use crate::simulate::{self, PlannedPath};
+use crate::simulate::{PlannedPath, predict_motion};
 use crate::units::GRAVITY_M_S2;
 
 /// Something that keeps a validation from being done.
@@ -25,14 +21,6 @@ pub enum Error {
     /// The inverse side.
     #[error(transparent)]
     Calibration(#[from] calibration::Error),
-    /// The forward side.
-    #[error("recording `{recording}`: {why}{}{}", if why.advice().is_empty() { "" } else { ": " }, why.advice())]
-    Forward {
-        /// Recording.
-        recording: String,
-        /// What the simulation said.
-        why: simulate::Error,
-    },
     /// A plan that shares no time with its recording.
     #[error(
         "recording `{recording}`: the planned path runs from {} to {} s, the motion from {} to {} s: they must overlap on the motion clock",
@@ -224,11 +212,10 @@ fn check(
                 }
                 f.position_m.iter().map(|u| u.map(|v| v * 1e3)).collect()
             }
-            Err(Error::Forward { why, .. }) => {
+            Err(why) => {
                 remarks.push(format!("{}: no motion can be predicted: {why}.", d.id));
                 vec![[f64::NAN; 3]; n]
             }
-            Err(other) => return Err(other),
         };
     let stroke_mm = [
         1e3 * extent(d.axes[2].position.iter().copied()),

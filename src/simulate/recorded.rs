@@ -1,15 +1,16 @@
 //! The motion that the recorded voltages make, from rest.
 
-use super::Error;
+use rayon::prelude::*;
+
+use super::{Error, Hold, Options, Payload, Sampled, Start, motion_with_effects};
 use crate::dataset::{Dataset, Voltage};
 use crate::effects::{Acting, When};
 use crate::film::InitialState;
 use crate::model::{Parameters, Robot};
-use crate::simulate::{self, Hold, Options, Payload, Sampled, Start, motion_with_effects};
 
-/// A predicted motion, a row a frame.
+/// The motion that recorded voltages make, a row a frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Forward {
+pub struct PredictedMotion {
     /// Position at each frame, m; NaN after the end of the prediction and where no voltage is known.
     pub position_m: Vec<[f64; 3]>,
     /// The first frame that is not reached, and why.
@@ -32,7 +33,7 @@ fn command(voltage: &Voltage, offset_s: f64) -> Result<Sampled, String> {
 /// rest under the first voltages; a virgin film from rest at the first measured position.
 ///
 /// # Errors
-/// [`Error::Forward`] when the motion does not begin: there is no rest under the first voltages and payload.
+/// The motion does not begin: there is no rest under the first voltages and payload.
 pub fn predict_motion(
     robot: &Robot,
     dataset: &Dataset,
@@ -40,14 +41,29 @@ pub fn predict_motion(
     offset_s: f64,
     effects: &[Acting],
     when: When,
-) -> Result<Forward, Error> {
-    let refuse = |why| Error::Forward {
-        recording: dataset.id.clone(),
-        why,
-    };
-    let text = |why| refuse(simulate::Error::Refused(why));
+) -> Result<PredictedMotion, Error> {
+    let tolerance_m = Options::default().tolerance_m;
+    follow(
+        robot,
+        dataset,
+        parameters,
+        offset_s,
+        (effects, when),
+        tolerance_m,
+    )
+}
+
+/// [`predict_motion`] with steps as long as an error of so many metres allows.
+fn follow(
+    robot: &Robot,
+    dataset: &Dataset,
+    parameters: &Parameters,
+    offset_s: f64,
+    (effects, when): (&[Acting], When),
+    tolerance_m: f64,
+) -> Result<PredictedMotion, Error> {
     let n = dataset.samples();
-    let voltage = command(&dataset.voltage, offset_s).map_err(text)?;
+    let voltage = command(&dataset.voltage, offset_s).map_err(Error::Refused)?;
     let mass = &dataset.payload_kg;
     let steps = (1..n)
         .filter(|&i| mass[i] != mass[i - 1])
@@ -65,7 +81,8 @@ pub fn predict_motion(
         sample_step_s: dataset.step_s,
         start_s: dataset.start_s,
         duration_s: (n - 1) as f64 * dataset.step_s,
-        payload: Payload::steps(mass[0], steps).map_err(text)?,
+        tolerance_m,
+        payload: Payload::steps(mass[0], steps).map_err(Error::Refused)?,
         start,
         ..Options::default()
     };
@@ -77,8 +94,7 @@ pub fn predict_motion(
         effects,
         when,
         dataset.pivot_m,
-    )
-    .map_err(refuse)?;
+    )?;
     let mut position_m = motion.position_m;
     let reached = position_m.len();
     position_m.resize(n, [f64::NAN; 3]);
@@ -87,8 +103,39 @@ pub fn predict_motion(
             *u = [f64::NAN; 3];
         }
     }
-    Ok(Forward {
+    Ok(PredictedMotion {
         position_m,
         ended: ended.map(|why| (reached.min(n - 1), why.to_string())),
     })
+}
+
+/// Error that a step of a motion may make which is to be captured again, m: far below any capture's noise.
+const BELOW_NOISE_M: f64 = 1e-7;
+
+/// The motions that the voltages of a series of recordings make, m a frame, to be captured again; `None` where one of them does not run to
+/// its end.
+pub fn predict_motions(
+    robot: &Robot,
+    datasets: &[&Dataset],
+    parameters: &Parameters,
+    offset_s: &(dyn Fn(usize) -> f64 + Sync),
+    effects: &[Acting],
+    series: &[When],
+) -> Option<Vec<Vec<[f64; 3]>>> {
+    datasets
+        .par_iter()
+        .enumerate()
+        .map(|(r, dataset)| {
+            let motion = follow(
+                robot,
+                dataset,
+                parameters,
+                offset_s(r),
+                (effects, series[r]),
+                BELOW_NOISE_M,
+            );
+            let whole = motion.ok().filter(|m| m.ended.is_none());
+            whole.map(|m| m.position_m)
+        })
+        .collect()
 }

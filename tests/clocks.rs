@@ -29,7 +29,8 @@ fn slack(n: usize) -> f64 {
 fn a_fit_with_the_film_free_finds_the_offset() {
     let n = trials(4);
     let robot = robot(&golden("kinematics")["rig"]);
-    let results: Vec<(f64, f64)> = (0..n)
+    // how far off, and the interval around it, s
+    let results: Vec<(f64, [f64; 2])> = (0..n)
         .into_par_iter()
         .map(|trial| {
             let mut generator = ChaCha12Rng::seed_from_u64(300_000 + trial as u64);
@@ -42,17 +43,21 @@ fn a_fit_with_the_film_free_finds_the_offset() {
             };
             let watch = |_: &deacal::fit::separable::State| ControlFlow::Continue(());
             let outcome = calibrate_robot(&robot, &[&dataset], &request, &watch).unwrap();
-            let r = &outcome.recordings[0];
-            (r.offset_s - HIDDEN_OFFSET_S, r.offset_std_error_s.unwrap())
+            let offset_s = outcome.recordings[0].offset_s;
+            let estimate = outcome.estimates.iter().find(|e| e.value == offset_s);
+            let off = |x: f64| x - HIDDEN_OFFSET_S;
+            (off(offset_s), estimate.unwrap().ci95.map(off))
         })
         .collect();
     let worst = results.iter().map(|r| r.0.abs()).fold(0.0, f64::max);
-    let held = results.iter().filter(|r| r.0.abs() <= 1.96 * r.1).count();
-    for (error, std_error) in &results {
+    let holds = |r: &&(f64, [f64; 2])| r.1[0] <= 0.0 && 0.0 <= r.1[1];
+    let held = results.iter().filter(holds).count();
+    for (error, [low, high]) in &results {
         println!(
-            "{:8.4} ms, standard error {:.4} ms",
+            "{:8.4} ms, interval {:.4} to {:.4} ms",
             error * 1e3,
-            std_error * 1e3
+            low * 1e3,
+            high * 1e3
         );
     }
     let rms = (results.iter().map(|r| r.0 * r.0).sum::<f64>() / n as f64).sqrt();

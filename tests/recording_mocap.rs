@@ -153,6 +153,16 @@ fn trc_files() {
     assert!(error.to_string().contains("ends in its header"), "{error}");
 }
 
+/// Markers that begin below the header learn of a decimal comma as those in the header do: the file is read again, once.
+#[test]
+fn a_marker_without_a_name_has_decimal_commas() {
+    let capture = read_file(&data("growing-commas.trc")).unwrap();
+    let s = &capture.sections[0];
+    assert_eq!(values(s, "*2", "X"), [-1.0, -1.0, 1500.0, 2.5]);
+    assert_eq!(values(s, "*3", "Z"), [-1.0, 9.0, 9.0, 9.0]);
+    assert!(says(&capture, "decimal comma"), "{:?}", capture.notes);
+}
+
 /// Almost empty rows below a wide header would ask for a hundred gigabytes.
 #[test]
 fn a_table_far_larger_than_its_file_is_refused() {

@@ -98,7 +98,9 @@ const IDENTIFIABLE: f64 = 0.33;
 const HARDLY_KNOWN: f64 = 0.5;
 /// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it counts as open anyway.
 const PROFILED: std::ops::Range<f64> = 0.05..0.35;
-/// The same for the locking constant, which is searched by its reciprocal.
+/// Free clock offsets up to which each is profiled: more recordings know the film better, and each profile takes them all.
+const FEW_OFFSETS: usize = 3;
+/// Relative standard error up to which the locking constant counts as determined; it is searched by its reciprocal.
 const IDENTIFIABLE_LIMIT: f64 = 0.2;
 /// Standard error up to which a nodal torque counts as determined, N m.
 const IDENTIFIABLE_TORQUE_N_M: f64 = 2e-4;
@@ -429,6 +431,11 @@ pub fn calibrate_robot(
         }
         // a correction of first order, and at the film that was pulled: as uncertain as it is large
         uncertainty.covariance += &pulled * pulled.transpose();
+        for (reach, by) in ends.iter_mut().zip(&pulled) {
+            if let Some(reach) = reach {
+                *reach = reach.map(|d| d.hypot(TWO_SIDED_95 * by));
+            }
+        }
     }
     let order = rising(&state.eta[..branches], &list, split);
     let mut estimates = estimates(&list, &state, &uncertainty, &ends, &resting, &order, split);
@@ -454,9 +461,11 @@ pub fn calibrate_robot(
     outcome.noise_mean_square = residual.noise_mean_square();
     torque_band(&mut outcome, &uncertainty, split + branches + 1);
     say_open_level(&mut outcome);
-    for (place, number) in residual.layout().free_offsets.iter().enumerate() {
-        let error = uncertainty.std_error(branches + 1 + place);
-        outcome.recordings[*number].offset_std_error_s = Some(error);
+    for number in &residual.layout().free_offsets {
+        let r = &mut outcome.recordings[*number];
+        let name = format!("offset_s/{}", r.id);
+        let estimate = outcome.estimates.iter().find(|e| e.name == name);
+        r.offset_std_error_s = estimate.map(|e| e.std_error);
     }
     if failed > 0 {
         outcome.remarks.push(format!(
@@ -654,8 +663,8 @@ fn doubt_slow_branches(estimates: &mut [Estimate], longest_s: f64) {
     }
 }
 
-/// Film parameters of middling certainty: those whose interval the curvature alone may get wrong, and that may still be called
-/// determined.
+/// Clock offsets, with which the fastest branch goes along, where there are few, and film parameters of middling certainty: those whose
+/// interval the curvature alone may get wrong, and that may still be called determined.
 fn candidates(
     list: &[Parameter],
     state: &State,
@@ -663,21 +672,27 @@ fn candidates(
     white: &Uncertainty,
     split: usize,
 ) -> Vec<Candidate> {
+    let is_offset = |p: &Parameter| p.transform == Transform::Linear && p.unit == "s";
+    let free_offsets = list.iter().filter(|p| is_offset(p) && !p.fixed).count();
+    let few = free_offsets <= FEW_OFFSETS;
     (0..list.len())
         .filter(|&i| uncertainty.free[i])
         .filter_map(|unknown| {
             let std_error = uncertainty.std_error(unknown);
             let relative = match (list[unknown].transform, list[unknown].unit) {
-                (Transform::Log, _) => std_error,
-                (_, "Pa") => std_error / state.beta[unknown - split].abs(),
+                (Transform::Log, _) => Some(std_error),
+                (Transform::Linear, "s") if few => None,
+                (_, "Pa") => Some(std_error / state.beta[unknown - split].abs()),
                 _ => return None,
             };
             let own = white.covariance[(unknown, unknown)];
-            PROFILED.contains(&relative).then(|| Candidate {
-                unknown,
-                std_error,
-                inflation: (std_error * std_error / own).max(1.0),
-            })
+            relative
+                .is_none_or(|r| PROFILED.contains(&r))
+                .then(|| Candidate {
+                    unknown,
+                    std_error,
+                    inflation: (std_error * std_error / own).max(1.0),
+                })
         })
         .collect()
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::progress::Progress;
+use super::simulate::explain;
 use super::{Failure, Talk, load, series};
 use crate::calibration::{
     RecordingOutcome, predict_command, predict_force, predict_line, predict_sample_motion,
@@ -168,14 +169,8 @@ fn motion(
                 .offset_s
         }
     };
-    let forward =
-        predict_motion(robot, dataset, parameters, offset_s, effects, when).map_err(|why| {
-            let advice = match why.advice() {
-                "" => String::new(),
-                advice => format!(": {advice}"),
-            };
-            format!("recording `{}`: {why}{advice}", dataset.id)
-        })?;
+    let forward = predict_motion(robot, dataset, parameters, offset_s, effects, when)
+        .map_err(|why| format!("recording `{}`: {}", dataset.id, explain(&why)))?;
     progress.stopped()?;
     drop(progress);
     let n = dataset.samples();

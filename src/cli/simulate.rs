@@ -355,7 +355,7 @@ const ENDLESS_S: f64 = 60.0;
 const STARTS_MOVING_M_S: f64 = 1e-3;
 
 /// In words, with what to do.
-fn explain(error: &Error) -> Failure {
+pub(super) fn explain(error: &Error) -> Failure {
     match error.advice() {
         "" => error.to_string().into(),
         advice => format!("{error}: {advice}").into(),

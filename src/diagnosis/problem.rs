@@ -636,50 +636,60 @@ pub(super) fn value_estimates<S: Subject>(
     let misfit = (fitted.cost() / fitted.state.rows as f64).max(1.0);
     let beyond = if S::CHAINS > 1 { BEYOND_DRAWN } else { 1.0 };
     let mut h = DMatrix::from_fn(n, n, |a, b| scale[a] * scale[b] * gram[(free[a], free[b])]);
-    let mut s = DMatrix::from_fn(n, n, |a, b| {
+    let s = DMatrix::from_fn(n, n, |a, b| {
         misfit * beyond * scale[a] * scale[b] * scores[(free[a], free[b])]
     });
+    let priors = DVector::from_fn(n, |a, _| scale[a] * scale[a] * prior(free[a]));
     for a in 0..n {
-        let prior = scale[a] * scale[a] * prior(free[a]);
-        h[(a, a)] += prior + 1e-12;
-        s[(a, a)] += prior;
+        h[(a, a)] += priors[a] + 1e-12;
     }
     let Some(inverse) = h.cholesky().map(|c| c.inverse()) else {
         return Ok(unknown_values(fitted));
     };
     let covariance = &inverse * s * &inverse;
-    let mut variance: Vec<f64> = (0..n).map(|a| covariance[(a, a)].max(0.0)).collect();
+    let of_priors = &inverse * DMatrix::from_diagonal(&priors) * &inverse;
+    let with_priors = |v: &f64, a: usize| v.max(0.0) + of_priors[(a, a)].max(0.0);
+    let mut noise: Vec<f64> = covariance.diagonal().iter().copied().collect();
     let scaled = |score: &DVector<f64>| DVector::from_fn(n, |a, _| scale[a] * score[free[a]]);
     let own: Vec<usize> = (0..n)
         .filter(|&a| (first..first + fitted.free.len()).contains(&free[a]))
         .collect();
     let mut truth = at.clone();
     let (mut degrees, mut before) = (f64::INFINITY, f64::INFINITY);
-    for _ in 0..if freed { ROUNDS } else { 0 } {
-        // a film that these values would lock tells nothing
-        let Ok(Some(score)) = residual.expected_score(eta, beta, &truth) else {
-            break;
+    let rounds = if freed && !own.is_empty() { ROUNDS } else { 0 };
+    for _ in 0..rounds {
+        // a film that these values would lock tells nothing, nor does the pull of noise alone a second time
+        let score = match residual.expected_score(eta, beta, &truth) {
+            Ok(Some(s)) if s.simulated || before.is_infinite() => s,
+            _ => break,
         };
+        if score.mean.iter().any(|x| x.is_nan()) {
+            break;
+        }
         if degrees.is_infinite() {
             degrees = PRIOR_DRAWS + score.draws.len() as f64;
-            for v in &mut variance {
+            for v in &mut noise {
                 *v *= PRIOR_DRAWS;
             }
             for draw in &score.draws {
                 let moved = &inverse * scaled(draw);
-                for (v, m) in variance.iter_mut().zip(&moved) {
+                for (v, m) in noise.iter_mut().zip(&moved) {
                     *v += misfit * m * m;
                 }
             }
-            for v in &mut variance {
+            for v in &mut noise {
                 *v /= degrees;
             }
         }
-        let step = &inverse * scaled(&score.mean);
+        // the priors hold what moves where they held what was fitted
+        let held = DVector::from_fn(n, |a, _| {
+            priors[a] / scale[a] * (truth[free[a]] - at[free[a]])
+        });
+        let step = &inverse * (scaled(&score.mean) - held);
         let largest = (own.iter())
-            .map(|&a| step[a].abs() / variance[a].sqrt())
+            .map(|&a| step[a].abs() / with_priors(&noise[a], a).sqrt())
             .fold(0.0, f64::max);
-        if largest.is_nan() || largest >= before {
+        if largest >= before {
             break;
         }
         before = largest;
@@ -703,7 +713,7 @@ pub(super) fn value_estimates<S: Subject>(
                 return Estimate::new(value, f64::NAN, 1.0);
             };
             let by = (truth[free[a]] - at[free[a]]) * q.spread;
-            let error = variance[a].sqrt() * scale[a] * q.spread;
+            let error = with_priors(&noise[a], a).sqrt() * scale[a] * q.spread;
             let freed = (value + by).clamp(q.lower, q.upper);
             Estimate::new(freed, error.hypot(UNSURE * by), times)
         })

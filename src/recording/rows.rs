@@ -125,10 +125,11 @@ impl Table {
                         let half = row.to_vec();
                         block.pour(&mut self.section.columns);
                         self.grow(i);
-                        numbers.resize(
-                            self.slots.len(),
-                            NumberColumn::new(self.delimiter, Notation::Dot),
-                        );
+                        let wider = NumberColumn::row(self.slots.len(), self.delimiter, |cell| {
+                            comma_cells.contains(&cell)
+                        });
+                        let known = numbers.len();
+                        numbers.extend(wider.into_iter().skip(known));
                         block = Block::new(self.section.columns.len());
                         row = block.row();
                         row[..half.len()].copy_from_slice(&half);

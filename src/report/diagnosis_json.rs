@@ -132,7 +132,7 @@ pub struct CandidateJson {
 /// A value of a cause: a number, a word (a link, a recording), or the three of a vector with three errors and intervals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ValueJson {
-    /// The value.
+    /// The value, freed of what the noise of the motion makes of it (`X_estimate` in `parameters.toml`).
     pub value: Value,
     /// Its unit.
     pub unit: String,

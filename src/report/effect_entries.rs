@@ -195,6 +195,14 @@ impl Effect {
             values,
         }
     }
+
+    /// What the estimates beside fitted values are, where there are any.
+    pub(super) fn about_estimates(&self) -> Option<&'static str> {
+        let estimated = |(name, _): &(String, toml::Value)| name.ends_with("_estimate");
+        self.values.iter().any(estimated).then_some(
+            "X predicts best from motion as noisy as this; X_estimate is freed of what the noise does to it: X_std_error and X_ci95 are its own.",
+        )
+    }
 }
 
 impl ParameterFile {

@@ -114,6 +114,9 @@ fn render(file: &ParameterFile, to: &mut dyn Exporter) -> String {
     }
     for (i, effect) in file.effects.iter().enumerate() {
         to.comment(&format!("Effect {}: {}", i + 1, effect.id));
+        if let Some(says) = effect.about_estimates() {
+            to.comment(says);
+        }
         to.effect(i + 1, &effect.id, &effect.actuators, &effect.values);
     }
     to.finish()

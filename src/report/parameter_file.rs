@@ -524,15 +524,8 @@ impl ParameterFile {
             out.push_str("\n# A cause that the plain model leaves out.\n[[effect]]\n");
             let _ = writeln!(out, "id = {}", string(&effect.id));
             let _ = writeln!(out, "actuators = {:?}", effect.actuators);
-            if effect
-                .values
-                .iter()
-                .any(|(name, _)| name.ends_with("_estimate"))
-            {
-                comment(
-                    &mut out,
-                    "X predicts best from motion as noisy as this; X_estimate is freed of what the noise does to it: X_std_error and X_ci95 are its own.",
-                );
+            if let Some(says) = effect.about_estimates() {
+                comment(&mut out, says);
             }
             values(&mut out, &effect.values);
         }

@@ -43,17 +43,23 @@ pub fn predict_motion(
     when: When,
 ) -> Result<PredictedMotion, Error> {
     let tolerance_m = Options::default().tolerance_m;
-    follow(
+    let mut motion = follow(
         robot,
         dataset,
         parameters,
         offset_s,
         (effects, when),
         tolerance_m,
-    )
+    )?;
+    for (i, u) in motion.position_m.iter_mut().enumerate() {
+        if !dataset.has_voltage(i, offset_s) {
+            *u = [f64::NAN; 3];
+        }
+    }
+    Ok(motion)
 }
 
-/// [`predict_motion`] with steps as long as an error of so many metres allows.
+/// [`predict_motion`] with steps as long as an error of so many metres allows; where no voltage is known it holds its first or last value.
 fn follow(
     robot: &Robot,
     dataset: &Dataset,
@@ -98,11 +104,6 @@ fn follow(
     let mut position_m = motion.position_m;
     let reached = position_m.len();
     position_m.resize(n, [f64::NAN; 3]);
-    for (i, u) in position_m.iter_mut().enumerate() {
-        if !dataset.has_voltage(i, offset_s) {
-            *u = [f64::NAN; 3];
-        }
-    }
     Ok(PredictedMotion {
         position_m,
         ended: ended.map(|why| (reached.min(n - 1), why.to_string())),

@@ -715,7 +715,10 @@ pub(super) fn value_estimates<S: Subject>(
             let by = (truth[free[a]] - at[free[a]]) * q.spread;
             let error = with_priors(&noise[a], a).sqrt() * scale[a] * q.spread;
             let freed = (value + by).clamp(q.lower, q.upper);
-            Estimate::new(freed, error.hypot(UNSURE * by), times)
+            let mut estimate = Estimate::new(freed, error.hypot(UNSURE * by), times);
+            // nothing lies where physics has nothing
+            estimate.ci95 = estimate.ci95.map(|end| end.clamp(q.lower, q.upper));
+            estimate
         })
         .collect())
 }

@@ -427,5 +427,10 @@ fn soft_step(x: f64) -> f64 {
 
 /// ln(1 + e^x): a soft max(x, 0).
 fn soft_plus(x: f64) -> f64 {
-    if x > 30.0 { x } else { x.exp().ln_1p() }
+    match x {
+        x if x > 30.0 => x,
+        // most samples are that far from an edge
+        x if x < -100.0 => 0.0,
+        x => x.exp().ln_1p(),
+    }
 }

@@ -202,7 +202,8 @@ fn places(d: &Diagnosis) -> Option<Note> {
 fn place(p: &Place) -> String {
     let mut out = p.dimension.replace('_', " ");
     if let Some([low, high]) = p.range {
-        let end = |v: f64| number::significant(v, 3);
+        let digits = number::digits(low.abs().max(high.abs()), high - low).max(3);
+        let end = |v: f64| number::significant(v, digits);
         out += &match (low.is_finite(), high.is_finite()) {
             (true, true) => format!(" {} to {} {}", end(low), end(high), p.unit),
             (true, false) => format!(" above {} {}", end(low), p.unit),
@@ -241,13 +242,15 @@ fn values(c: &Candidate) -> String {
         if let Some(word) = &v.word {
             return word.clone();
         }
-        let mut text = number::significant(v.value, 3);
-        let [low, high] = v.ci95.map(|e| number::significant(e, 3));
+        let digits = number::digits(v.value, v.std_error).max(3);
+        let shown = |x| number::significant(x, digits);
+        let mut text = shown(v.value);
+        let [low, high] = v.ci95.map(shown);
         if low != MISSING && high != MISSING {
             text += &format!(" ({low} to {high})");
         }
         if (v.value - v.fitted).abs() > TELLING * v.std_error {
-            text += &format!(", {} in the model", number::significant(v.fitted, 3));
+            text += &format!(", {} in the model", shown(v.fitted));
         }
         text + if v.at_bound { " at its bound" } else { "" }
     };

@@ -69,6 +69,17 @@ pub fn significant(value: f64, digits: usize) -> String {
     fixed(value, decimals(value, digits))
 }
 
+/// Significant digits of a value down to the second of its standard error, at most 9; 0 where there is none.
+pub fn digits(value: f64, error: f64) -> usize {
+    let decade = |x: f64| x.abs().log10().floor();
+    let digits = decade(value) - decade(error) + 2.0;
+    if digits.is_finite() {
+        digits.clamp(0.0, 9.0) as usize
+    } else {
+        0
+    }
+}
+
 /// A value and its standard error, both to the digit in which the error has two: `1119 ± 12`.
 /// The error is `None` where there is none.
 pub fn with_error(value: f64, error: f64) -> (String, Option<String>) {
@@ -162,6 +173,8 @@ mod tests {
         );
         assert_eq!(with_error(80.0, f64::NAN), ("80.00".into(), None));
         assert_eq!(with_error(-0.3, 250.0), ("0".into(), Some("250".into())));
+        assert_eq!(significant(4.2133451, digits(4.2133451, 2.0e-4)), "4.21335");
+        assert_eq!((digits(0.78, 1.3), digits(0.78, f64::NAN)), (1, 0));
     }
 
     #[test]

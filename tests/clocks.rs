@@ -44,7 +44,10 @@ fn a_fit_with_the_film_free_finds_the_offset() {
             let watch = |_: &deacal::fit::separable::State| ControlFlow::Continue(());
             let outcome = calibrate_robot(&robot, &[&dataset], &request, &watch).unwrap();
             let offset_s = outcome.recordings[0].offset_s;
-            let estimate = outcome.estimates.iter().find(|e| e.value == offset_s);
+            let estimate = outcome
+                .estimates
+                .iter()
+                .find(|e| e.name.starts_with("offset_s/"));
             let off = |x: f64| x - HIDDEN_OFFSET_S;
             (off(offset_s), estimate.unwrap().ci95.map(off))
         })

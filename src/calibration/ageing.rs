@@ -17,9 +17,9 @@ use super::aged::Cause;
 use super::aged_robot::AgedRobot;
 use super::aged_sample::AgedSample;
 use super::joint::{Joint, joint};
-use super::profile::TWO_SIDED_95;
 use super::stroke::{Strokes, Value, strokes};
 use crate::dataset::{Cycles, Dataset, HangingDataset};
+use crate::fit::profile::TWO_SIDED_95;
 use crate::model::{HangingSample, Robot};
 
 /// Cycles of the ageing figure.

@@ -11,7 +11,6 @@ mod coupon;
 mod joint;
 mod line;
 mod outcome;
-mod profile;
 mod robot;
 mod sample;
 mod sample_problem;

@@ -2,17 +2,16 @@
 
 use std::ops::ControlFlow;
 
-use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;
 
 use super::outcome::*;
-use super::profile::{Candidate, TWO_SIDED_95, profile};
 use super::statistics::moved_by;
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Site, When, command_for};
+use crate::fit::profile::{Candidate, TWO_SIDED_95, profile};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
 use crate::model::{Contribution, ForearmTorque, Mechanics, Parameters, Robot};
 use crate::parameter::{Parameter, Transform};
@@ -415,14 +414,13 @@ pub fn calibrate_robot(
         ends[candidate.unknown] = Some(reach);
     }
     // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion tells.
-    if !residual.layout().free_offsets.is_empty() {
-        let pull = residual
-            .expected_score(None, &state.eta, &state.beta, NOISE_PAIRS)?
-            .map_or_else(|| DVector::zeros(size), |score| score.mean);
+    if !residual.layout().free_offsets.is_empty()
+        && let Some(score) = residual.expected_score(None, &state.eta, &state.beta, NOISE_PAIRS)?
+    {
         let moving: Vec<bool> = (0..size)
             .map(|i| is_free[i] && resting[i].is_none())
             .collect();
-        let pulled = moved_by(&gram, &precision, &moving, &pull);
+        let pulled = moved_by(&gram, &precision, &moving, &score.mean);
         let (eta, beta) = (state.eta.iter_mut(), state.beta.iter_mut());
         for ((x, u), by) in eta.chain(beta).zip(&unknowns).zip(&pulled) {
             if *by != 0.0 {
@@ -461,11 +459,9 @@ pub fn calibrate_robot(
     outcome.noise_mean_square = residual.noise_mean_square();
     torque_band(&mut outcome, &uncertainty, split + branches + 1);
     say_open_level(&mut outcome);
-    for number in &residual.layout().free_offsets {
-        let r = &mut outcome.recordings[*number];
-        let name = format!("offset_s/{}", r.id);
-        let estimate = outcome.estimates.iter().find(|e| e.name == name);
-        r.offset_std_error_s = estimate.map(|e| e.std_error);
+    for (place, number) in residual.layout().free_offsets.iter().enumerate() {
+        let error = outcome.estimates[branches + 1 + place].std_error;
+        outcome.recordings[*number].offset_std_error_s = Some(error);
     }
     if failed > 0 {
         outcome.remarks.push(format!(
@@ -506,7 +502,7 @@ pub fn validate_robot_with(
     };
     let (mut list, split) = self::parameters(&request, datasets)?;
     for p in &mut list {
-        p.fixed |= !p.name.starts_with("offset_s/");
+        p.fixed |= !is_offset(p);
     }
     let unknowns: Vec<Unknown> = list.iter().map(unknown).collect();
     let (nonlinear, linear) = unknowns.split_at(split);
@@ -663,6 +659,11 @@ fn doubt_slow_branches(estimates: &mut [Estimate], longest_s: f64) {
     }
 }
 
+/// Whether it is a clock offset: a time that may be negative.
+fn is_offset(p: &Parameter) -> bool {
+    p.unit == "s" && p.transform == Transform::Linear
+}
+
 /// Clock offsets, with which the fastest branch goes along, where there are few, and film parameters of middling certainty: those whose
 /// interval the curvature alone may get wrong, and that may still be called determined.
 fn candidates(
@@ -672,27 +673,23 @@ fn candidates(
     white: &Uncertainty,
     split: usize,
 ) -> Vec<Candidate> {
-    let is_offset = |p: &Parameter| p.transform == Transform::Linear && p.unit == "s";
     let free_offsets = list.iter().filter(|p| is_offset(p) && !p.fixed).count();
     let few = free_offsets <= FEW_OFFSETS;
     (0..list.len())
         .filter(|&i| uncertainty.free[i])
         .filter_map(|unknown| {
             let std_error = uncertainty.std_error(unknown);
-            let relative = match (list[unknown].transform, list[unknown].unit) {
-                (Transform::Log, _) => Some(std_error),
-                (Transform::Linear, "s") if few => None,
-                (_, "Pa") => Some(std_error / state.beta[unknown - split].abs()),
-                _ => return None,
+            let curved = match (list[unknown].transform, list[unknown].unit) {
+                (Transform::Log, _) => PROFILED.contains(&std_error),
+                (_, "Pa") => PROFILED.contains(&(std_error / state.beta[unknown - split].abs())),
+                _ => few && is_offset(&list[unknown]),
             };
             let own = white.covariance[(unknown, unknown)];
-            relative
-                .is_none_or(|r| PROFILED.contains(&r))
-                .then(|| Candidate {
-                    unknown,
-                    std_error,
-                    inflation: (std_error * std_error / own).max(1.0),
-                })
+            curved.then(|| Candidate {
+                unknown,
+                std_error,
+                inflation: (std_error * std_error / own).max(1.0),
+            })
         })
         .collect()
 }
@@ -754,7 +751,7 @@ pub(super) fn estimates(
                 Transform::Reciprocal => relative <= IDENTIFIABLE_LIMIT,
                 _ => relative <= IDENTIFIABLE,
             };
-            let offset = p.unit == "s" && p.transform == Transform::Linear;
+            let offset = is_offset(p);
             let identifiable =
                 !p.fixed && resting[i].is_none() && (limit || (offset && std_error < 0.01));
             let says = match (p.fixed, resting[i]) {

@@ -15,6 +15,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::coupon::correlation_rows;
 use crate::dataset::Cycles;
+use crate::fit::profile::TWO_SIDED_95;
 
 /// Window of a cycle: this share of a period to each side.
 const MARGIN: f64 = 0.125;
@@ -50,7 +51,7 @@ impl Value {
     /// 95 % interval.
     #[must_use]
     pub fn ci95(&self) -> [f64; 2] {
-        let half = super::profile::TWO_SIDED_95 * self.std_error;
+        let half = TWO_SIDED_95 * self.std_error;
         [self.value - half, self.value + half]
     }
 }

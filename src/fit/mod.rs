@@ -3,5 +3,6 @@
 pub mod argmin_adapter;
 pub mod bounded;
 pub mod levenberg_marquardt;
+pub mod profile;
 pub mod separable;
 pub mod separable_adapter;

@@ -29,18 +29,20 @@ pub fn fixed(value: f64, decimals: usize) -> String {
     dress(&format!("{value:.decimals$}"))
 }
 
+/// Power of ten of the first of `digits` significant digits of `value`; `None` for 0 and what is not finite.
+fn exponent(value: f64, digits: usize) -> Option<i32> {
+    // Rounding may carry into the next decade: 9.96 to two digits is 10, not 10.0.
+    let size = format!("{:.*e}", digits.saturating_sub(1), value);
+    size.split_once('e')?
+        .1
+        .parse()
+        .ok()
+        .filter(|_| value != 0.0)
+}
+
 /// Decimal places that show `digits` significant digits of `value`.
 fn decimals(value: f64, digits: usize) -> usize {
-    if value == 0.0 || !value.is_finite() {
-        return 0;
-    }
-    // Rounding may carry into the next decade: 9.96 to two digits is 10, not 10.0.
-    let size = format!("{:.*e}", digits.saturating_sub(1), value.abs());
-    let exponent: i32 = size
-        .split_once('e')
-        .and_then(|(_, e)| e.parse().ok())
-        .unwrap_or(0);
-    (digits as i32 - 1 - exponent).clamp(0, 12) as usize
+    exponent(value, digits).map_or(0, |e| (digits as i32 - 1 - e).clamp(0, 12) as usize)
 }
 
 /// `value` to `digits` significant digits; powers of ten where it is very large or very small.
@@ -71,12 +73,9 @@ pub fn significant(value: f64, digits: usize) -> String {
 
 /// Significant digits of a value down to the second of its standard error, at most 9; 0 where there is none.
 pub fn digits(value: f64, error: f64) -> usize {
-    let decade = |x: f64| x.abs().log10().floor();
-    let digits = decade(value) - decade(error) + 2.0;
-    if digits.is_finite() {
-        digits.clamp(0.0, 9.0) as usize
-    } else {
-        0
+    match (exponent(value, 2), exponent(error, 2)) {
+        (Some(v), Some(e)) => (v - e + 2).clamp(0, 9) as usize,
+        _ => 0,
     }
 }
 

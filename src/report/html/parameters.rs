@@ -44,7 +44,8 @@ fn interval(e: &Estimate, factor: f64) -> String {
         let ends = [low, high].map(|v| number::with_error(v, error).0);
         return format!("{} to {}", ends[0], ends[1]);
     }
-    let ends = [low, high].map(|v| number::significant(v, 3));
+    let digits = |v| number::digits(v, error).max(3);
+    let ends = [low, high].map(|v| number::significant(v, digits(v)));
     format!("{} to {}", ends[0], ends[1])
 }
 

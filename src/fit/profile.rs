@@ -1,6 +1,6 @@
 //! Intervals by profiling: where the local curvature cannot be trusted.
 //!
-//! A slow branch that a recording just about shows can be traded against its neighbours along a curved valley, and the curvature at
+//! A parameter that a recording just about shows can be traded against its neighbours along a curved valley, and the curvature at
 //! the best point says little about how far that valley goes. For a parameter of middling certainty the other parameters are fitted
 //! again with it held away from its best value, until the sum of squares has risen by what the 95 % interval allows (profile
 //! likelihood; Venzon and Moolgavkar 1988, Appl. Stat. 37:87). The rise is measured in units of the noise's own spread, which
@@ -10,16 +10,16 @@ use std::ops::ControlFlow;
 
 use rayon::prelude::*;
 
-use crate::fit::separable::{Options, State, Unknown, minimise};
+use super::separable::{Options, State, Unknown, minimise};
 use crate::residual::SeparableResidual;
 
 /// 95 % of a normal density lie within so many standard deviations.
-pub(super) const TWO_SIDED_95: f64 = 1.96;
+pub const TWO_SIDED_95: f64 = 1.96;
 /// Refits on one side before the last estimate is taken.
 const REFITS: usize = 4;
 
 /// A parameter to profile, and what its interval would be without.
-pub(super) struct Candidate {
+pub struct Candidate {
     /// Number of the unknown: nonlinear ones first.
     pub unknown: usize,
     /// Standard error from the curvature, in the search's scale.
@@ -30,7 +30,7 @@ pub(super) struct Candidate {
 
 /// Distances from the best value to the ends of the 95 % interval, below and above, for each candidate, and the evaluations
 /// that it took. A side that the data never close ends at the bound.
-pub(super) fn profile<P: SeparableResidual + Sync>(
+pub fn profile<P: SeparableResidual + Sync>(
     problem: &P,
     nonlinear: &[Unknown],
     linear: &[Unknown],

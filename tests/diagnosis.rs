@@ -48,6 +48,29 @@ fn what_is_in_no_catalogue_gets_no_name() {
 }
 
 #[test]
+fn links_that_the_recordings_cannot_tell_are_said_together() {
+    // base and effector count by the difference of their lengths alone
+    let case = generate(&spec(Kind::Effect("link_length_error"), 0, 0.7)).unwrap();
+    let diagnosis = blind(&case).unwrap();
+    let named = &diagnosis.candidates[0];
+    assert_eq!(named.acting.effect.id(), "link_length_error");
+    let word = named.values[0].word.as_deref().unwrap();
+    let [same] = ["l_ch", "l_end"]
+        .into_iter()
+        .filter(|l| *l != word)
+        .collect::<Vec<_>>()[..]
+    else {
+        panic!("{word} is named")
+    };
+    let says = |r: &String| r.contains("hardly tell which form") && r.contains(same);
+    assert!(
+        diagnosis.remarks.iter().any(says),
+        "{:?}",
+        diagnosis.remarks
+    );
+}
+
+#[test]
 fn intervals_hold_the_value_of_the_catalogues_own_form() {
     for (id, seed) in [("series_resistance", 41), ("hinge_stiffness", 42)] {
         let t = trial(&own_form(&spec(Kind::Effect(id), seed, 0.6)).unwrap());

@@ -11,6 +11,7 @@
 
 mod chance;
 mod experiment;
+mod forms;
 mod judge;
 mod law;
 mod likeness;
@@ -324,6 +325,9 @@ fn doubt<S: Subject>(
     }
     watch("judging");
     let in_model = verdict == Verdict::MissingPhysics;
+    if in_model {
+        remarks.extend(forms::others(&problem, &plain, &best));
+    }
     let augmented = if in_model { &best } else { &plain };
     let candidates = candidates(
         &problem,

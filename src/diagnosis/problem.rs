@@ -10,6 +10,7 @@ use super::chance::BEYOND_DRAWN;
 use super::subject::Subject;
 use crate::effects::{Acting, Site, When};
 use crate::film::Locked;
+use crate::fit::profile::{Candidate, TWO_SIDED_95, profile};
 use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
 
 /// Branches of the plain model.
@@ -595,6 +596,8 @@ const SETTLED: f64 = 1.0;
 /// Share of what the simulated recordings move a value by that counts as its standard error: all of it made intervals of 80 own cases too
 /// wide (83 % within one standard error, 97.5 % within the interval), half of it those of 235 a little too narrow (66 %, 92.8 %).
 const UNSURE: f64 = 0.7;
+/// Relative standard error of an effect's first value from which it is profiled: below, the curvature suffices.
+const PROFILED: f64 = 0.05;
 /// Draws of noise that the covariance of the scores counts as, beside those of [`Subject::expected_score`].
 const PRIOR_DRAWS: f64 = 4.0;
 
@@ -607,7 +610,9 @@ const PRIOR_DRAWS: f64 = 4.0;
 /// With `freed`, the values are those under which simulated recordings, captured and smoothed alike, have scores of mean 0 at the fitted
 /// ones (errors in variables, by the efficient method of moments of Gallant and Tauchen 1996): the fitted ones predict best from motion
 /// that is as noisy, and are wrong by as much. What the simulated noise does to each value then joins its variance, and the interval is
-/// Student's with as many degrees of freedom (a moderated t, Smyth 2004).
+/// Student's with as many degrees of freedom (a moderated t, Smyth 2004). The first value of each effect, where it is of middling
+/// certainty, is profiled: the interval goes as much further to a side as the sum of squares rises more slowly there than the curvature
+/// says.
 pub(super) fn value_estimates<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
@@ -702,8 +707,25 @@ pub(super) fn value_estimates<S: Subject>(
     }
     let times = match StudentsT::new(0.0, 1.0, degrees) {
         Ok(t) if degrees.is_finite() => t.inverse_cdf(0.975),
-        _ => 1.96,
+        _ => TWO_SIDED_95,
     };
+    let variance = |a: usize| with_priors(&noise[a], a);
+    let candidates: Vec<Candidate> = (own.iter())
+        .filter(|_| freed)
+        .filter(|&&a| {
+            let number = free[a] - first;
+            let first_of_its_effect =
+                number == 0 || fitted.free[number - 1].0 != fitted.free[number].0;
+            let error = variance(a).sqrt() * scale[a];
+            first_of_its_effect && error > PROFILED * at[free[a]].abs()
+        })
+        .map(|&a| Candidate {
+            unknown: free[a],
+            std_error: variance(a).sqrt() * scale[a],
+            inflation: (variance(a) / inverse[(a, a)]).max(1.0),
+        })
+        .collect();
+    let reach = reached(problem, &residual, fitted, &unknowns, &candidates);
     Ok((0..fitted.free.len())
         .map(|i| {
             let (e, v) = fitted.free[i];
@@ -713,12 +735,52 @@ pub(super) fn value_estimates<S: Subject>(
                 return Estimate::new(value, f64::NAN, 1.0);
             };
             let by = (truth[free[a]] - at[free[a]]) * q.spread;
-            let error = with_priors(&noise[a], a).sqrt() * scale[a] * q.spread;
+            let error = variance(a).sqrt() * scale[a] * q.spread;
             let freed = (value + by).clamp(q.lower, q.upper);
             let mut estimate = Estimate::new(freed, error.hypot(UNSURE * by), times);
+            if let Some(c) = candidates.iter().position(|c| c.unknown == free[a]) {
+                // never surer than the curvature says, nor than the profile does
+                let further =
+                    reach[c].map(|d| (d / (TWO_SIDED_95 * candidates[c].std_error)).max(1.0));
+                let [below, above] = further.map(|f| times * (f * error).hypot(UNSURE * by));
+                estimate.ci95 = [freed - below, freed + above];
+                estimate.std_error = (below + above) / (2.0 * times);
+            }
             // nothing lies where physics has nothing
             estimate.ci95 = estimate.ci95.map(|end| end.clamp(q.lower, q.upper));
             estimate
         })
         .collect())
+}
+
+/// Distances to the ends of the profiled intervals of `candidates`, below and above, from where the fit ends on this residual.
+fn reached<S: Subject>(
+    problem: &Problem<S>,
+    residual: &S,
+    fitted: &Fitted,
+    unknowns: &[Unknown],
+    candidates: &[Candidate],
+) -> Vec<[f64; 2]> {
+    if candidates.is_empty() {
+        return Vec::new();
+    }
+    let (nonlinear, linear) = unknowns.split_at(unknowns.len() - problem.linear.len());
+    let mut from = linear.to_vec();
+    for (u, b) in from.iter_mut().zip(&fitted.state.beta) {
+        u.start = *b;
+    }
+    let options = Options {
+        evaluations: 10,
+        ..Options::default()
+    };
+    let watch = |_: &State| ControlFlow::Continue(());
+    let best = minimise(
+        residual,
+        nonlinear,
+        &from,
+        &fitted.state.eta,
+        &options,
+        watch,
+    );
+    profile(residual, nonlinear, linear, &best, candidates).0
 }

@@ -23,6 +23,7 @@ mod rewhiten;
 mod rivals;
 mod robot;
 mod scan;
+mod sizes;
 mod subject;
 
 pub use experiment::{STEP_S as NEXT_DRIVE_STEP_S, next_drive};
@@ -36,8 +37,9 @@ use rayon::prelude::*;
 use crate::effects::{Acting, Effect, When, is_rare};
 use judge::{Judged, NEVER_ADEQUATE, alike};
 use locate::{Spot, locate};
-use problem::{Effort, Estimate, Fitted, Problem, Tangent, unknown_values, value_estimates};
+use problem::{Effort, Fitted, Problem, Tangent};
 use scan::{Group, Scanned, Unit, fingerprints, scan, units};
+use sizes::{Estimate, unknown_values, value_estimates};
 use subject::Subject;
 
 /// Tracks that are drawn to see what the capture's noise does.

@@ -48,6 +48,15 @@ fn what_is_in_no_catalogue_gets_no_name() {
 }
 
 #[test]
+fn dry_friction_is_named_though_smoothing_rounds_its_reversals() {
+    let spec = spec(Kind::Effect("joint_friction"), 3016808798840768, 0.886);
+    let t = trial(&generate(&spec).unwrap());
+    // what is left would be too much for any other cause
+    assert!(t.mean_squares[1] > 10.0, "{t:?}");
+    assert_eq!(t.named, ["joint_friction"], "{t:?}");
+}
+
+#[test]
 fn links_that_the_recordings_cannot_tell_are_said_together() {
     // base and effector count by the difference of their lengths alone
     let case = generate(&spec(Kind::Effect("link_length_error"), 0, 0.7)).unwrap();

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::Group;
 use super::subject::Subject;
+use crate::film::Locked;
 
 /// Share of the residuals that count as independent.
 pub(super) const INDEPENDENT: f64 = 0.8;
@@ -55,6 +56,32 @@ impl Judged {
     pub fn excess(&self) -> f64 {
         (self.mean_square - 1.0).max(0.0)
     }
+}
+
+/// Share of what a model leaves beyond noise up to which the rest, were it true, is what capture and smoothing make of its own motion.
+const SMOOTHED: f64 = 0.75;
+
+/// Mean square that a model leaves beside what capture and smoothing make of the motion that it predicts itself, where that is a good part:
+/// dry friction and stops change faster than a smoothed track can. `None` where it is not, or cannot be known.
+///
+/// # Errors
+/// [`Locked`] when the film is past its locking stretch.
+pub(super) fn beside_smoothing<S: Subject>(
+    problem: &Problem<S>,
+    judged: &Judged,
+) -> Result<Option<f64>, Locked> {
+    let state = &judged.fitted.state;
+    let mut residual = problem.residual(&judged.fitted);
+    residual.linearise(&state.eta, &state.beta, true)?;
+    let Some(expected) = residual.expected_residual(&state.eta, &state.beta)? else {
+        return Ok(None);
+    };
+    // the model may be refitted to what is left
+    let tangent = Tangent::new(problem, &judged.fitted)?;
+    let left = &tangent.residual - expected;
+    let along = tangent.columns.tr_mul(&left);
+    let mean_square = tangent.projected(left.norm_squared(), &along, &along) / left.len() as f64;
+    Ok(Some(mean_square).filter(|m| m - 1.0 < SMOOTHED * judged.excess()))
 }
 
 /// Forms and places among which a fit was chosen, all as likely as each other beforehand.
@@ -142,7 +169,7 @@ fn own_column<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
     own: usize,
-) -> Result<(Tangent, DVector<f64>), crate::film::Locked> {
+) -> Result<(Tangent, DVector<f64>), Locked> {
     let mut without = fitted.clone();
     without.free.retain(|f| f.0 != own);
     let keep: Vec<usize> = (0..fitted.free.len())

@@ -35,7 +35,7 @@ pub use robot::diagnose;
 use rayon::prelude::*;
 
 use crate::effects::{Acting, Effect, When, is_rare};
-use judge::{Judged, NEVER_ADEQUATE, alike};
+use judge::{Judged, NEVER_ADEQUATE, alike, beside_smoothing};
 use locate::{Spot, locate};
 use problem::{Effort, Fitted, Problem, Tangent};
 use scan::{Group, Scanned, Unit, fingerprints, scan, units};
@@ -307,7 +307,7 @@ fn doubt<S: Subject>(
     } else if untold && law::law(&problem, &plain.fitted)?.share < 1.0 - TELLS {
         remarks.push("Model and recordings differ by more than the noise that is read above the band of the signal, but no cause takes away 15 % of it on what was held out, and position, rate, direction, history and time predict less than 15 % of it: it is taken for noise within the band.".into());
         Verdict::Adequate
-    } else if !confirmed || S::unexplained(plain.mean_square, best.mean_square) {
+    } else if !confirmed || leaves_too_much(&problem, &plain, &best)? {
         Verdict::Unexplained
     } else {
         Verdict::MissingPhysics
@@ -463,6 +463,19 @@ fn left<S: Subject>(j: &Judged) -> f64 {
         1 => j.mean_square.max(j.holdout),
         _ => j.mean_square,
     }
+}
+
+/// Whether what the best model leaves must be something that is in no entry.
+fn leaves_too_much<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Judged,
+    best: &Judged,
+) -> Result<bool, Error> {
+    let too_much = |left: f64| S::unexplained(plain.mean_square, left);
+    if !too_much(best.mean_square) {
+        return Ok(false);
+    }
+    Ok(beside_smoothing(problem, best)?.is_none_or(too_much))
 }
 
 /// The best fit of a cause that is thought of only where no other will do.

@@ -1,6 +1,6 @@
 //! The delta robot as a subject: three torques a sample, judged in volts above 1 kV.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
@@ -132,6 +132,18 @@ fn seen(residual: &RobotResidual) -> Seen {
         }
     }
     seen
+}
+
+/// The motions that the model makes of the recordings' voltages.
+fn motions(residual: &RobotResidual, eta: &[f64], beta: &[f64]) -> Option<Vec<Vec<[f64; 3]>>> {
+    predict_motions(
+        &residual.mechanics(0).robot,
+        &residual.datasets().collect::<Vec<_>>(),
+        &residual.parameters(eta, beta),
+        &|r| residual.offset_s(r, eta),
+        &residual.effects(eta),
+        &residual.series(),
+    )
 }
 
 impl Subject for RobotResidual<'_> {
@@ -363,15 +375,15 @@ impl Subject for RobotResidual<'_> {
         truth: &[f64],
     ) -> Result<Option<ExpectedScore>, Locked> {
         let (true_eta, true_beta) = truth.split_at(eta.len());
-        let motions = predict_motions(
-            &self.mechanics(0).robot,
-            &self.datasets().collect::<Vec<_>>(),
-            &RobotResidual::parameters(self, true_eta, true_beta),
-            &|r| self.offset_s(r, true_eta),
-            &RobotResidual::effects(self, true_eta),
-            &self.series(),
-        );
+        let motions = motions(self, true_eta, true_beta);
         RobotResidual::expected_score(self, motions.as_deref(), eta, beta, NOISE_PAIRS)
+    }
+
+    fn expected_residual(&self, eta: &[f64], beta: &[f64]) -> Result<Option<DVector<f64>>, Locked> {
+        match motions(self, eta, beta) {
+            Some(m) => RobotResidual::expected_residual(self, &m, eta, beta, NOISE_PAIRS),
+            None => Ok(None),
+        }
     }
 
     fn carried(&self, plain: &[f64]) -> Vec<f64> {

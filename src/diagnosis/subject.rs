@@ -1,6 +1,6 @@
 //! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie, and the words of the kind.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::RigKind;
 use crate::effects::{Acting, Effect, When};
@@ -133,6 +133,14 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
         _beta: &[f64],
         _truth: &[f64],
     ) -> Result<Option<ExpectedScore>, Locked> {
+        Ok(None)
+    }
+    /// The whitened residual that is left on average were the model true, by capture and smoothing; `None` where that is not known.
+    fn expected_residual(
+        &self,
+        _eta: &[f64],
+        _beta: &[f64],
+    ) -> Result<Option<DVector<f64>>, Locked> {
         Ok(None)
     }
     /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.

@@ -1503,7 +1503,49 @@ impl<'a> RobotResidual<'a> {
         pairs: usize,
         track: impl Fn(usize, &Dataset, &mut ChaCha12Rng, f64) -> Option<Track> + Sync,
     ) -> Result<Option<ExpectedScore>, Locked> {
-        let drawn: Option<Vec<DVector<f64>>> = (0..2 * pairs)
+        let drawn = self.drawn(eta, beta, pairs, track, |other| other.scores(eta, beta))?;
+        Ok(drawn.map(|drawn| ExpectedScore {
+            mean: drawn.iter().sum::<DVector<f64>>() / drawn.len() as f64,
+            draws: (drawn.chunks_exact(2))
+                .map(|pair| (&pair[0] - &pair[1]) / 2.0)
+                .collect(),
+            simulated: true,
+        }))
+    }
+
+    /// The whitened residual that is left on average where `motions`, which the model makes of the voltages (m a frame), are captured and
+    /// smoothed as the recordings were: smoothing rounds what is sharp, and noise in the columns pulls. From as many `pairs` of draws as in
+    /// [`RobotResidual::expected_score`]; `None` where such a track is out of reach.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn expected_residual(
+        &self,
+        motions: &[Vec<[f64; 3]>],
+        eta: &[f64],
+        beta: &[f64],
+        pairs: usize,
+    ) -> Result<Option<DVector<f64>>, Locked> {
+        let retaken = |number: usize, dataset: &Dataset, generator: &mut ChaCha12Rng, times| {
+            dataset.retaken_track(&motions[number], generator, times)
+        };
+        let drawn = self.drawn(eta, beta, pairs, retaken, |other| {
+            let design = other.design(eta, beta)?;
+            Ok(design.column(design.ncols() - 1).into_owned())
+        })?;
+        Ok(drawn.map(|d| d.iter().sum::<DVector<f64>>() / d.len() as f64))
+    }
+
+    /// What `of` says of this residual with other tracks, in pairs of draws of the noise.
+    fn drawn<T: Send>(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        pairs: usize,
+        track: impl Fn(usize, &Dataset, &mut ChaCha12Rng, f64) -> Option<Track> + Sync,
+        of: impl Fn(&Self) -> Result<T, Locked> + Sync,
+    ) -> Result<Option<Vec<T>>, Locked> {
+        (0..2 * pairs)
             .into_par_iter()
             .map(|m| {
                 let mut other = self.clone();
@@ -1532,16 +1574,9 @@ impl<'a> RobotResidual<'a> {
                     }
                 }
                 other.linearise(eta, beta, true)?;
-                other.scores(eta, beta).map(Some)
+                of(&other).map(Some)
             })
-            .collect::<Result<_, _>>()?;
-        Ok(drawn.map(|drawn| ExpectedScore {
-            mean: drawn.iter().sum::<DVector<f64>>() / drawn.len() as f64,
-            draws: (drawn.chunks_exact(2))
-                .map(|pair| (&pair[0] - &pair[1]) / 2.0)
-                .collect(),
-            simulated: true,
-        }))
+            .collect()
     }
 
     /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it (as it was last worked

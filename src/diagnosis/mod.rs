@@ -465,6 +465,9 @@ fn left<S: Subject>(j: &Judged) -> f64 {
     }
 }
 
+/// Share of what the plain model leaves on held-out recordings up to which another one foretells them.
+const FORETOLD: f64 = 0.5;
+
 /// Whether what the best model leaves must be something that is in no entry.
 fn leaves_too_much<S: Subject>(
     problem: &Problem<S>,
@@ -474,6 +477,10 @@ fn leaves_too_much<S: Subject>(
     let too_much = |left: f64| S::unexplained(plain.mean_square, left);
     if !too_much(best.mean_square) {
         return Ok(false);
+    }
+    // a model that is right but for smoothing foretells what was held out
+    if best.holdout - 1.0 > FORETOLD * (plain.holdout - 1.0) {
+        return Ok(true);
     }
     Ok(beside_smoothing(problem, best)?.is_none_or(too_much))
 }

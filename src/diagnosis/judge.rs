@@ -73,7 +73,7 @@ pub(super) fn beside_smoothing<S: Subject>(
     let state = &judged.fitted.state;
     let mut residual = problem.residual(&judged.fitted);
     residual.linearise(&state.eta, &state.beta, true)?;
-    let Some(expected) = residual.expected_residual(&state.eta, &state.beta)? else {
+    let Some(expected) = residual.expected_residual(&state.eta, &state.beta) else {
         return Ok(None);
     };
     // the model may be refitted to what is left

@@ -136,12 +136,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
         Ok(None)
     }
     /// The whitened residual that is left on average were the model true, by capture and smoothing; `None` where that is not known.
-    fn expected_residual(
-        &self,
-        _eta: &[f64],
-        _beta: &[f64],
-    ) -> Result<Option<DVector<f64>>, Locked> {
-        Ok(None)
+    fn expected_residual(&self, _eta: &[f64], _beta: &[f64]) -> Option<DVector<f64>> {
+        None
     }
     /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.
     fn carried(&self, plain: &[f64]) -> Vec<f64>;

@@ -7,17 +7,17 @@ use super::html::page::{self, Cell, Section, Status, Summary, Table};
 use crate::proof::{Count, Proof, Trial};
 
 fn share(c: &Count) -> Cell {
-    Cell::number(match c.share {
-        None => "0 of 0".into(),
-        Some(p) => format!(
-            "{:.1} % ({} of {}; {:.1} to {:.1})",
-            100.0 * p,
-            c.hits,
-            c.of,
-            100.0 * c.ci95[0],
-            100.0 * c.ci95[1]
-        ),
-    })
+    let Some(p) = c.share else {
+        return Cell::number("0 of 0");
+    };
+    let [low, high] = c.ci95.map(|x| 100.0 * x);
+    let parts = [
+        format!("{:.1} % ({} of {};", 100.0 * p, c.hits, c.of),
+        format!("{low:.1} to {high:.1})"),
+    ];
+    // a narrow column breaks before the interval and nowhere else
+    let parts = parts.map(|part| part.replace(' ', "\u{a0}"));
+    Cell::of("flush", parts.join(" "))
 }
 
 /// The report of a proof.

@@ -43,7 +43,8 @@ const ROUNDS: usize = 4;
 /// A round that moves every value by less than so many standard errors is the last.
 const SETTLED: f64 = 1.0;
 /// Share of what the simulated recordings move a value by that counts as its standard error: all of it made intervals of 80 own cases too
-/// wide (83 % within one standard error, 97.5 % within the interval), half of it those of 235 a little too narrow (66 %, 92.8 %).
+/// wide (83 % within one standard error, 97.5 % within the interval), half of it those of 235 a little too narrow (66 %, 92.8 %). With this
+/// share and the profile 94.7 % of 398 hold (69 %).
 const UNSURE: f64 = 0.7;
 /// Relative standard error of an effect's first value from which it is profiled: below, the curvature suffices.
 const PROFILED: f64 = 0.05;

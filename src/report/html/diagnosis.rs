@@ -188,7 +188,9 @@ fn places(d: &Diagnosis) -> Option<Note> {
         item(format!("{}:", super::summary::capital(&place(p))), text)
     };
     let lead = match d.verdict {
-        Verdict::Adequate => "Nothing stands out of the noise; the most conspicuous places are:",
+        Verdict::Adequate => {
+            "As a whole it leaves no more than noise. Least like noise is what lies here:"
+        }
         _ => "",
     };
     Some(note(
@@ -205,11 +207,14 @@ fn place(p: &Place) -> String {
         let digits = number::digits(low.abs().max(high.abs()), high - low).max(3);
         let end = |v: f64| number::significant(v, digits);
         out += &match (low.is_finite(), high.is_finite()) {
-            (true, true) => format!(" {} to {} {}", end(low), end(high), p.unit),
-            (true, false) => format!(" above {} {}", end(low), p.unit),
-            (false, true) => format!(" below {} {}", end(high), p.unit),
+            (true, true) => format!(" {} to {}", end(low), end(high)),
+            (true, false) => format!(" above {}", end(low)),
+            (false, true) => format!(" below {}", end(high)),
             (false, false) => String::new(),
         };
+        if p.unit != "1" && (low.is_finite() || high.is_finite()) {
+            out += &format!(" {}", p.unit);
+        }
     }
     if let Some(value) = &p.value {
         out += &format!(" {value}");

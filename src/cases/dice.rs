@@ -2,7 +2,7 @@
 
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, StandardUniform};
+use rand_distr::{Distribution, StandardNormal, StandardUniform};
 
 /// A stream of random numbers.
 #[derive(Debug, Clone)]
@@ -29,6 +29,11 @@ impl Dice {
     /// Uniform in the logarithm.
     pub fn log_range(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
+    }
+
+    /// Normal with mean 0 and variance 1.
+    pub fn normal(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.0)
     }
 
     /// -1 or 1.

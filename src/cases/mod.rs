@@ -14,6 +14,7 @@ mod effect;
 mod electrical;
 mod film;
 mod joints;
+pub mod line;
 mod measurement;
 mod truth;
 mod unknown;
@@ -209,10 +210,15 @@ pub fn unknowns() -> impl Iterator<Item = &'static str> {
     UNKNOWN.iter().map(|e| e.0)
 }
 
+/// Name of a case, from which nothing can be read.
+fn folder_name(seed: u64) -> String {
+    format!("case-{:013x}", Dice::new(seed, 5).seed())
+}
+
 impl Spec {
     /// Name of the case; neither the seed nor what is left out can be read from it.
     pub fn name(&self) -> String {
-        format!("case-{:013x}", Dice::new(self.seed, 5).seed())
+        folder_name(self.seed)
     }
 
     fn makers(&self) -> Result<Vec<Maker>, String> {
@@ -433,6 +439,7 @@ fn attempt(
     let film = &parameters.film;
     let forearm = &parameters.forearm;
     let truth = Truth {
+        rig: String::new(),
         case: name.clone(),
         effects: ids,
         verdict: verdict.into(),

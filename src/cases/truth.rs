@@ -11,6 +11,9 @@ use serde_json::Value;
 pub struct Truth {
     /// Name of the case.
     pub case: String,
+    /// axis, bench or coupon; nothing: a robot.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub rig: String,
     /// Effects at work; empty: none; `unknown`: in no catalogue.
     pub effects: Vec<String>,
     /// adequate, missing_physics or unexplained.

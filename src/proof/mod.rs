@@ -6,14 +6,16 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 mod concealment;
+mod line;
 mod own_form;
 mod score;
 
 pub use concealment::{Concealment, StandsOut, stands_out};
+pub use line::{blind_lines, trial_lines};
 pub use own_form::own_form;
-pub use score::{Count, Median, Method, Proof, score};
+pub use score::{Count, Median, Method, Proof, Row, score};
 
-use crate::cases::{Case, CaseRecording, Spec, Truth};
+use crate::cases::{Case, CaseRecording, Truth};
 use crate::dataset::Dataset;
 use crate::diagnosis::{Diagnosis, Entry, Request, Verdict, diagnose};
 use crate::effects::When;
@@ -23,6 +25,10 @@ use crate::effects::When;
 pub struct Trial {
     /// Name of the case.
     pub case: String,
+    /// robot, axis, bench, coupon.
+    pub rig: String,
+    /// Names of its recordings.
+    pub recordings: Vec<String>,
     /// Effects at work; empty: none; `unknown`: in no catalogue.
     pub truth: Vec<String>,
     /// Actuators of the first effect.
@@ -31,7 +37,7 @@ pub struct Trial {
     pub form: Vec<String>,
     /// 0 barely visible to 1 strong.
     pub strength: f64,
-    /// Plain refit over the noise floor, train, above 1 kV.
+    /// Plain refit over the noise floor: train, above 1 kV; of a single coordinate as the generator knows it.
     pub detectability: f64,
     /// adequate, missing_physics, unexplained.
     pub verdict: String,
@@ -39,10 +45,14 @@ pub struct Trial {
     pub confidence: f64,
     /// Effects that were named, in order.
     pub named: Vec<String>,
+    /// Their own probabilities.
+    pub odds: Vec<f64>,
     /// All candidates with their probabilities, in order.
     pub candidates: Vec<(String, f64)>,
     /// Ids that the diagnosis calls indistinguishable from the first.
     pub group: Vec<String>,
+    /// All groups that the diagnosis calls indistinguishable.
+    pub groups: Vec<Vec<String>>,
     /// How each effect stands out at the truth.
     pub stands_out: Vec<StandsOut>,
     /// What the plain refit makes of the case.
@@ -145,16 +155,18 @@ fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
         .collect()
 }
 
-/// Makes and tries all cases, in parallel; `make` is [`crate::cases::generate`] or [`own_form`]. `watch` hears of each.
-pub fn run(
-    specs: &[Spec],
-    make: fn(&Spec) -> Result<Case, String>,
+/// Makes and tries all cases, in parallel: `make` is [`crate::cases::generate`] or [`own_form`] and `attempt` [`trial`]; for single
+/// coordinates [`crate::cases::line::generate`] and [`trial_lines`]. `watch` hears of each.
+pub fn run<S: Sync, C>(
+    specs: &[S],
+    make: impl Fn(&S) -> Result<C, String> + Sync,
+    attempt: impl Fn(&C) -> Trial + Sync,
     watch: &(dyn Fn(&Trial) + Sync),
 ) -> Vec<Trial> {
     specs
         .par_iter()
         .filter_map(|s| {
-            let t = trial(&make(s).ok()?);
+            let t = attempt(&make(s).ok()?);
             watch(&t);
             Some(t)
         })
@@ -167,6 +179,12 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
     let number = |v: &serde_json::Value| v.as_f64();
     let mut out = Trial {
         case: truth.case.clone(),
+        rig: if truth.rig.is_empty() {
+            "robot".into()
+        } else {
+            truth.rig.clone()
+        },
+        recordings: truth.recordings.iter().map(|r| r.name.clone()).collect(),
         truth: truth.effects.clone(),
         actuators: first.map_or(Vec::new(), |d| d.actuators.clone()),
         form: truth.detail.iter().map(|d| d.effect.clone()).collect(),
@@ -175,8 +193,10 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         verdict: String::new(),
         confidence: f64::NAN,
         named: Vec::new(),
+        odds: Vec::new(),
         candidates: Vec::new(),
         group: Vec::new(),
+        groups: Vec::new(),
         stands_out: Vec::new(),
         concealment: Concealment::default(),
         gap_closed: f64::NAN,
@@ -206,7 +226,8 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         }
     };
     out.concealment = Concealment::new(truth, &d);
-    out.detectability = d.train.before_v / d.train.noise_floor_v;
+    let known = truth.detectability.filter(|_| !truth.rig.is_empty());
+    out.detectability = known.unwrap_or(d.train.before_v / d.train.noise_floor_v);
     out.verdict = d.verdict.name().into();
     out.confidence = d.confidence;
     out.candidates = d
@@ -215,13 +236,13 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>, seconds: f64
         .map(|c| (c.acting.effect.id().to_string(), c.probability))
         .collect();
     if d.verdict == Verdict::MissingPhysics {
-        out.named = d
-            .candidates
-            .iter()
-            .filter(|c| c.in_model)
-            .map(|c| c.acting.effect.id().to_string())
-            .collect();
+        let named = d.candidates.iter().filter(|c| c.in_model);
+        (out.named, out.odds) = named
+            .map(|c| (c.acting.effect.id().to_string(), c.probability))
+            .unzip();
     }
+    let words = |g: &Vec<&str>| g.iter().map(|s| s.to_string()).collect();
+    out.groups = d.groups.iter().map(words).collect();
     if let Some(g) = d.groups.first() {
         out.group = g.iter().map(|s| s.to_string()).collect();
     }

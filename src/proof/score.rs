@@ -144,6 +144,132 @@ pub struct Proof {
     pub seconds_median: f64,
     /// The rivals on the same cases, and the diagnosis itself first.
     pub methods: Vec<Method>,
+    /// Detectable single effects that were named first, or are in a group with the first name that the diagnosis itself calls
+    /// indistinguishable.
+    pub stated_group_detectable: Count,
+    /// Cases, of all, with a name above 80 % that is neither true nor in a stated group with what is.
+    pub wrong_above_80: Count,
+    /// Cases, of all, in which the names are exactly what is true; none for what is in no catalogue.
+    pub exact_sets: Count,
+    /// Expected calibration error of every name by its own probability, ten bins; right is what is true or in a stated group with it.
+    pub calibration_error_each: f64,
+    /// The same, where right is only what is true.
+    pub calibration_error_each_strict: f64,
+    /// Every name by its own probability: from, to, mean probability, how many of them right.
+    pub calibration: Vec<(f64, f64, f64, Count)>,
+    /// Names in a stated group with the first name, mean over the cases with a name; 1: it stands alone.
+    pub stated_group_size: f64,
+    /// What became of the cases of each rig and kind.
+    pub by_kind: Vec<Row>,
+    /// What became of the cases of each rig and cause.
+    pub by_cause: Vec<Row>,
+}
+
+/// What became of some cases.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Row {
+    /// robot, axis, bench, coupon.
+    pub rig: String,
+    /// clean, single, pair, unknown; or the name of a cause.
+    pub what: String,
+    /// How many.
+    pub cases: usize,
+    /// Of these, those that a plain refit leaves visible.
+    pub visible: usize,
+    /// Of the visible ones, those with the true name first.
+    pub visible_first: usize,
+    /// The same, or in a stated group.
+    pub visible_group: usize,
+    /// Called adequate.
+    pub adequate: usize,
+    /// Called unexplained.
+    pub unexplained: usize,
+    /// With a wrong name above 80 %.
+    pub wrong_above_80: usize,
+}
+
+impl Row {
+    fn of(trials: &[&Trial], what: impl Fn(&Trial) -> String) -> Vec<Row> {
+        let mut rows: BTreeMap<(String, String), Row> = BTreeMap::new();
+        for t in trials {
+            let row = rows.entry((t.rig.clone(), what(t))).or_default();
+            let visible = t.detectability >= DETECTABLE;
+            row.cases += 1;
+            row.visible += usize::from(visible);
+            row.visible_first += usize::from(visible && first_right(t));
+            row.visible_group += usize::from(visible && first_in_group(t));
+            row.adequate += usize::from(t.verdict == "adequate");
+            row.unexplained += usize::from(t.verdict == "unexplained");
+            row.wrong_above_80 += usize::from(wrong_sure(t));
+        }
+        rows.into_iter()
+            .map(|((rig, what), row)| Row { rig, what, ..row })
+            .collect()
+    }
+}
+
+/// A name above this is claimed surely.
+const SURE: f64 = 0.8;
+
+/// Whether what is at work is in no catalogue. Foreign answers for robots may have the name of it, which begins with `x_`.
+fn is_unknown(t: &Trial) -> bool {
+    let foreign = |e: &String| t.rig == "robot" && e.starts_with("x_");
+    t.truth.iter().any(|e| e == "unknown" || foreign(e))
+}
+
+fn first_right(t: &Trial) -> bool {
+    t.named.first().is_some_and(|n| t.truth.first() == Some(n))
+}
+
+/// Whether a name is true, or in a stated group with what is.
+fn right_or_grouped(t: &Trial, name: &str) -> bool {
+    let in_truth = |n: &str| t.truth.iter().any(|e| e == n);
+    in_truth(name)
+        || t.groups
+            .iter()
+            .any(|g| g.iter().any(|n| n == name) && g.iter().any(|n| in_truth(n)))
+}
+
+fn first_in_group(t: &Trial) -> bool {
+    t.named.first().is_some_and(|n| right_or_grouped(t, n))
+}
+
+fn wrong_sure(t: &Trial) -> bool {
+    let mut named = t.named.iter().zip(&t.odds);
+    named.any(|(n, p)| *p > SURE && !right_or_grouped(t, n))
+}
+
+/// clean, single, pair, unknown.
+fn kind(t: &Trial) -> &'static str {
+    match t.truth.len() {
+        0 => "clean",
+        _ if is_unknown(t) => "unknown",
+        1 => "single",
+        _ => "pair",
+    }
+}
+
+/// Probabilities against what came true, in ten bins.
+fn calibration(calls: &[(f64, bool)]) -> Vec<(f64, f64, f64, Count)> {
+    (0..10)
+        .map(|bin| {
+            let (low, high) = (0.1 * f64::from(bin), 0.1 * f64::from(bin + 1));
+            let own: Vec<&(f64, bool)> = calls
+                .iter()
+                .filter(|c| c.0 >= low && (c.0 < high || (bin == 9 && c.0 <= 1.0)))
+                .collect();
+            let mean = own.iter().map(|c| c.0).sum::<f64>() / own.len().max(1) as f64;
+            let hits = own.iter().filter(|c| c.1).count();
+            (low, high, mean, Count::new(hits, own.len()))
+        })
+        .collect()
+}
+
+/// The expected error: the distance of probability and frequency, each bin by its number.
+fn calibration_error(bins: &[(f64, f64, f64, Count)]) -> f64 {
+    let total: usize = bins.iter().map(|b| b.3.of).sum();
+    let far = |b: &(f64, f64, f64, Count)| (b.2 * b.3.of as f64 - b.3.hits as f64).abs();
+    bins.iter().map(far).sum::<f64>() / total.max(1) as f64
 }
 
 /// From this ratio of plain refit and floor on a case counts as detectable.
@@ -155,16 +281,11 @@ pub fn score(trials: &[Trial]) -> Proof {
     let select = |f: &dyn Fn(&Trial) -> bool| -> Vec<&Trial> {
         done.iter().copied().filter(|t| f(t)).collect()
     };
-    let is_unknown = |t: &Trial| {
-        t.truth
-            .iter()
-            .any(|e| e == "unknown" || e.starts_with("x_"))
-    };
     let single = |t: &Trial| t.truth.len() == 1 && !is_unknown(t);
     let clean = select(&|t| t.truth.is_empty());
     let visible = select(&|t| single(t) && t.detectability >= DETECTABLE);
     let dim = select(&|t| single(t) && t.detectability < DETECTABLE);
-    let unknown = select(&is_unknown);
+    let unknown = select(&|t| is_unknown(t));
     let pairs = select(&|t| t.truth.len() == 2);
     let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
     // Whether a name stands for the true effect number i, by the prover's group.
@@ -211,19 +332,41 @@ pub fn score(trials: &[Trial]) -> Proof {
         .iter()
         .map(|t| (t.candidates[0].1, f64::from(t.truth.contains(&t.named[0]))))
         .collect();
-    let (mut error, n) = (0.0, calls.len().max(1) as f64);
-    for bin in 0..10 {
-        let (low, high) = (0.1 * f64::from(bin), 0.1 * f64::from(bin + 1));
-        let own = calls
+    let n = calls.len().max(1) as f64;
+    let firsts: Vec<(f64, bool)> = calls.iter().map(|c| (c.0, c.1 > 0.5)).collect();
+    let error = calibration_error(&calibration(&firsts));
+    let each = |right: &dyn Fn(&Trial, &str) -> bool| {
+        let names = |t: &&Trial| -> Vec<(f64, bool)> {
+            let own = t.named.iter().zip(&t.odds);
+            own.map(|(n, p)| (*p, right(t, n))).collect()
+        };
+        calibration(&named.iter().flat_map(names).collect::<Vec<_>>())
+    };
+    let own_odds = each(&right_or_grouped);
+    let strict = each(&|t, n| t.truth.iter().any(|e| e == n));
+    let group_size = |t: &&Trial| -> f64 {
+        let mut all: Vec<&String> = t
+            .groups
             .iter()
-            .filter(|c| c.0 >= low && (c.0 < high || (bin == 9 && c.0 <= 1.0)));
-        let (mut p, mut hit) = (0.0, 0.0);
-        for c in own {
-            p += c.0;
-            hit += c.1;
-        }
-        error += (p - hit).abs() / n;
-    }
+            .filter(|g| g.contains(&t.named[0]))
+            .flatten()
+            .collect();
+        all.sort();
+        all.dedup();
+        all.len().max(1) as f64
+    };
+    let exact = |t: &Trial| {
+        let mut said = t.named.clone();
+        let mut truth = if is_unknown(t) {
+            Vec::new()
+        } else {
+            t.truth.clone()
+        };
+        said.sort();
+        truth.sort();
+        said == truth
+    };
+    let form = |t: &Trial| t.form.first().cloned().unwrap_or_else(|| "none".into());
     let base = calls.iter().map(|c| c.1).sum::<f64>() / n;
     let brier = calls.iter().map(|c| (c.0 - c.1).powi(2)).sum::<f64>() / n;
     let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
@@ -315,5 +458,14 @@ pub fn score(trials: &[Trial]) -> Proof {
         power,
         seconds_median: seconds.get(seconds.len() / 2).copied().unwrap_or(f64::NAN),
         methods,
+        stated_group_detectable: Count::of(&visible, first_in_group),
+        wrong_above_80: Count::of(&done, wrong_sure),
+        exact_sets: Count::of(&done, exact),
+        calibration_error_each: calibration_error(&own_odds),
+        calibration_error_each_strict: calibration_error(&strict),
+        calibration: own_odds,
+        stated_group_size: named.iter().map(group_size).sum::<f64>() / n,
+        by_kind: Row::of(&done, |t| kind(t).into()),
+        by_cause: Row::of(&done, form),
     }
 }

@@ -28,8 +28,8 @@ pub(super) struct Arguments {
     /// Folder of answers: <case>.json (default: <case>/truth.json)
     #[arg(long, value_name = "DIR", requires = "cases")]
     answers: Option<PathBuf>,
-    /// What the own cases are recordings of: the robot; or `line`, single coordinates (axis)
-    #[arg(long, value_name = "RIG,RIG", value_delimiter = ',', default_value = "robot", value_parser = ["robot", "line", "axis"], conflicts_with = "cases")]
+    /// What the own cases are recordings of: the robot; or single coordinates, `line`: axis, bench and coupon
+    #[arg(long, value_name = "RIG,RIG", value_delimiter = ',', default_value = "robot", value_parser = ["robot", "line", "axis", "bench", "coupon"], conflicts_with = "cases")]
     rigs: Vec<String>,
     /// Number of own cases
     #[arg(long, default_value_t = 60, conflicts_with = "cases")]

@@ -155,7 +155,8 @@ fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
         .collect()
 }
 
-/// Makes and tries all cases, in parallel: `make` is [`crate::cases::generate`] or [`own_form`] and `attempt` [`trial`]; for single
+/// Makes and tries all cases, in parallel: `make` is [`crate::cases::generate`] or [`own_form`] and `attempt`
+/// [`trial`]; for single
 /// coordinates [`crate::cases::line::generate`] and [`trial_lines`]. `watch` hears of each.
 pub fn run<S: Sync, C>(
     specs: &[S],

@@ -144,14 +144,16 @@ pub struct Proof {
     pub seconds_median: f64,
     /// The rivals on the same cases, and the diagnosis itself first.
     pub methods: Vec<Method>,
-    /// Detectable single effects that were named first, or are in a group with the first name that the diagnosis itself calls
+    /// Detectable single effects that were named first, or are in a group with the first name that the
+    /// diagnosis itself calls
     /// indistinguishable.
     pub stated_group_detectable: Count,
     /// Cases, of all, with a name above 80 % that is neither true nor in a stated group with what is.
     pub wrong_above_80: Count,
     /// Cases, of all, in which the names are exactly what is true; none for what is in no catalogue.
     pub exact_sets: Count,
-    /// Expected calibration error of every name by its own probability, ten bins; right is what is true or in a stated group with it.
+    /// Expected calibration error of every name by its own probability, ten bins; right is what is true or in
+    /// a stated group with it.
     pub calibration_error_each: f64,
     /// The same, where right is only what is true.
     pub calibration_error_each_strict: f64,
@@ -211,7 +213,8 @@ impl Row {
 /// A name above this is claimed surely.
 const SURE: f64 = 0.8;
 
-/// Whether what is at work is in no catalogue. Foreign answers for robots may have the name of it, which begins with `x_`.
+/// Whether what is at work is in no catalogue. Foreign answers for robots may have the name of it, which
+/// begins with `x_`.
 fn is_unknown(t: &Trial) -> bool {
     let foreign = |e: &String| t.rig == "robot" && e.starts_with("x_");
     t.truth.iter().any(|e| e == "unknown" || foreign(e))

@@ -4,7 +4,7 @@ use minijinja::context;
 
 use super::html::number;
 use super::html::page::{self, Cell, Section, Status, Summary, Table};
-use crate::proof::{Count, Proof, Trial};
+use crate::proof::{Count, Proof, Row, Trial};
 
 fn share(c: &Count) -> Cell {
     let Some(p) = c.share else {
@@ -27,6 +27,19 @@ pub fn render_proof(proof: &Proof, trials: &[Trial]) -> String {
         scores(proof),
         power(proof),
         confusion(proof),
+        rows(
+            "kinds",
+            "By kind",
+            "What became of the cases of each rig and kind. A wrong name above 80 % is neither true nor in a group with the truth that the diagnosis itself calls indistinguishable.",
+            &proof.by_kind,
+        ),
+        rows(
+            "causes",
+            "By cause",
+            "The same, by the generator's own name of the cause.",
+            &proof.by_cause,
+        ),
+        calibration(proof),
         concealed(trials),
     ];
     let summary = Summary {
@@ -90,7 +103,7 @@ fn methods(proof: &Proof) -> Section {
 
 fn scores(proof: &Proof) -> Section {
     let mut table = Table::new("Scores", vec![Cell::text("What"), Cell::number("Measured")]);
-    let counts: [(&str, &Count); 14] = [
+    let counts: [(&str, &Count); 17] = [
         (
             "Visible: right effect among the first three",
             &proof.top3_detectable,
@@ -98,6 +111,15 @@ fn scores(proof: &Proof) -> Section {
         (
             "Visible: right effect, or one that the recordings cannot tell from it",
             &proof.group_detectable,
+        ),
+        (
+            "Visible: right effect, or one in a stated group with it",
+            &proof.stated_group_detectable,
+        ),
+        ("All cases: a wrong name above 80 %", &proof.wrong_above_80),
+        (
+            "All cases: the names are exactly what is true",
+            &proof.exact_sets,
         ),
         (
             "Below 1.5 times the floor: right effect first",
@@ -157,6 +179,19 @@ fn scores(proof: &Proof) -> Section {
         Cell::number(format!("{:.3}", proof.calibration_error)),
     ]);
     table.row(vec![
+        Cell::text(
+            "Expected calibration error of every name by its own odds: right if in a stated group, only if true",
+        ),
+        Cell::number(format!(
+            "{:.3}, {:.3}",
+            proof.calibration_error_each, proof.calibration_error_each_strict
+        )),
+    ]);
+    table.row(vec![
+        Cell::text("Names in the stated group of the first name, mean"),
+        Cell::number(format!("{:.2}", proof.stated_group_size)),
+    ]);
+    table.row(vec![
         Cell::text("Brier score of it, and of the base rate"),
         Cell::number(format!("{:.3}, {:.3}", proof.brier[0], proof.brier[1])),
     ]);
@@ -196,6 +231,57 @@ fn confusion(proof: &Proof) -> Section {
         table.row(vec![Cell::text(truth.clone()), Cell::text(text.join(", "))]);
     }
     section("confusion", "Confusion", "", table)
+}
+
+fn rows(anchor: &'static str, title: &'static str, text: &str, list: &[Row]) -> Section {
+    let mut table = Table::new(
+        title,
+        vec![
+            Cell::text("Rig"),
+            Cell::text("What"),
+            Cell::number("Cases"),
+            Cell::number("Visible"),
+            Cell::number("of these right first"),
+            Cell::number("or in the stated group"),
+            Cell::number("Adequate"),
+            Cell::number("Unexplained"),
+            Cell::number("Wrong above 80 %"),
+        ],
+    );
+    for r in list {
+        let mut cells = vec![Cell::text(r.rig.clone()), Cell::text(r.what.clone())];
+        let counts = [
+            r.cases,
+            r.visible,
+            r.visible_first,
+            r.visible_group,
+            r.adequate,
+            r.unexplained,
+            r.wrong_above_80,
+        ];
+        cells.extend(counts.map(|n| Cell::number(n.to_string())));
+        table.row(cells);
+    }
+    section(anchor, title, text, table)
+}
+
+fn calibration(proof: &Proof) -> Section {
+    let mut table = Table::new(
+        "Every name by its own odds",
+        vec![
+            Cell::text("Odds"),
+            Cell::number("Mean"),
+            Cell::number("True, or in a stated group"),
+        ],
+    );
+    for (low, high, mean, count) in proof.calibration.iter().filter(|b| b.3.of > 0) {
+        table.row(vec![
+            Cell::text(format!("{:.0} to {:.0} %", 100.0 * low, 100.0 * high)),
+            Cell::number(format!("{:.1} %", 100.0 * mean)),
+            share(count),
+        ]);
+    }
+    section("calibration", "Calibration of the odds", "", table)
 }
 
 /// The three that moved furthest.

@@ -8,13 +8,13 @@
 
 use super::super::dice::Dice;
 use super::forms;
-use super::mechanism::{Draw, Mechanism, Now, Setting};
+use super::mechanism::{Draw, Mechanism, Now, Setting, Spring};
 use super::noise::Noise;
 use super::path::{MOTIONS, Path, Plan, path};
 use super::unknown;
 use super::visible::{Balance, band, derivatives, low_pass};
 use super::write::{AxisText, Columns};
-use super::{LineRecording, Made};
+use super::{LineRecording, Made, Text};
 
 /// What a cause asks of the axis it is to show on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +27,8 @@ pub enum Needs {
     Drive,
     /// Both.
     DrivenSpring,
+    /// A clock.
+    Clock,
 }
 
 pub type Maker = fn(&mut Draw) -> Mechanism;
@@ -89,23 +91,33 @@ const STEP_S: f64 = 2.5e-4;
 /// Most samples of a recording.
 const MOST: f64 = 9000.0;
 
-/// An axis, and how it is run.
+/// An axis, and how it is run. A hinge on its bench is one without mass that is led.
 #[derive(Debug, Clone, Copy)]
-struct Axis {
-    mass: f64,
-    damping: f64,
-    stiffness: f64,
-    bias: f64,
-    gain: f64,
+pub struct Axis {
+    /// kg.
+    pub mass: f64,
+    /// N s/m.
+    pub damping: f64,
+    /// Its spring.
+    pub spring: Spring,
+    /// Force at rest, N.
+    pub bias: f64,
+    /// N per unit of input.
+    pub gain: f64,
     /// Led along its path, the input is a force cell; else driven.
-    led: bool,
+    pub led: bool,
     /// Stiffness and damping of a position loop; 0: open.
-    servo: [f64; 2],
-    stroke: f64,
-    base_hz: f64,
-    duration_s: f64,
-    step_s: f64,
-    zero: f64,
+    pub servo: [f64; 2],
+    /// Largest excursion, m.
+    pub stroke: f64,
+    /// The frequency that motions are made around, Hz.
+    pub base_hz: f64,
+    /// Length of a recording, s.
+    pub duration_s: f64,
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// Position that is written at rest, m.
+    pub zero: f64,
 }
 
 fn axis(dice: &mut Dice, needs: Needs) -> Axis {
@@ -152,7 +164,7 @@ fn axis(dice: &mut Dice, needs: Needs) -> Axis {
     Axis {
         mass,
         damping,
-        stiffness,
+        spring: Spring::Linear(stiffness),
         bias,
         gain: if led {
             1.0
@@ -174,23 +186,26 @@ fn axis(dice: &mut Dice, needs: Needs) -> Axis {
 }
 
 /// Course of a simulation at every integration step.
-struct Course {
-    step_s: f64,
+pub struct Course {
+    /// Distance of the steps, s.
+    pub step_s: f64,
     /// Excursion, m.
-    x: Vec<f64>,
+    pub x: Vec<f64>,
     /// Commanded (or felt) force, N.
-    u: Vec<f64>,
+    pub u: Vec<f64>,
 }
 
 /// The force that the plain axis needs along a path, at one of its values.
-fn planned(a: &Axis, p: &Path, i: usize) -> f64 {
-    a.stroke * (a.mass * p.a[i] + a.damping * p.v[i] + a.stiffness * p.x[i]) + a.bias
+pub fn planned(a: &Axis, p: &Path, i: usize) -> f64 {
+    let spring = a.spring.force(a.stroke * p.x[i]);
+    a.stroke * (a.mass * p.a[i] + a.damping * p.v[i]) + spring + a.bias
 }
 
-/// Runs an axis along `p`, whose values stand half an integration step apart.
-fn simulate(a: &Axis, p: &Path, mechanism: Option<&Mechanism>) -> Course {
-    let h = 2.0 * p.step_s;
-    let steps = (p.x.len() - 1) / 2;
+/// Runs an axis along `p`, of whose values every `stride`-th stands half an integration step from the one
+/// before.
+pub fn simulate(a: &Axis, p: &Path, mechanism: Option<&Mechanism>, stride: usize) -> Course {
+    let h = 2.0 * stride as f64 * p.step_s;
+    let steps = (p.x.len() - 1) / (2 * stride);
     let states = mechanism.map_or(Vec::new(), |m| m.states.clone());
     let n = states.len();
     let mut y = vec![0.0; n + 2];
@@ -223,17 +238,20 @@ fn simulate(a: &Axis, p: &Path, mechanism: Option<&Mechanism>) -> Course {
         let drive = mechanism.and_then(|m| m.drive.as_ref());
         let drive = drive.map_or(u, |f| f(u, &now, &y[2..], rates));
         dy[0] = v;
-        dy[1] = (drive - a.damping * v - a.stiffness * x - a.bias - push) / a.mass;
+        dy[1] = (drive - a.damping * v - a.spring.force(x) - a.bias - push) / a.mass;
         u
     };
     let mut k = [(); 4].map(|()| vec![0.0; n + 2]);
     let mut at = vec![0.0; n + 2];
     for s in 0..steps {
-        let i = 2 * s;
+        let i = 2 * stride * s;
         let u = rates(i, &y, &mut k[0]);
         out.u.push(u);
         out.x.push(if a.led { a.stroke * p.x[i] } else { y[0] });
-        for (stage, (half, share)) in [(1, 0.5), (1, 0.5), (2, 1.0)].into_iter().enumerate() {
+        for (stage, (half, share)) in [(stride, 0.5), (stride, 0.5), (2 * stride, 1.0)]
+            .into_iter()
+            .enumerate()
+        {
             for j in 0..n + 2 {
                 at[j] = y[j] + share * h * k[stage][j];
             }
@@ -244,7 +262,7 @@ fn simulate(a: &Axis, p: &Path, mechanism: Option<&Mechanism>) -> Course {
             y[j] += h / 6.0 * (k[0][j] + 2.0 * (k[1][j] + k[2][j]) + k[3][j]);
         }
         if let Some(after) = mechanism.and_then(|m| m.after.as_ref()) {
-            let i = i + 2;
+            let i = i + 2 * stride;
             let now = Now {
                 t: i as f64 * p.step_s,
                 x: if a.led { a.stroke * p.x[i] } else { y[0] },
@@ -257,7 +275,7 @@ fn simulate(a: &Axis, p: &Path, mechanism: Option<&Mechanism>) -> Course {
 }
 
 /// A value between integration steps, linear: steps are far shorter than anything in the course.
-fn between(values: &[f64], step_s: f64, t: f64) -> f64 {
+pub fn between(values: &[f64], step_s: f64, t: f64) -> f64 {
     let place = (t / step_s).clamp(0.0, (values.len() - 1) as f64);
     let i = (place as usize).min(values.len().saturating_sub(2));
     let s = place - i as f64;
@@ -269,41 +287,27 @@ fn stated(dice: &mut Dice, value: f64, chance: f64) -> Option<f64> {
     dice.chance(chance).then_some(value)
 }
 
-/// Makes the recordings of a case on an axis.
-pub fn make(
+/// Draws the motions of a series: kinds out of `list`, and how much of each passes before a recording is
+/// switched on, s.
+pub fn motions(
     seed: u64,
-    strength: f64,
-    cause: Option<(Maker, Needs)>,
-    shorter: f64,
-) -> Result<Made, String> {
-    let mut dice = Dice::new(seed, 1);
-    let a = axis(&mut dice, cause.map_or(Needs::Any, |c| c.1));
-    let text = AxisText {
-        gain: stated(&mut dice, a.gain, if a.led { 1.0 } else { 0.6 }),
-        mass: stated(&mut dice, a.mass, 0.5),
-        damping: stated(&mut dice, a.damping, 0.15),
-        stiffness: stated(
-            &mut dice,
-            a.stiffness,
-            if a.stiffness == 0.0 { 0.8 } else { 0.2 },
-        ),
-        force_cell: a.led,
-    };
-    let one_sided = dice.chance(0.35);
+    dice: &mut Dice,
+    list: &[&'static str],
+    a: &Axis,
+    one_sided: bool,
+    fine_s: f64,
+) -> Vec<(&'static str, Path, f64)> {
     let same = dice.chance(0.4);
-    let first = dice.below(MOTIONS.len());
+    let first = dice.below(list.len());
     let count = [1, 2, 2, 2, 3, 3, 3, 4, 4, 2][dice.below(10)];
-    let sub = (a.step_s / (shorter * STEP_S)).ceil();
-    let fine = a.step_s / sub;
-    let mut paths = Vec::new();
-    for number in 0..count {
+    let of = |number: usize| {
         let mut own = Dice::new(seed, 20 + number as u64);
         let kind = if same || number == 0 {
-            MOTIONS[first]
+            list[first]
         } else {
-            MOTIONS[own.below(MOTIONS.len())]
+            list[own.below(list.len())]
         };
-        let rest_s = own.range(0.3, 1.0);
+        let rest_s = own.range(0.3, 1.0) * (0.3 / a.base_hz).max(1.0);
         let plan = Plan {
             kind,
             base_hz: a.base_hz,
@@ -317,29 +321,70 @@ pub fn make(
         } else {
             0.0
         };
-        paths.push((kind, path(&plan, &mut own, 0.5 * fine), cut_s));
-    }
+        (kind, path(&plan, &mut own, fine_s), cut_s)
+    };
+    (0..count).map(of).collect()
+}
+
+/// What a cause is told of the motions that are planned.
+pub fn setting(a: &Axis, paths: &[(&'static str, Path, f64)]) -> Setting {
     let over = |f: &dyn Fn(&Path) -> f64| paths.iter().map(|p| f(&p.1)).fold(0.0, f64::max);
+    let largest = |v: &[f64]| v.iter().fold(0.0_f64, |m, v| m.max(*v));
     let force = over(&|p| {
         (0..p.x.len())
-            .map(|i| planned(&a, p, i).abs())
+            .map(|i| planned(a, p, i).abs())
             .fold(0.0, f64::max)
     });
-    let setting = Setting {
-        stiffness: a.stiffness,
+    Setting {
+        spring: a.spring,
         mass: a.mass,
         bias: a.bias,
         stroke: a.stroke,
         ends: [
             -a.stroke * over(&|p| p.x.iter().fold(0.0, |m, v| m.max(-v))),
-            a.stroke * over(&|p| p.x.iter().fold(0.0, |m, v| m.max(*v))),
+            a.stroke * over(&|p| largest(&p.x)),
         ],
         speed: a.stroke * over(&|p| p.v.iter().fold(0.0, |m, v| m.max(v.abs()))),
         force,
         duration_s: a.duration_s,
         base_hz: a.base_hz,
         step_s: a.step_s,
+    }
+}
+
+/// Makes the recordings of a case on an axis.
+pub fn make(
+    seed: u64,
+    strength: f64,
+    cause: Option<(Maker, Needs)>,
+    stride: usize,
+) -> Result<Made, String> {
+    let mut dice = Dice::new(seed, 1);
+    let a = axis(&mut dice, cause.map_or(Needs::Any, |c| c.1));
+    let stiffness = a.spring.force(1.0);
+    let text = AxisText {
+        gain: stated(&mut dice, a.gain, if a.led { 1.0 } else { 0.6 }),
+        mass: stated(&mut dice, a.mass, 0.5),
+        damping: stated(&mut dice, a.damping, 0.15),
+        stiffness: stated(
+            &mut dice,
+            stiffness,
+            if stiffness == 0.0 { 0.8 } else { 0.2 },
+        ),
+        force_cell: a.led,
     };
+    let one_sided = dice.chance(0.35);
+    let sub = (a.step_s / STEP_S).ceil();
+    let paths = motions(
+        seed,
+        &mut dice,
+        &MOTIONS,
+        &a,
+        one_sided,
+        0.5 * a.step_s / sub,
+    );
+    let setting = setting(&a, &paths);
+    let force = setting.force;
     let mut draw = Draw {
         dice: Dice::new(seed, 10),
         strength,
@@ -358,8 +403,9 @@ pub fn make(
     let mut recordings = Vec::new();
     let mut balances = Vec::new();
     for (number, (kind, p, cut_s)) in paths.iter().enumerate() {
-        let course = simulate(&a, p, mechanism.as_ref());
-        if course.x.iter().any(|x| !(x.abs() < 4.0 * a.stroke)) {
+        let course = simulate(&a, p, mechanism.as_ref(), stride);
+        let beyond = |x: &f64| x.is_nan() || x.abs() > 4.0 * a.stroke;
+        if course.x.iter().any(beyond) {
             return Err(format!("the axis leaves its stroke under {kind}"));
         }
         let late_s = mechanism.as_ref().map_or(0.0, |m| m.late_s);
@@ -394,7 +440,7 @@ pub fn make(
         });
     }
     Ok(Made {
-        axis: Some(text),
+        text: Text::Axis(text),
         recordings,
         balances,
         detail: mechanism.map(|m| m.detail),
@@ -417,7 +463,7 @@ fn balance(
     let sum = |columns: &[Vec<f64>; 3]| -> Vec<f64> {
         (0..x.len())
             .map(|i| {
-                a.mass * columns[0][i] + a.damping * columns[1][i] + a.stiffness * columns[2][i]
+                a.mass * columns[0][i] + a.damping * columns[1][i] + a.spring.force(columns[2][i])
             })
             .collect()
     };

@@ -1,17 +1,20 @@
-//! The catalogue's causes on a moving axis, each in a form of its own: what stands in `effects::line` is not used, and where a name there
+//! The catalogue's causes on a moving axis, each in a form of its own: what stands in `effects::line` is not
+//! used, and where a name there
 //! stands for one formula, another formula of the literature stands for it here.
 
 use std::f64::consts::PI;
 
 use super::mechanism::{Draw, Mechanism};
 
-/// Bristles that bend by up to `reach` and let go over a power of how far they are bent (Dahl 1968 with an exponent): the rate of z.
+/// Bristles that bend by up to `reach` and let go over a power of how far they are bent (Dahl 1968 with an
+/// exponent): the rate of z.
 fn bristle(v: f64, z: f64, reach: f64, exponent: f64) -> f64 {
     let s = 1.0 - v.signum() * z / reach;
     v * s.signum() * s.abs().powf(exponent)
 }
 
-/// Dry friction: Dahl's law with another exponent, or slip elements of several reaches in parallel (Iwan 1966).
+/// Dry friction: Dahl's law with another exponent, or slip elements of several reaches in parallel (Iwan
+/// 1966).
 pub fn friction(draw: &mut Draw) -> Mechanism {
     let force = draw.share(0.006, 0.25);
     let reach = draw.at.stroke * draw.dice.log_range(0.004, 0.08);
@@ -49,18 +52,19 @@ pub fn load_friction(draw: &mut Draw) -> Mechanism {
     let mu = draw.size(0.012, 0.4);
     let reach = draw.at.stroke * draw.dice.log_range(0.005, 0.08);
     let exponent = draw.dice.range(1.4, 2.0);
-    let k = draw.at.stiffness;
+    let spring = draw.at.spring;
     draw.cause("x_load_friction")
         .form("coefficient", mu)
         .form("reach_m", reach)
         .with(vec![0.0])
         .push(move |now, z, rate| {
             rate[0] = bristle(now.v, z[0], reach, exponent);
-            mu * (k * now.x).abs() * z[0] / reach
+            mu * spring.force(now.x).abs() * z[0] / reach
         })
 }
 
-/// A lubricated slide: bristles whose force falls with the speed as 1/(1 + (v/vs)^p) (Hess and Soom 1990, in the manner of LuGre).
+/// A lubricated slide: bristles, and a film of oil that takes their force away with the speed as 1/(1 +
+/// (v/vs)^p) (Hess and Soom 1990).
 pub fn stribeck(draw: &mut Draw) -> Mechanism {
     let force = draw.share(0.01, 0.3);
     let slow = draw.at.speed * draw.dice.log_range(0.08, 0.4);
@@ -73,8 +77,8 @@ pub fn stribeck(draw: &mut Draw) -> Mechanism {
         .with(vec![0.0])
         .push(move |now, z, rate| {
             let g = 1.0 / (1.0 + (now.v.abs() / slow).powf(p));
-            rate[0] = now.v - now.v.abs() * z[0] / (reach * g);
-            force * z[0] / reach
+            rate[0] = now.v - now.v.abs() * z[0] / reach;
+            force * g * z[0] / reach
         })
 }
 
@@ -119,7 +123,8 @@ pub fn direction_damping(draw: &mut Draw) -> Mechanism {
         .push(move |now, _, _| force * now.v / top * 0.5 * (1.0 + (now.v / valve).tanh()))
 }
 
-/// A spring that is no straight line: a hyperbolic sine, one exponential, or an arc tangent, less its straight part.
+/// A spring that is no straight line: a hyperbolic sine, one exponential, or an arc tangent, less its
+/// straight part.
 pub fn nonlinear_stiffness(draw: &mut Draw) -> Mechanism {
     let force = draw.share(0.008, 0.4);
     let (x0, bend) = (draw.at.stroke, draw.dice.range(0.7, 2.0));
@@ -170,23 +175,31 @@ pub fn end_stop(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// Play before the spring: its end follows through a soft contact, and stays where it is within the gap.
+/// Play before the spring, worn: five fingers in parallel, each with a gap of its own and held where it is
+/// within it (Prandtl and
+/// Ishlinskii).
 pub fn backlash(draw: &mut Draw) -> Mechanism {
     let gap = draw.at.stroke * draw.size(0.006, 0.2);
-    let follow = draw.dice.log_range(2e-3, 8e-3);
-    let k = draw.at.stiffness;
+    let wear = draw.dice.range(0.1, 0.4);
+    let gaps: [f64; 5] = std::array::from_fn(|i| gap * (1.0 + wear * (0.5 * i as f64 - 1.0)));
+    let spring = draw.at.spring;
     draw.cause("x_backlash")
         .form("half_gap_m", gap)
-        .form("contact_s", follow)
-        .with(vec![0.0])
-        .push(move |now, y, rate| {
-            let far = now.x - y[0];
-            rate[0] = (far - far.clamp(-gap, gap)) / follow;
-            k * (y[0] - now.x)
+        .form("wear", wear)
+        .with(vec![0.0; 5])
+        .push(move |now, y, _| {
+            let held = |(y, g): (&f64, &f64)| spring.force(y.clamp(now.x - g, now.x + g));
+            y.iter().zip(&gaps).map(held).sum::<f64>() / 5.0 - spring.force(now.x)
+        })
+        .after(move |now, y| {
+            for (y, g) in y.iter_mut().zip(&gaps) {
+                *y = y.clamp(now.x - g, now.x + g);
+            }
         })
 }
 
-/// Creep by a power of the time: five branches a third of a decade apart and their weights as a power law has them.
+/// Creep by a power of the time: five branches a third of a decade apart and their weights as a power law has
+/// them.
 pub fn creep(draw: &mut Draw) -> Mechanism {
     let stiffness = draw.share(0.02, 0.5) / draw.at.stroke;
     let power = draw.dice.range(0.1, 0.4);
@@ -209,11 +222,12 @@ pub fn creep(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// Softening by the stored energy: below the largest energy so far the spring has lost a share of its force (a hyperbolic tangent).
+/// Softening by the stored energy: below the largest energy so far the spring has lost a share of its force
+/// (a hyperbolic tangent).
 pub fn softening(draw: &mut Draw) -> Mechanism {
     let loss = draw.size(0.012, 0.35);
     let scale = draw.dice.log_range(0.1, 0.6);
-    let (k, stroke) = (draw.at.stiffness, draw.at.stroke);
+    let (spring, stroke) = (draw.at.spring, draw.at.stroke);
     draw.cause("mullins_softening")
         .form("loss", loss)
         .form("scale", scale)
@@ -221,7 +235,7 @@ pub fn softening(draw: &mut Draw) -> Mechanism {
         .push(move |now, most, _| {
             let energy = (now.x / stroke).powi(2);
             let behind = (most[0].max(energy) - energy) / scale;
-            -loss * behind.tanh() * k * now.x
+            -loss * behind.tanh() * spring.force(now.x)
         })
         .after(move |now, most| most[0] = most[0].max((now.x / stroke).powi(2)))
 }
@@ -230,7 +244,7 @@ pub fn softening(draw: &mut Draw) -> Mechanism {
 pub fn permanent_set(draw: &mut Draw) -> Mechanism {
     let share = draw.size(0.008, 0.2);
     let power = draw.dice.range(0.8, 1.3);
-    let (k, stroke) = (draw.at.stiffness, draw.at.stroke);
+    let (spring, stroke) = (draw.at.spring, draw.at.stroke);
     let slow = draw.dice.range(0.01, 0.05) / draw.at.base_hz;
     draw.cause("x_permanent_set")
         .form("share", share)
@@ -239,7 +253,7 @@ pub fn permanent_set(draw: &mut Draw) -> Mechanism {
         .push(move |now, set, rate| {
             let due = share * stroke * (now.x.max(0.0) / stroke).powf(power);
             rate[0] = (due - set[0]).max(0.0) / slow;
-            -k * set[0]
+            spring.force(now.x - set[0]) - spring.force(now.x)
         })
 }
 
@@ -253,7 +267,8 @@ pub fn saturation(draw: &mut Draw) -> Mechanism {
         .drive(move |u, _, _, _| u / (1.0 + (u / ceiling).abs().powf(n)).powf(1.0 / n))
 }
 
-/// A dead band: nothing arrives below a threshold, by a steep power; or the threshold is taken off what arrives.
+/// A dead band: nothing arrives below a threshold, by a steep power; or the threshold is taken off what
+/// arrives.
 pub fn deadband(draw: &mut Draw) -> Mechanism {
     let threshold = draw.share(0.015, 0.25);
     let steep = draw.dice.range(10.0, 20.0);
@@ -288,7 +303,8 @@ pub fn drive_power(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// A lag: a resistance and a capacitance that is spread along a line, as two stages of which the second is short.
+/// A lag: a resistance and a capacitance that is spread along a line, as two stages of which the second is
+/// short.
 pub fn drive_lag(draw: &mut Draw) -> Mechanism {
     let tau = draw.size(0.003, 0.1) / draw.at.base_hz.max(0.3);
     let second = tau * draw.dice.range(0.05, 0.15);
@@ -306,7 +322,7 @@ pub fn drive_lag(draw: &mut Draw) -> Mechanism {
 /// A drive through a spring of its own, with a short stage before it.
 pub fn drive_second_order(draw: &mut Draw) -> Mechanism {
     let time = draw.size(0.006, 0.06) / draw.at.base_hz.max(0.3);
-    let damping = draw.dice.range(0.1, 0.7);
+    let damping = draw.dice.range(0.35, 0.8);
     let first = time * draw.dice.range(0.1, 0.2);
     let bias = draw.at.bias;
     draw.cause("x_drive_second_order")
@@ -344,11 +360,11 @@ pub fn drift(draw: &mut Draw) -> Mechanism {
     let change = draw.dice.sign() * draw.size(0.012, 0.3);
     let tau = draw.at.duration_s * draw.dice.range(0.5, 2.0);
     let whole = 1.0 - (-draw.at.duration_s / tau).exp();
-    let k = draw.at.stiffness;
+    let spring = draw.at.spring;
     draw.cause("temperature_drift")
         .form("change", change)
         .form("time_s", tau)
-        .push(move |now, _, _| k * now.x * change * (1.0 - (-now.t / tau).exp()) / whole)
+        .push(move |now, _, _| spring.force(now.x) * change * (1.0 - (-now.t / tau).exp()) / whole)
 }
 
 /// A zero that goes to another value exponentially.

@@ -22,8 +22,40 @@ type Push = dyn Fn(&Now, &[f64], &mut [f64]) -> f64 + Send + Sync;
 type Drive = dyn Fn(f64, &Now, &[f64], &mut [f64]) -> f64 + Send + Sync;
 /// What happens to the states after a step.
 type After = dyn Fn(&Now, &mut [f64]) + Send + Sync;
-/// What an instrument makes of what it should have written: the samples of the coordinate, with their noise.
+/// What an instrument makes of what it should have written: its samples, with their noise.
 type Reading = dyn Fn(&mut [f64]) + Send + Sync;
+/// The stretch that a film sees, at the strain now.x.
+type Seen = dyn Fn(&Now, &[f64]) -> f64 + Send + Sync;
+/// What the stress of the equilibrium spring and of the branches is multiplied by.
+type Factor = dyn Fn(&Now, &[f64]) -> [f64; 2] + Send + Sync;
+
+/// The spring of a coordinate.
+#[derive(Debug, Clone, Copy)]
+pub enum Spring {
+    /// Stiffness, N/m.
+    Linear(f64),
+    /// Of a flexure: a force at full stroke, the stroke, shares of a cubic and of a quadratic part.
+    Curve([f64; 4]),
+}
+
+impl Default for Spring {
+    fn default() -> Self {
+        Spring::Linear(0.0)
+    }
+}
+
+impl Spring {
+    /// Its force at an excursion.
+    pub fn force(self, x: f64) -> f64 {
+        match self {
+            Spring::Linear(k) => k * x,
+            Spring::Curve([force, stroke, cubic, quadratic]) => {
+                let s = x / stroke;
+                force * s * (1.0 - cubic - quadratic + quadratic * s + cubic * s * s)
+            }
+        }
+    }
+}
 
 /// One left-out cause.
 pub struct Mechanism {
@@ -39,6 +71,12 @@ pub struct Mechanism {
     pub after: Option<Box<After>>,
     /// A fault of the coordinate's instrument.
     pub reading: Option<Box<Reading>>,
+    /// A fault of the force's instrument.
+    pub cell: Option<Box<Reading>>,
+    /// Another stretch.
+    pub seen: Option<Box<Seen>>,
+    /// Other moduli.
+    pub factor: Option<Box<Factor>>,
     /// The input's log runs behind the motion by this much, s.
     pub late_s: f64,
 }
@@ -60,6 +98,9 @@ impl Mechanism {
             drive: None,
             after: None,
             reading: None,
+            cell: None,
+            seen: None,
+            factor: None,
             late_s: 0.0,
         }
     }
@@ -105,6 +146,27 @@ impl Mechanism {
         self
     }
 
+    /// With a fault of the force's instrument.
+    #[must_use]
+    pub fn cell(mut self, f: impl Fn(&mut [f64]) + Send + Sync + 'static) -> Self {
+        self.cell = Some(Box::new(f));
+        self
+    }
+
+    /// With another stretch of the film.
+    #[must_use]
+    pub fn seen(mut self, f: impl Fn(&Now, &[f64]) -> f64 + Send + Sync + 'static) -> Self {
+        self.seen = Some(Box::new(f));
+        self
+    }
+
+    /// With other moduli of the film.
+    #[must_use]
+    pub fn factor(mut self, f: impl Fn(&Now, &[f64]) -> [f64; 2] + Send + Sync + 'static) -> Self {
+        self.factor = Some(Box::new(f));
+        self
+    }
+
     /// With a fault of the instrument.
     #[must_use]
     pub fn reading(mut self, f: impl Fn(&mut [f64]) + Send + Sync + 'static) -> Self {
@@ -116,8 +178,8 @@ impl Mechanism {
 /// What is known of the recordings when a cause is drawn.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Setting {
-    /// Stiffness of the spring, N/m (or N m/rad).
-    pub stiffness: f64,
+    /// The spring.
+    pub spring: Spring,
     /// Mass, kg (or kg m^2).
     pub mass: f64,
     /// Force at rest, N.

@@ -1,4 +1,5 @@
-//! Concealed cases on single coordinates: axes whose recordings leave a cause out that is known here and nowhere else. Forms, integrator
+//! Concealed cases on single coordinates: axes, hinge benches and film coupons with a cause that is known
+//! here and nowhere else. Forms, integrator
 //! and noise are own; nothing is shared with what has to find it.
 //!
 //! | what | where |
@@ -8,6 +9,8 @@
 //! | its files | [`LineCase::files`] |
 
 mod axis;
+mod bench;
+mod coupon;
 mod forms;
 mod mechanism;
 mod noise;
@@ -22,10 +25,9 @@ use super::dice::Dice;
 use super::truth::{Detail, RecordingTruth, Truth};
 use super::{Kind, folder_name};
 use crate::recording::Recording;
-use axis::{Maker, Needs};
 pub use path::MOTIONS;
 use visible::{Balance, detectability};
-use write::{AxisText, Columns};
+use write::{Columns, Text};
 
 /// What was recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -33,17 +35,23 @@ use write::{AxisText, Columns};
 pub enum Rig {
     /// One drive, one coordinate.
     Axis,
+    /// Angle and torque of a flexure.
+    Bench,
+    /// Stretch and stress of a film.
+    Coupon,
 }
 
 impl Rig {
     /// Every kind.
-    pub const ALL: [Rig; 1] = [Rig::Axis];
+    pub const ALL: [Rig; 3] = [Rig::Axis, Rig::Bench, Rig::Coupon];
 
-    /// axis.
+    /// axis, bench, coupon.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Rig::Axis => "axis",
+            Rig::Bench => "bench",
+            Rig::Coupon => "coupon",
         }
     }
 }
@@ -69,7 +77,7 @@ struct LineRecording {
 
 /// What a rig made.
 struct Made {
-    axis: Option<AxisText>,
+    text: Text,
     recordings: Vec<LineRecording>,
     balances: Vec<Balance>,
     detail: Option<Detail>,
@@ -82,7 +90,7 @@ pub struct LineCaseRecording {
     pub id: String,
     /// What opening its files gives.
     pub recording: Recording,
-    files: [(&'static str, Vec<u8>); 2],
+    files: write::Files,
 }
 
 /// A case.
@@ -120,64 +128,93 @@ impl LineCase {
     }
 }
 
-fn effects_of(rig: Rig) -> &'static [(&'static str, Maker, Needs)] {
-    match rig {
-        Rig::Axis => axis::EFFECTS,
-    }
-}
-
-fn unknowns_of(rig: Rig) -> &'static [(&'static str, Maker, Needs)] {
-    match rig {
-        Rig::Axis => axis::UNKNOWN,
-    }
-}
-
 /// Ids of the catalogued causes that can be made on a rig.
-pub fn effects(rig: Rig) -> impl Iterator<Item = &'static str> {
-    effects_of(rig).iter().map(|e| e.0)
+pub fn effects(rig: Rig) -> Vec<&'static str> {
+    match rig {
+        Rig::Axis => axis::EFFECTS.iter().map(|e| e.0).collect(),
+        Rig::Bench => bench::EFFECTS.iter().map(|e| e.0).collect(),
+        Rig::Coupon => coupon::EFFECTS.iter().map(|e| e.0).collect(),
+    }
 }
 
 /// Names of the causes that are in no catalogue.
-pub fn unknowns(rig: Rig) -> impl Iterator<Item = &'static str> {
-    unknowns_of(rig).iter().map(|e| e.0)
+pub fn unknowns(rig: Rig) -> Vec<&'static str> {
+    match rig {
+        Rig::Axis => axis::UNKNOWN.iter().map(|e| e.0).collect(),
+        Rig::Bench => bench::UNKNOWN.iter().map(|e| e.0).collect(),
+        Rig::Coupon => coupon::UNKNOWN.iter().map(|e| e.0).collect(),
+    }
 }
 
 /// Share of the strength, where the rig does not bear it; the answer has the strength that was simulated.
-const WEAKER: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
+const WEAKER: [f64; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];
 
 /// Makes a case, in memory: a function of `spec` alone.
 ///
 /// # Errors
 /// A sentence when the cause is unknown, or drives the rig out of its stroke at every strength.
 pub fn generate(spec: &LineSpec) -> Result<LineCase, String> {
-    generate_by(spec, 1.0)
+    generate_by(spec, 1)
 }
 
-/// The same case with steps of the integration this much shorter, or longer: what tells whether they are short enough.
+/// The same case with steps of the integration this many times as long: what tells whether they are short
+/// enough.
 ///
 /// # Errors
 /// As [`generate`].
-pub fn generate_by(spec: &LineSpec, shorter: f64) -> Result<LineCase, String> {
-    let find = |list: &[(&str, Maker, Needs)], id: &str| {
-        list.iter()
-            .find(|e| e.0 == id)
-            .map(|e| (e.1, e.2))
-            .ok_or_else(|| format!("no cause `{id}` can be made on this rig"))
-    };
-    let cause = match spec.kind {
-        Kind::Clean => None,
-        Kind::Effect(id) => Some(find(effects_of(spec.rig), id)?),
-        Kind::Unknown(id) => Some(find(unknowns_of(spec.rig), id)?),
+pub fn generate_by(spec: &LineSpec, stride: usize) -> Result<LineCase, String> {
+    let (id, known) = match spec.kind {
+        Kind::Clean => (None, true),
+        Kind::Effect(id) => (Some(id), true),
+        Kind::Unknown(id) => (Some(id), false),
         Kind::Pair(..) => return Err("single coordinates have no pairs".into()),
+    };
+    let missing = |id: &str| format!("no cause `{id}` can be made on this rig");
+    let moved = |known_list: &'static [(&str, axis::Maker, axis::Needs)],
+                 unknown_list: &'static [(&str, axis::Maker, axis::Needs)]| {
+        let list = if known { known_list } else { unknown_list };
+        id.map(|id| {
+            let found = list.iter().find(|e| e.0 == id);
+            found.map(|e| (e.1, e.2)).ok_or_else(|| missing(id))
+        })
+        .transpose()
+    };
+    let make = |strength: f64| -> Result<Made, String> {
+        match spec.rig {
+            Rig::Axis => {
+                let cause = moved(axis::EFFECTS, axis::UNKNOWN)?;
+                axis::make(spec.seed, strength, cause, stride)
+            }
+            Rig::Bench => {
+                let cause = moved(bench::EFFECTS, bench::UNKNOWN)?;
+                bench::make(spec.seed, strength, cause, stride)
+            }
+            Rig::Coupon => {
+                let list = if known {
+                    coupon::EFFECTS
+                } else {
+                    coupon::UNKNOWN
+                };
+                let find = |id| list.iter().find(|e| e.0 == id).map(|e| e.1);
+                let cause = id
+                    .map(|id| find(id).ok_or_else(|| missing(id)))
+                    .transpose()?;
+                coupon::make(spec.seed, strength, cause, stride)
+            }
+        }
     };
     let mut last = String::new();
     for weaker in WEAKER {
-        match axis::make(spec.seed, spec.strength * weaker, cause, shorter) {
+        match make(spec.strength * weaker) {
             Ok(made) => return case(spec, made),
             Err(why) => last = why,
         }
     }
-    Err(format!("{}: {last}", folder_name(spec.seed)))
+    Err(format!(
+        "{} ({:?}): {last}",
+        folder_name(spec.seed),
+        spec.kind
+    ))
 }
 
 fn case(spec: &LineSpec, made: Made) -> Result<LineCase, String> {
@@ -190,7 +227,7 @@ fn case(spec: &LineSpec, made: Made) -> Result<LineCase, String> {
     for (i, r) in made.recordings.iter().enumerate() {
         let own = format!("{:02}-{}", i + 1, r.kind);
         let id = format!("{name}/{own}");
-        let (files, recording) = write::write(&id, made.axis.as_ref(), &r.columns)?;
+        let (files, recording) = write::write(&id, &made.text, &r.columns)?;
         let trains = i + held < count;
         recordings.push(RecordingTruth {
             name: own,
@@ -232,7 +269,8 @@ fn case(spec: &LineSpec, made: Made) -> Result<LineCase, String> {
     })
 }
 
-/// `n_total` cases on these rigs by turns: ten in 23 clean, ten with one cause (each as often as the others, strengths spread evenly over 0
+/// `n_total` cases on these rigs by turns: ten in 23 clean, ten with one cause (each as often as the others,
+/// strengths spread evenly over 0
 /// to 1), three in no catalogue; in random order.
 pub fn plan(rigs: &[Rig], n_total: usize, seed: u64) -> Vec<LineSpec> {
     let mut dice = Dice::new(seed, 0);
@@ -246,15 +284,15 @@ pub fn plan(rigs: &[Rig], n_total: usize, seed: u64) -> Vec<LineSpec> {
             kinds.push((*rig, Kind::Clean, dice.unit()));
         }
         for (list, total, known) in [
-            (effects_of(*rig), share(single), true),
-            (unknowns_of(*rig), share(unknown), false),
+            (effects(*rig), share(single), true),
+            (unknowns(*rig), share(unknown), false),
         ] {
             let mut order: Vec<usize> = (0..list.len()).collect();
             dice.shuffle(&mut order);
             let times = total.div_ceil(list.len()).max(1) as f64;
             // each cause has its own share of each stretch of strengths
             for i in 0..total {
-                let id = list[order[i % list.len()]].0;
+                let id = list[order[i % list.len()]];
                 let kind = if known {
                     Kind::Effect(id)
                 } else {

@@ -16,7 +16,7 @@ pub struct Noise {
 impl Noise {
     /// Half of the channels are white, a quarter a little coloured, a quarter rounded.
     pub fn draw(dice: &mut Dice, sd: f64) -> Self {
-        let (kind, colour, digit) = (dice.unit(), dice.range(0.15, 0.5), dice.range(0.8, 2.5));
+        let (kind, colour, digit) = (dice.unit(), dice.range(0.1, 0.3), dice.range(0.8, 2.5));
         Noise {
             sd,
             colour: if (0.5..0.75).contains(&kind) {

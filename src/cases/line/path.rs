@@ -1,6 +1,7 @@
 //! Motions of a single coordinate: what an experimenter makes an axis, a hinge or a film do.
 //!
-//! A motion is drawn as a course from -1 to 1 (or 0 to 1) and rounded by three moving means, so that its acceleration has no jump; rate
+//! A motion is drawn as a course from -1 to 1 (or 0 to 1) and rounded by three moving means, so that its
+//! acceleration has no jump; rate
 //! and acceleration are the exact derivatives of what the means leave.
 
 use std::f64::consts::{PI, TAU};

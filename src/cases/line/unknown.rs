@@ -1,4 +1,5 @@
-//! Causes on a moving axis that stand in no catalogue. Each is possible in a laboratory, and none is another form of a catalogued one.
+//! Causes on a moving axis that stand in no catalogue. Each is possible in a laboratory, and none is another
+//! form of a catalogued one.
 
 use std::f64::consts::{PI, TAU};
 
@@ -35,7 +36,8 @@ pub fn magnet(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// A catch that snaps: it pushes one way until the axis has gone beyond one place, and the other way until it is back beyond another.
+/// A catch that snaps: it pushes one way until the axis has gone beyond one place, and the other way until it
+/// is back beyond another.
 pub fn snap(draw: &mut Draw) -> Mechanism {
     let force = draw.share(0.015, 0.25);
     let [low, high] = draw.at.ends;
@@ -137,7 +139,8 @@ pub fn wander(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// A drive of iron: what arrives hangs behind what is commanded by a hysteresis in the command itself (Bouc and Wen).
+/// A drive of iron: what arrives hangs behind what is commanded by a hysteresis in the command itself (Bouc
+/// and Wen).
 pub fn magnetic_hysteresis(draw: &mut Draw) -> Mechanism {
     let share = draw.size(0.04, 0.5);
     let width = draw.at.force * draw.dice.range(0.15, 0.4);
@@ -158,7 +161,8 @@ pub fn magnetic_hysteresis(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// A body in water: it drags along what it has stirred, so that the drag depends on where the water goes by now.
+/// A body in water: it drags along what it has stirred, so that the drag depends on where the water goes by
+/// now.
 pub fn wake(draw: &mut Draw) -> Mechanism {
     let force = draw.share(0.05, 0.6);
     let top = draw.at.speed;
@@ -196,41 +200,76 @@ pub fn sticky_place(draw: &mut Draw) -> Mechanism {
         })
 }
 
-/// A reading that stops: now and then the instrument repeats its last value for a while.
-pub fn frozen_reading(draw: &mut Draw) -> Mechanism {
+/// Stretches of a recording through which an instrument repeats its last value: places as shares of the
+/// recording, and samples.
+fn frozen(draw: &mut Draw) -> (Vec<f64>, usize) {
     let count = 3 + draw.dice.below(5);
     let length_s = draw.size(0.015, 0.12) / draw.at.base_hz;
     let samples = ((length_s / draw.at.step_s) as usize).max(3);
-    let places: Vec<f64> = (0..count).map(|_| draw.dice.range(0.1, 0.9)).collect();
+    let places = (0..count).map(|_| draw.dice.range(0.1, 0.9)).collect();
+    (places, samples)
+}
+
+fn freeze(values: &mut [f64], places: &[f64], samples: usize) {
+    for place in places {
+        let i = (place * values.len() as f64) as usize;
+        let to = (i + samples).min(values.len());
+        let held = values[i];
+        values[i..to].fill(held);
+    }
+}
+
+/// Leaps of an instrument's zero: places as shares of the recording, and sizes.
+fn leaps(draw: &mut Draw, size: f64) -> Vec<(f64, f64)> {
+    let count = 2 + draw.dice.below(3);
+    (0..count)
+        .map(|_| (draw.dice.range(0.1, 0.9), draw.dice.sign() * size))
+        .collect()
+}
+
+fn leap(values: &mut [f64], leaps: &[(f64, f64)]) {
+    let n = values.len() as f64;
+    for (place, size) in leaps {
+        for v in &mut values[(place * n) as usize..] {
+            *v += size;
+        }
+    }
+}
+
+/// A reading that stops: now and then the instrument of the motion repeats its last value for a while.
+pub fn frozen_reading(draw: &mut Draw) -> Mechanism {
+    let (places, samples) = frozen(draw);
     draw.cause("x_frozen_reading")
-        .form("count", count as f64)
+        .form("count", places.len() as f64)
         .form("samples", samples as f64)
-        .reading(move |x| {
-            for place in &places {
-                let i = (place * x.len() as f64) as usize;
-                let to = (i + samples).min(x.len());
-                let held = x[i];
-                x[i..to].fill(held);
-            }
-        })
+        .reading(move |x| freeze(x, &places, samples))
+}
+
+/// The same of the force cell.
+pub fn frozen_cell(draw: &mut Draw) -> Mechanism {
+    let (places, samples) = frozen(draw);
+    draw.cause("x_frozen_cell")
+        .form("count", places.len() as f64)
+        .form("samples", samples as f64)
+        .cell(move |x| freeze(x, &places, samples))
 }
 
 /// An encoder that loses counts: at a few moments its zero leaps for good.
 pub fn lost_counts(draw: &mut Draw) -> Mechanism {
-    let leap = draw.at.stroke * draw.size(0.01, 0.15);
-    let count = 2 + draw.dice.below(3);
-    let leaps: Vec<(f64, f64)> = (0..count)
-        .map(|_| (draw.dice.range(0.1, 0.9), draw.dice.sign() * leap))
-        .collect();
+    let size = draw.at.stroke * draw.size(0.01, 0.15);
+    let list = leaps(draw, size);
     draw.cause("x_lost_counts")
-        .form("leap_m", leap)
-        .form("count", count as f64)
-        .reading(move |x| {
-            let n = x.len() as f64;
-            for (place, leap) in &leaps {
-                for v in &mut x[(place * n) as usize..] {
-                    *v += leap;
-                }
-            }
-        })
+        .form("leap_m", size)
+        .form("count", list.len() as f64)
+        .reading(move |x| leap(x, &list))
+}
+
+/// A force cell that was knocked: its zero leaps.
+pub fn cell_leaps(draw: &mut Draw) -> Mechanism {
+    let size = draw.share(0.015, 0.2);
+    let list = leaps(draw, size);
+    draw.cause("x_cell_leaps")
+        .form("leap", size)
+        .form("count", list.len() as f64)
+        .cell(move |u| leap(u, &list))
 }

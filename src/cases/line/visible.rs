@@ -1,5 +1,7 @@
-//! How visible a cause is: what a refit of the plain model leaves over what the noise leaves, in the band in which the balance stands
-//! above its noise. Worked out from what is known here (courses with and without noise); it asks nothing of the diagnosis.
+//! How visible a cause is: what a refit of the plain model leaves over what the noise leaves, in the band in
+//! which the balance stands
+//! above its noise. Worked out from what is known here (courses with and without noise); it asks nothing of
+//! the diagnosis.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -16,7 +18,8 @@ pub struct Balance {
     pub edge: usize,
 }
 
-/// A low-pass without a shift: four passes of first order, two each way. `share` of a period goes by in a sample at half amplitude.
+/// A low-pass without a shift: four passes of first order, two each way. `share` of a period goes by in a
+/// sample at half amplitude.
 pub fn low_pass(values: &[f64], share: f64) -> Vec<f64> {
     // each pass and its counterpart have power 1/(1 + (f/f1)^2); two pairs are at 1/2 where f = f1 (2^(1/2) - 1)^(1/2)
     let f1 = share / (2f64.sqrt() - 1.0).sqrt();
@@ -37,7 +40,8 @@ pub fn low_pass(values: &[f64], share: f64) -> Vec<f64> {
     out
 }
 
-/// First and second derivative of even samples, with errors of the sixth order; nothing at three samples of each end.
+/// First and second derivative of even samples, with errors of the sixth order; nothing at three samples of
+/// each end.
 pub fn derivatives(x: &[f64], step_s: f64) -> (Vec<f64>, Vec<f64>) {
     let n = x.len();
     let (mut v, mut a) = (vec![0.0; n], vec![0.0; n]);
@@ -76,7 +80,8 @@ pub fn band(signal: &[f64], noise: &[f64]) -> f64 {
     best
 }
 
-/// Root mean square of what a joint refit of all recordings leaves, over that of the noise, each recording weighted by its noise.
+/// Root mean square of what a joint refit of all recordings leaves, over that of the noise, each recording
+/// weighted by its noise.
 pub fn detectability(recordings: &[Balance]) -> f64 {
     let width = recordings.first().map_or(0, |r| r.columns.len());
     let mut rows: Vec<f64> = Vec::new();

@@ -3,7 +3,10 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use crate::recording::{Manifest, RawAxis, RawColumn, RawCoordinate, Recording};
+use crate::recording::{
+    CouponMode, Manifest, RawAxis, RawBench, RawColumn, RawCoordinate, RawCoupon, RawElongation,
+    RawLoad, Recording,
+};
 use crate::units::Unit;
 
 /// What the manifest of an axis says; what it does not say is to be found.
@@ -21,6 +24,20 @@ pub struct AxisText {
     pub force_cell: bool,
 }
 
+/// Names and bytes of `recording.toml` and `run.csv`.
+pub type Files = [(&'static str, Vec<u8>); 2];
+
+/// What a manifest says.
+#[derive(Debug, Clone, Copy)]
+pub enum Text {
+    /// Of an axis.
+    Axis(AxisText),
+    /// Of a bench.
+    Bench,
+    /// Of a coupon.
+    Coupon,
+}
+
 /// What instruments wrote.
 #[derive(Debug, Clone)]
 pub enum Columns {
@@ -32,6 +49,24 @@ pub enum Columns {
         position_m: Vec<f64>,
         /// V, or N of a force cell.
         input: Vec<f64>,
+    },
+    /// A bench.
+    Bench {
+        /// s; not every bench writes it.
+        time_s: Option<Vec<f64>>,
+        /// rad.
+        angle_rad: Vec<f64>,
+        /// N m.
+        torque_n_m: Vec<f64>,
+    },
+    /// A coupon.
+    Coupon {
+        /// s.
+        time_s: Vec<f64>,
+        /// 1.
+        stretch: Vec<f64>,
+        /// Pa.
+        stress_pa: Vec<f64>,
     },
 }
 
@@ -79,21 +114,20 @@ fn raw(label: &str, symbol: &str, values: Vec<f64>) -> RawColumn {
 ///
 /// # Errors
 /// A manifest that does not read back.
-pub fn write(
-    id: &str,
-    axis: Option<&AxisText>,
-    columns: &Columns,
-) -> Result<([(&'static str, Vec<u8>); 2], Recording), String> {
+pub fn write(id: &str, text: &Text, columns: &Columns) -> Result<(Files, Recording), String> {
     let mut toml = String::new();
     let estimate = |v: Option<f64>| v.map_or("\"estimate\"".to_owned(), |v| format!("{v:?}"));
-    let (table, raw_axis);
+    let table;
+    let (mut raw_axis, mut raw_bench, mut raw_coupon) = (None, None, None);
     match columns {
         Columns::Axis {
             time_s,
             position_m,
             input,
         } => {
-            let text = axis.ok_or("an axis without constants")?;
+            let Text::Axis(text) = text else {
+                return Err("an axis without constants".into());
+            };
             let symbol = if text.force_cell { "N" } else { "V" };
             let label = format!("u_{symbol}");
             let _ = write!(
@@ -120,6 +154,62 @@ pub fn write(
                 load: None,
             });
         }
+        Columns::Bench {
+            time_s,
+            angle_rad,
+            torque_n_m,
+        } => {
+            let clock = if time_s.is_some() {
+                "time = \"t_s\"\n"
+            } else {
+                ""
+            };
+            let time_unit = if time_s.is_some() {
+                "time = \"s\", "
+            } else {
+                ""
+            };
+            let _ = write!(
+                toml,
+                "[recording]\nid = \"{id}\"\nkind = \"hinge-bench\"\n\n[bench]\nfile = \"run.csv\"\n{clock}angle = \"angle_rad\"\ntorque = \"torque_Nm\"\nunits = {{ {time_unit}angle = \"rad\", torque = \"N m\" }}\n"
+            );
+            let mut list: Vec<&[f64]> = vec![angle_rad, torque_n_m];
+            let mut header = "angle_rad,torque_Nm".to_owned();
+            if let Some(t) = time_s {
+                list.insert(0, t);
+                header.insert_str(0, "t_s,");
+            }
+            let (words, mut read) = csv(&header, &list);
+            table = words;
+            let torque = read.pop().unwrap_or_default();
+            let angle = read.pop().unwrap_or_default();
+            raw_bench = Some(RawBench {
+                time_s: read.pop(),
+                angle: raw("angle_rad", "rad", angle),
+                torque: raw("torque_Nm", "N m", torque),
+            });
+        }
+        Columns::Coupon {
+            time_s,
+            stretch,
+            stress_pa,
+        } => {
+            let _ = write!(
+                toml,
+                "[recording]\nid = \"{id}\"\nkind = \"film-coupon\"\nfilm_state = \"virgin\"\n\n[coupon]\nfile = \"run.csv\"\nmode = \"uniaxial\"\ntime = \"t_s\"\nstretch = \"stretch\"\nnominal_stress = \"stress_Pa\"\nunits = {{ time = \"s\", stretch = \"1\", nominal_stress = \"Pa\" }}\n"
+            );
+            let (words, mut read) = csv("t_s,stretch,stress_Pa", &[time_s, stretch, stress_pa]);
+            table = words;
+            let stress = read.pop().unwrap_or_default();
+            let stretch = read.pop().unwrap_or_default();
+            raw_coupon = Some(RawCoupon {
+                mode: CouponMode::Uniaxial,
+                time_s: read.pop(),
+                time_steps_back: Vec::new(),
+                elongation: RawElongation::Stretch(raw("stretch", "1", stretch)),
+                load: RawLoad::NominalStress(raw("stress_Pa", "Pa", stress)),
+            });
+        }
     }
     let path = Path::new("recording.toml");
     let recording = Recording {
@@ -131,8 +221,8 @@ pub fn write(
         motion: None,
         voltage: None,
         monitor: None,
-        coupon: None,
-        bench: None,
+        coupon: raw_coupon,
+        bench: raw_bench,
         axis: raw_axis,
         sources: Vec::new(),
         notes: Vec::new(),

@@ -141,6 +141,7 @@ fn the_report_of_a_real_film() {
     }
     if let Some(folder) = std::env::var_os("DEACAL_WRITE_REPORT") {
         let path = Path::new(&folder).join("coupon.html");
-        deacal::report::output::write_atomic(&path, &html).unwrap();
+        deacal::report::output::write_atomic(&path, deacal::report::output::Overwrite::Any, &html)
+            .unwrap();
     }
 }

@@ -8,7 +8,12 @@ fn committed_schemas_are_current() {
     for (name, text) in deacal::report::schema::schemas() {
         let path = dir.join(format!("{name}.schema.json"));
         if std::env::var_os("DEACAL_WRITE_SCHEMAS").is_some() {
-            deacal::report::output::write_atomic(&path, &text).unwrap();
+            deacal::report::output::write_atomic(
+                &path,
+                deacal::report::output::Overwrite::Any,
+                &text,
+            )
+            .unwrap();
         }
         let committed = std::fs::read_to_string(&path).unwrap_or_default();
         assert!(

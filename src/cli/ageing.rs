@@ -59,7 +59,9 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     }
     let progress = Progress::new(talk);
     let kinds = [Kind::FilmSample, Kind::Robot];
+    OutputSet::check(&a.output, &["report.html", "ageing.json"], talk.overwrite())?;
     let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
+    let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
     progress.step("aligning");
     let inputs = recordings
@@ -78,10 +80,10 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         mount_m: a.mount.map(|mm| mm * 1e-3),
     };
     progress.step("comparing");
-    let outcome = ageing(&inputs, &request)?;
-    progress.stopped()?;
+    let mut outcome = ageing(&inputs, &request)?;
+    outcome.remarks.extend(copies);
     let json = AgeingJson::new(&outcome, provenance.clone());
-    let mut set = OutputSet::new(&a.output)?;
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
     let page = html::render_ageing(&outcome, &inputs, &json, &provenance);
     set.write("report.html", page)?;
     set.write("ageing.json", to_text(&json))?;

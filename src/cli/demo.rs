@@ -35,7 +35,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let coupon = Coupon::from_recording(&recordings[0])?;
     let outcome = calibrate_coupons(&[&coupon], &CouponRequest::new(3), &watch)?;
     let provenance = Provenance::of("deacal demo", &recordings);
-    let mut set = OutputSet::new(output.join("coupon"))?;
+    let mut set = OutputSet::new(output.join("coupon"), talk.overwrite())?;
     set.write("report.html", html::render_coupons(&outcome, &provenance))?;
     set.write(
         "fit.json",
@@ -69,6 +69,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &film,
         &FitJson::new(&film, provenance.clone()),
         provenance,
+        talk.overwrite(),
     )?;
 
     talk.say("\nThe forearms, from one actuator at a time");
@@ -84,6 +85,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &forearm,
         &FitJson::new(&forearm, provenance.clone()),
         provenance,
+        talk.overwrite(),
     )?;
 
     talk.say("\nBoth, jointly from all four");
@@ -98,6 +100,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &joint,
         &FitJson::new(&joint, provenance.clone()),
         provenance,
+        talk.overwrite(),
     )?;
     say_outcome(&joint, talk);
 
@@ -122,7 +125,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         None,
         provenance.clone(),
     );
-    let mut set = OutputSet::new(output.join("validation"))?;
+    let mut set = OutputSet::new(output.join("validation"), talk.overwrite())?;
     set.write("validation.json", to_text(&json))?;
     let models = [(parameters.display().to_string(), validation)];
     set.write("report.html", html::render_validation(&models, &provenance))?;
@@ -140,7 +143,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     )?;
     let provenance = Provenance::of("deacal demo", &recordings);
     let folder = output.join("diagnosis");
-    diagnose::write(&folder, &diagnosis, series, provenance)?;
+    diagnose::write(&folder, &diagnosis, series, provenance, talk.overwrite())?;
     talk.say(&format!("  {}", diagnosis.says));
     drop(progress);
     talk.result(&json);

@@ -16,7 +16,7 @@ use crate::recording::{Kind, Recording, suggestion};
 use crate::report::diagnosis_json::DiagnosisJson;
 use crate::report::html;
 use crate::report::json::to_text;
-use crate::report::output::OutputSet;
+use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
 use crate::report::provenance::Provenance;
 use crate::simulate::write::{VoltageLog, voltage_csv};
@@ -75,11 +75,21 @@ const ENOUGH: usize = 4;
 pub(super) type Search =
     fn(&Robot, &[Entry], &[Entry], &Request, &(dyn Fn(&str) + Sync)) -> Result<Diagnosis, Error>;
 
+/// The files of a diagnosis; a robot's has the next experiment, too.
+const FILES: [&str; 4] = [
+    "report.html",
+    "parameters.toml",
+    "diagnosis.json",
+    "next_experiment.csv",
+];
+
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> Result<(), Failure> {
     let progress = Progress::new(talk);
     let paths: Vec<PathBuf> = a.recordings.iter().chain(&a.holdout).cloned().collect();
     let kinds = [Kind::Robot, Kind::Axis, Kind::HingeBench, Kind::FilmCoupon];
+    OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings_of(&paths, a.rig.as_ref(), &kinds, &progress)?;
+    let (recordings, named, copies) = load::distinct(recordings, a.recordings.len());
     let provenance = Provenance::of(command, &recordings);
     let request = Request {
         false_alarm_rate: a.false_alarms,
@@ -87,23 +97,18 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
         rivals: a.rivals,
     };
     if recordings[0].manifest.kind != Kind::Robot {
-        let (diagnosis, series) =
-            judge_lines(&recordings, a.recordings.len(), &request, &progress)?;
+        let (mut diagnosis, series) = judge_lines(&recordings, named, &request, &progress)?;
+        diagnosis.remarks.extend(copies);
         return finish(a, &diagnosis, series, provenance, progress, talk);
     }
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     let series = series::order(&recordings, &datasets)?;
     drop(recordings);
-    let (diagnosis, series) = judge(
-        &robot,
-        &datasets,
-        a.recordings.len(),
-        series,
-        &request,
-        &progress,
-        search,
+    let (mut diagnosis, series) = judge(
+        &robot, &datasets, named, series, &request, &progress, search,
     )?;
+    diagnosis.remarks.extend(copies);
     finish(a, &diagnosis, series, provenance, progress, talk)
 }
 
@@ -115,9 +120,8 @@ fn finish(
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
-    progress.stopped()?;
     progress.step("writing");
-    let json = write(&a.output, diagnosis, series, provenance)?;
+    let json = write(&a.output, diagnosis, series, provenance, talk.overwrite())?;
     drop(progress);
     talk.result(&json);
     say(diagnosis, talk);
@@ -214,10 +218,7 @@ fn in_order(
             ids.join(", ")
         ));
     }
-    let watch = |what: &str| {
-        progress.step(what);
-        progress.leave_if_stopped();
-    };
+    let watch = |what: &str| progress.step(what);
     let mut diagnosis = search(&entries, &train, &holdout, &watch)?;
     diagnosis.remarks.extend(remarks);
     Ok((
@@ -246,9 +247,10 @@ pub(super) fn write(
     diagnosis: &Diagnosis,
     series: Vec<SeriesEntry>,
     provenance: Provenance,
+    overwrite: Overwrite,
 ) -> Result<DiagnosisJson, Failure> {
     let json = DiagnosisJson::new(diagnosis, series.clone(), provenance.clone());
-    let mut set = OutputSet::new(output)?;
+    let mut set = OutputSet::new(output, overwrite)?;
     set.write(
         "report.html",
         html::render_diagnosis(diagnosis, &provenance),

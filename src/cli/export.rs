@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::{Failure, Talk, load};
+use super::{Failure, Talk, Unsaid, load};
 use crate::report::export::{Format, export};
 use crate::report::output::write_atomic;
 
@@ -27,10 +27,15 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     let text = export(&file, format);
     match &a.output {
         Some(path) => {
-            write_atomic(path, text)?;
+            write_atomic(path, talk.overwrite(), text)?;
             talk.say(&format!("Written: {}", path.display()));
         }
-        None => std::io::stdout().write_all(text.as_bytes())?,
+        None => {
+            let mut out = std::io::stdout();
+            out.write_all(text.as_bytes())
+                .and_then(|()| out.flush())
+                .map_err(Unsaid::failure)?;
+        }
     }
     Ok(())
 }

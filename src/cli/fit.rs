@@ -1,5 +1,6 @@
 //! `fit film|forearm|robot|sample|coupon|hinge|axis`.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -14,7 +15,7 @@ use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
 use crate::report::html;
 use crate::report::json::{FitJson, to_text};
-use crate::report::output::OutputSet;
+use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::plan_to_toml;
 use crate::report::provenance::Provenance;
@@ -151,8 +152,10 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
 
 fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
+    OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings =
         load::recordings(&a.common.recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let (recordings, _, copies) = load::distinct(recordings, 0);
     let file = a.start.as_deref().map(load::parameters).transpose()?;
     let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
     let provenance = Provenance::of(command, &recordings);
@@ -169,11 +172,17 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
         ..Request::new(stage)
     };
     let refs: Vec<_> = datasets.iter().collect();
-    let outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
-    progress.stopped()?;
+    let mut outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
+    outcome.remarks.extend(copies);
     progress.step("writing");
     let fit = FitJson::new(&outcome, provenance.clone());
-    write_fit(&a.common.output, &outcome, &fit, provenance)?;
+    write_fit(
+        &a.common.output,
+        &outcome,
+        &fit,
+        provenance,
+        talk.overwrite(),
+    )?;
     drop(progress);
     talk.result(&fit);
     say_outcome(&outcome, talk);
@@ -184,15 +193,19 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     Ok(())
 }
 
+/// The files of a fit.
+const FILES: [&str; 4] = ["report.html", "parameters.toml", "fit.json", "plan.toml"];
+
 /// Parameters, numbers, choices and report of a fit, all or none.
 pub(super) fn write_fit(
     output: &Path,
     outcome: &Outcome,
     fit: &FitJson,
     provenance: Provenance,
+    overwrite: Overwrite,
 ) -> Result<(), Failure> {
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
-    let mut set = OutputSet::new(output)?;
+    let mut set = OutputSet::new(output, overwrite)?;
     set.write("report.html", html::render(outcome, &provenance))?;
     set.write(
         "parameters.toml",
@@ -233,12 +246,14 @@ pub(super) fn say_outcome(outcome: &Outcome, talk: Talk) {
 
 fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
+    OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(
         &a.common.recordings,
         a.rig.as_ref(),
         Kind::FilmSample,
         &progress,
     )?;
+    let (recordings, _, copies) = load::distinct(recordings, 0);
     let file = a.start.as_deref().map(load::parameters).transpose()?;
     let provenance = Provenance::of(command, &recordings);
     let (datasets, samples) = load::samples(&recordings, file.as_ref())?;
@@ -253,8 +268,8 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
         ..SampleRequest::new(a.common.branches.into())
     };
     progress.step("fitting");
-    let outcome = calibrate_samples(&refs, &samples, &request, &|_| progress.asked())?;
-    progress.stopped()?;
+    let mut outcome = calibrate_samples(&refs, &samples, &request, &|_| ControlFlow::Continue(()))?;
+    outcome.remarks.extend(copies);
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
     let written = Written {
         report: html::render_samples(&outcome, &provenance),
@@ -275,7 +290,7 @@ struct Written {
 
 /// Writes it, all or none, and says it.
 fn finish(output: &Path, w: &Written, progress: Progress, talk: Talk) -> Result<(), Failure> {
-    let mut set = OutputSet::new(output)?;
+    let mut set = OutputSet::new(output, talk.overwrite())?;
     set.write("report.html", &w.report)?;
     set.write("parameters.toml", w.parameters.to_toml())?;
     set.write("fit.json", to_text(&w.fit))?;
@@ -295,7 +310,9 @@ fn finish(output: &Path, w: &Written, progress: Progress, talk: Talk) -> Result<
 
 fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
+    OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
+    let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
     let lines = load::lines(&recordings, &progress)?;
     drop(recordings);
@@ -304,8 +321,8 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure>
         bound: a.bound.clone(),
     };
     progress.step("fitting");
-    let outcome = calibrate_lines(&lines, &request)?;
-    progress.stopped()?;
+    let mut outcome = calibrate_lines(&lines, &request)?;
+    outcome.remarks.extend(copies);
     let written = Written {
         report: html::render_lines(&outcome, &provenance),
         fit: FitJson::of_lines(&outcome, provenance.clone()),
@@ -317,7 +334,9 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure>
 
 fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
+    OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
+    let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
     let coupons = recordings
         .iter()
@@ -331,8 +350,8 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
         seed: a.common.seed,
         ..CouponRequest::new(a.common.branches.into())
     };
-    let outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
-    progress.stopped()?;
+    let mut outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
+    outcome.remarks.extend(copies);
     let written = Written {
         report: html::render_coupons(&outcome, &provenance),
         fit: FitJson::of_coupons(&outcome, provenance.clone()),

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use super::progress::Progress;
-use super::{Failure, Talk};
+use super::{Failure, Talk, load};
 use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
 use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, survey_file};
 use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
-use crate::report::output::{OutputSet, write_atomic};
+use crate::report::output::{OutputSet, Overwrite, write_atomic};
 use crate::report::provenance::Provenance;
 use crate::report::{csv, mcap, survey};
 
@@ -36,13 +36,14 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         init_target(&a.paths)?;
     }
     let progress = Progress::new(talk);
-    let mut set = OutputSet::new(&a.output)?;
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
     let mut provenance = Provenance::new(command);
     let (mut recordings, mut files) = (Vec::new(), Vec::new());
     let (mut lines, mut surveys) = (Vec::new(), Vec::new());
     for path in &a.paths {
         progress.step(format!("reading {}", path.display()));
         if is_recording(path) {
+            load::whole(path)?;
             let recording = Recording::open(path)?;
             provenance.add(&recording);
             recordings.push(one(
@@ -59,7 +60,6 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
             files.push(ImportFile::new(path, &survey));
             surveys.push((path, survey));
         }
-        progress.stopped()?;
     }
     let json = ImportJson {
         recordings,
@@ -116,7 +116,11 @@ fn init(target: &Path, surveys: &[(&PathBuf, Survey)]) -> Result<(), Failure> {
             (name.display().to_string(), survey)
         })
         .collect();
-    Ok(write_atomic(target, survey::manifest(&files))?)
+    Ok(write_atomic(
+        target,
+        Overwrite::Own,
+        survey::manifest(&files),
+    )?)
 }
 
 /// The clock offset and skew that events or a shared channel told.
@@ -175,7 +179,6 @@ fn one(
         let outcome = calibrate_robot(&robot, &[&dataset], &Request::new(Stage::Robot), &|s| {
             progress.watch(s)
         })?;
-        progress.stopped()?;
         dataset.offset_s = outcome.recordings[0].offset_s;
         fitted = Some(outcome);
     }

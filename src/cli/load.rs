@@ -10,6 +10,7 @@ use crate::dataset::line::Line;
 use crate::dataset::{Dataset, HangingDataset, Plan};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
+use crate::report::output::settle;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::read_plan;
 use crate::simulate::{Hold, PlannedPath, Sampled};
@@ -32,6 +33,7 @@ pub(super) fn recordings_of(
     progress: &Progress,
 ) -> Result<Vec<Recording>, Failure> {
     progress.step(format!("reading {} recording(s)", paths.len()));
+    paths.iter().chain(rig).try_for_each(|p| whole(p))?;
     let options = OpenOptions { rig: rig.cloned() };
     let all: Vec<Recording> = paths
         .par_iter()
@@ -74,6 +76,36 @@ pub(super) fn recordings_of(
     Ok(all)
 }
 
+/// Recordings without copies of one another, and what to say of those that were left out. The same motion and voltage under another id is
+/// no further evidence: fifty copies would make every interval seven times too narrow. Of the first `named` recordings that many stay.
+pub(super) fn distinct(all: Vec<Recording>, named: usize) -> (Vec<Recording>, usize, Vec<String>) {
+    let sums: Vec<String> = all.par_iter().map(Recording::content_sum).collect();
+    let ids: Vec<String> = all.iter().map(|r| r.manifest.id.clone()).collect();
+    let (mut kept, mut still_named, mut remarks) = (Vec::new(), 0, Vec::new());
+    for (i, r) in all.into_iter().enumerate() {
+        if let Some(first) = sums[..i].iter().position(|s| *s == sums[i]) {
+            remarks.push(format!(
+                "{} holds the very numbers of {}: a copy is no further evidence, and it was left out.",
+                ids[i], ids[first]
+            ));
+        } else {
+            still_named += usize::from(i < named);
+            kept.push(r);
+        }
+    }
+    (kept, still_named, remarks)
+}
+
+/// Ends what a run was putting in place in the folder of `path`, where it was cut off in the middle.
+pub(super) fn whole(path: &Path) -> Result<(), Failure> {
+    let folder = if path.is_dir() {
+        path
+    } else {
+        path.parent().unwrap_or(Path::new(""))
+    };
+    Ok(settle(folder)?)
+}
+
 /// Smooths and aligns robot recordings.
 pub(super) fn datasets(
     recordings: &[Recording],
@@ -86,7 +118,6 @@ pub(super) fn datasets(
         .par_iter()
         .map(|r| Dataset::from_recording(r, plans.iter().find(|p| p.recording == r.manifest.id)))
         .collect::<Result<Vec<_>, _>>()?;
-    progress.stopped()?;
     Ok(all)
 }
 
@@ -97,7 +128,6 @@ pub(super) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec
         .par_iter()
         .map(Line::from_recording)
         .collect::<Result<Vec<_>, _>>()?;
-    progress.stopped()?;
     Ok(all)
 }
 
@@ -172,6 +202,7 @@ pub(super) fn samples(
 
 /// Reads a parameter file.
 pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
+    whole(path)?;
     Ok(ParameterFile::read(path)?)
 }
 

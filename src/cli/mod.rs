@@ -10,24 +10,30 @@ mod load;
 mod predict;
 mod progress;
 mod prove;
+mod resume;
 mod series;
 mod simulate;
+mod stop;
 mod validate;
 
 use std::ffi::OsString;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::report::output::Overwrite;
 
 /// Anything that keeps a job from being done: one line that says what, where, and what to do.
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Calibrates dielectric-elastomer actuators from recordings of motion and voltage.
 ///
-/// REC is a recording.toml, or a folder that has one. Results go to the folder given with -o; none is left half-written, and a failed
-/// run overwrites nothing. Exit status: 0 done, 1 the job could not be done, 2 wrong usage.
+/// REC is a recording.toml, or a folder that has one. Results go to the folder given with -o; they are put there all at once or not at
+/// all, and never onto a file that was read or that the program did not make (unless --force). Exit status: 0 done, 1 the job could not
+/// be done, 2 wrong usage, 130 and 143 stopped by Ctrl-C and SIGTERM.
 #[derive(Parser)]
 #[command(name = "deacal", version)]
 struct Cli {
@@ -37,7 +43,7 @@ struct Cli {
     talk: Talk,
 }
 
-/// How a command talks.
+/// How a command talks, and what it may overwrite.
 #[derive(Args, Clone, Copy)]
 struct Talk {
     /// The result as JSON on standard output, nothing else there
@@ -46,22 +52,82 @@ struct Talk {
     /// No progress and no summary
     #[arg(long, short, global = true)]
     quiet: bool,
+    /// Overwrites files that the program did not make itself, or that it has just read; write-protected ones stay all the same
+    #[arg(long, global = true)]
+    force: bool,
+}
+
+/// Why standard output could not be written, the first time; said at the end of the job, whose files are there all the same.
+static UNSAID: OnceLock<io::Error> = OnceLock::new();
+
+/// Standard output that could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "standard output cannot be written: {0}; make room where it goes, or read the result from the files of -o"
+)]
+struct Unsaid(String);
+
+impl Unsaid {
+    /// As a failure of the job; a reader that went away stays what it is.
+    fn failure(error: io::Error) -> Failure {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            return error.into();
+        }
+        Unsaid(error.to_string()).into()
+    }
+}
+
+/// Text for a terminal: what could steer it (escape sequences in an id or a topic) is shown, not sent.
+fn plain(text: &str) -> String {
+    let steers = |c: char| {
+        (c.is_control() && c != '\n' && c != '\t')
+            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    if !text.contains(steers) {
+        return text.to_owned();
+    }
+    let mut out = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if steers(c) {
+            out.extend(c.escape_default());
+        } else {
+            out.push(c);
+        }
+    }
+    out
 }
 
 impl Talk {
     /// A line for the reader, unless the output is JSON or nothing is wanted.
     fn say(self, text: &str) {
         if !self.json && !self.quiet {
-            // A reader that went away (a closed pipe) is no failure of the job.
-            let _ = writeln!(std::io::stdout(), "{text}");
+            print(&plain(text));
         }
     }
 
     /// A result as JSON, where that is wanted.
     fn result(self, value: &impl serde::Serialize) {
         if self.json {
-            let _ = writeln!(std::io::stdout(), "{}", crate::report::json::to_text(value));
+            print(&crate::report::json::to_text(value));
         }
+    }
+
+    /// What may be overwritten.
+    fn overwrite(self) -> Overwrite {
+        if self.force {
+            Overwrite::Any
+        } else {
+            Overwrite::Own
+        }
+    }
+}
+
+/// A line on standard output.
+fn print(text: &str) {
+    let mut out = io::stdout();
+    if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush()) {
+        // the first one counts
+        let _ = UNSAID.set(error);
     }
 }
 
@@ -111,6 +177,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let talk = cli.talk;
+    stop::listen();
     let words: Vec<String> = arguments
         .iter()
         .skip(1)
@@ -133,16 +200,24 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Completions { shell } => {
             let mut out = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "deacal", &mut out);
-            let _ = std::io::stdout().write_all(&out);
-            Ok(())
+            let mut to = io::stdout();
+            to.write_all(&out)
+                .and_then(|()| to.flush())
+                .map_err(Unsaid::failure)
         }
     };
+    let done = done.and_then(|()| match UNSAID.get() {
+        Some(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Unsaid(error.to_string()).into())
+        }
+        _ => Ok(()),
+    });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         // A reader that has seen enough (`deacal ... | head`) is no failure.
         Err(failure) if closed_pipe(failure.as_ref()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("deacal: {failure}");
+            eprintln!("deacal: {}", plain(&failure.to_string()));
             ExitCode::from(1)
         }
     }

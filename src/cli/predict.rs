@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use super::progress::Progress;
 use super::simulate::explain;
-use super::{Failure, Talk, load, series};
+use super::{Failure, Talk, Unsaid, load, series};
 use crate::calibration::{
     RecordingOutcome, predict_command, predict_force, predict_line, predict_sample_motion,
     validate_robot_with, validate_samples,
@@ -138,7 +138,7 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         if let Some(told) = command_v {
             whole.predicted_v = told;
         }
-        write_whole(path, &datasets[0], &whole, &provenance)?;
+        write_whole(path, talk, &datasets[0], &whole, &provenance)?;
     } else {
         write(a.output.as_deref(), talk, |out| {
             csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
@@ -171,7 +171,6 @@ fn motion(
     };
     let forward = predict_motion(robot, dataset, parameters, offset_s, effects, when)
         .map_err(|why| format!("recording `{}`: {}", dataset.id, explain(&why)))?;
-    progress.stopped()?;
     drop(progress);
     let n = dataset.samples();
     let time_s: Vec<f64> = (0..n).map(|i| dataset.time_s(i)).collect();
@@ -314,18 +313,23 @@ fn is_whole(a: &Arguments) -> bool {
 /// Aligned recording, prediction and residual.
 fn write_whole(
     path: &Path,
+    talk: Talk,
     dataset: &Dataset,
     r: &RecordingOutcome,
     provenance: &Provenance,
 ) -> Result<(), Failure> {
     let extension = extension(path);
     if extension == "mcap" {
-        write_atomic_with(path, |out| mcap::aligned(out, dataset, Some(r), provenance))?;
+        write_atomic_with(path, talk.overwrite(), |out| {
+            mcap::aligned(out, dataset, Some(r), provenance)
+        })?;
         return Ok(());
     }
     let format = ArrayFormat::of_extension(&extension).unwrap_or(ArrayFormat::Csv);
     let arrays = Arrays::of(dataset, Some(r));
-    write_atomic_with(path, |mut out| arrays.write(format, &mut out))?;
+    write_atomic_with(path, talk.overwrite(), |mut out| {
+        arrays.write(format, &mut out)
+    })?;
     Ok(())
 }
 
@@ -336,9 +340,14 @@ fn write(
     fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), Failure> {
     match path {
-        Some(path) => write_atomic_with(path, |mut out| fill(&mut out))?,
+        Some(path) => write_atomic_with(path, talk.overwrite(), |mut out| fill(&mut out))?,
         None if talk.json => {}
-        None => fill(&mut std::io::BufWriter::new(std::io::stdout().lock()))?,
+        None => {
+            let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+            fill(&mut out)
+                .and_then(|()| out.flush())
+                .map_err(Unsaid::failure)?;
+        }
     }
     Ok(())
 }

@@ -1,36 +1,44 @@
-//! Progress on standard error, and the wish to stop.
+//! Progress on standard error: one line that changes where somebody looks, now and then a line where it goes to a file or a pipe.
 
+use std::io::IsTerminal;
 use std::ops::ControlFlow;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::Talk;
+use super::{Talk, plain};
 use crate::fit::separable::State;
 
-static STOP: AtomicBool = AtomicBool::new(false);
-static HANDLER: OnceLock<()> = OnceLock::new();
+/// How often a line goes to a file or a pipe; shorter runs say nothing there.
+const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// A line that says what is going on; it shows only when the work takes a while and somebody looks.
+/// The bar that shows, for a stop to clear.
+static SHOWN: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+/// Takes the bar away, before the last words.
+pub(super) fn clear() {
+    if let Some(bar) = SHOWN.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        bar.finish_and_clear();
+    }
+}
+
+/// What is going on.
 pub(super) struct Progress {
     bar: ProgressBar,
     evaluations: AtomicUsize,
+    message: Arc<Mutex<String>>,
+    /// Closed when the work ends.
+    lines: Option<Sender<()>>,
 }
 
 impl Progress {
-    /// Begins; Ctrl-C from now on asks the work to stop at its next step.
+    /// Begins.
     pub(super) fn new(talk: Talk) -> Self {
-        HANDLER.get_or_init(|| {
-            // Where no handler can be set, Ctrl-C ends the program at once, which leaves no file half-written either.
-            let _ = ctrlc::set_handler(|| {
-                if STOP.swap(true, Ordering::Relaxed) {
-                    std::process::exit(130); // asked twice
-                }
-            });
-        });
-        let bar = if talk.quiet {
+        let seen = std::io::stderr().is_terminal();
+        let bar = if talk.quiet || !seen {
             ProgressBar::hidden()
         } else {
             ProgressBar::new_spinner()
@@ -38,59 +46,67 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} ({elapsed})") {
             bar.set_style(style);
         }
-        bar.enable_steady_tick(Duration::from_millis(200));
+        if seen && !talk.quiet {
+            bar.enable_steady_tick(Duration::from_millis(200));
+            *SHOWN.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+        }
+        let message = Arc::new(Mutex::new(String::new()));
+        let lines = (!seen && !talk.quiet).then(|| speak(Arc::clone(&message)));
         Progress {
             bar,
             evaluations: AtomicUsize::new(0),
+            message,
+            lines,
         }
     }
 
     /// Says what comes now.
     pub(super) fn step(&self, text: impl Into<String>) {
-        self.bar.set_message(text.into());
+        let text = plain(&text.into());
+        if self.lines.is_some() {
+            *self.message.lock().unwrap_or_else(PoisonError::into_inner) = text;
+        } else {
+            self.bar.set_message(text);
+        }
     }
 
-    /// For a fit: counts, shows the cost, and says whether to go on.
+    /// For a fit: counts, shows the cost, and goes on.
     pub(super) fn watch(&self, state: &State) -> ControlFlow<()> {
         let count = self.evaluations.fetch_add(1, Ordering::Relaxed);
         if count.is_multiple_of(5) {
-            self.bar.set_message(format!(
+            self.step(format!(
                 "fitting: {count} evaluations, cost {:.4}",
                 state.cost / state.rows.max(1) as f64
             ));
         }
-        self.asked()
-    }
-
-    /// Whether to go on.
-    pub(super) fn asked(&self) -> ControlFlow<()> {
-        if STOP.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    }
-
-    /// For work that cannot be asked to stop: ends the program where a stop was asked for. Nothing is written before a job is done.
-    pub(super) fn leave_if_stopped(&self) {
-        if STOP.load(Ordering::Relaxed) {
-            self.bar.finish_and_clear();
-            eprintln!("deacal: stopped on request; nothing was written");
-            std::process::exit(1);
-        }
-    }
-
-    /// An error when a stop was asked for.
-    pub(super) fn stopped(&self) -> Result<(), super::Failure> {
-        if STOP.load(Ordering::Relaxed) {
-            return Err("stopped on request; nothing was written".into());
-        }
-        Ok(())
+        ControlFlow::Continue(())
     }
 }
 
 impl Drop for Progress {
     fn drop(&mut self) {
+        self.lines = None;
+        clear();
         self.bar.finish_and_clear();
     }
+}
+
+/// A thread that says from time to time what the message is, until the sender is dropped.
+fn speak(message: Arc<Mutex<String>>) -> Sender<()> {
+    let (sender, receiver) = channel::<()>();
+    let begin = Instant::now();
+    let talk = move || {
+        while receiver.recv_timeout(LINE_EVERY) == Err(RecvTimeoutError::Timeout) {
+            let text = message
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .clone();
+            eprintln!("deacal: {text} ({:.0} s)", begin.elapsed().as_secs_f64());
+        }
+    };
+    // Without a thread nothing is said on the way.
+    let _ = std::thread::Builder::new()
+        .name("progress".into())
+        .spawn(talk);
+    sender
 }

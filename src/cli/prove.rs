@@ -1,13 +1,16 @@
 //! `prove`: the diagnosis blind over cases with sealed answers, then scored.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
 use super::progress::Progress;
-use super::series;
+use super::resume::{Pieces, Run};
 use super::{Failure, Talk, diagnose, load};
+use super::{series, stop};
 use crate::cases::line::{self, Rig};
 use crate::cases::{DriveSet, Truth, generate, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
@@ -16,7 +19,7 @@ use crate::proof::{
 };
 use crate::recording::Kind;
 use crate::report::json::to_text;
-use crate::report::output::OutputSet;
+use crate::report::output::{OutputSet, Overwrite, settle};
 use crate::report::proof::render_proof;
 
 /// What to prove on.
@@ -61,10 +64,11 @@ type Files = (Vec<(String, Vec<u8>)>, String, String);
 fn keep<S>(
     specs: &[S],
     dir: &Path,
+    overwrite: Overwrite,
     files: impl Fn(&S) -> Result<Files, String>,
 ) -> Result<(), Failure> {
-    let mut cases = OutputSet::new(dir.join("cases"))?;
-    let mut answers = OutputSet::new(dir.join("answers"))?;
+    let mut cases = OutputSet::new(dir.join("cases"), overwrite)?;
+    let mut answers = OutputSet::new(dir.join("answers"), overwrite)?;
     for spec in specs {
         let (case, answer, truth) = files(spec)?;
         for (name, bytes) in case {
@@ -86,19 +90,103 @@ fn parse_drive(text: &str) -> Result<DriveSet, String> {
     }
 }
 
+/// The files of a proof.
+const FILES: [&str; 3] = ["proof.json", "trials.json", "report.html"];
+/// What is done so far, until they are there.
+const PART: &str = "trials.part.jsonl";
+
+/// The trials of a run, one by one: those that an earlier run wrote down, and the new ones.
+struct Ledger<'a> {
+    pieces: &'a Pieces,
+    progress: &'a Progress,
+    done: AtomicUsize,
+    total: usize,
+    /// What kept a trial from being written down.
+    failed: Mutex<Option<Failure>>,
+}
+
+impl<'a> Ledger<'a> {
+    fn new(pieces: &'a Pieces, progress: &'a Progress, total: usize) -> Self {
+        Ledger {
+            pieces,
+            progress,
+            done: AtomicUsize::new(0),
+            total,
+            failed: Mutex::new(None),
+        }
+    }
+
+    /// Counts one more trial and says so.
+    fn count(&self) {
+        let n = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+        self.progress.step(format!("{n} of {} cases", self.total));
+        let path = self.pieces.path().display();
+        stop::instead(format!(
+            "{n} of {} cases are kept in {path}: the same command goes on from there",
+            self.total
+        ));
+    }
+
+    /// A trial that was made before.
+    fn known(&self, name: impl ToString) -> Option<Trial> {
+        let trial = self.pieces.get(&name.to_string())?;
+        self.count();
+        Some(trial)
+    }
+
+    /// Writes a trial down.
+    fn add(&self, name: impl ToString, trial: &Trial) {
+        let words = |list: &[String]| match list {
+            [] => "nothing".to_owned(),
+            list => list.join(" and "),
+        };
+        let (truth, named) = (words(&trial.truth), words(&trial.named));
+        let says = match &trial.failure {
+            Some(why) => why.clone(),
+            None => format!("{}: {truth}; said {}: {named}", trial.case, trial.verdict),
+        };
+        if let Err(why) = self.pieces.add(&name.to_string(), says, trial) {
+            self.failed
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .get_or_insert(why);
+        }
+        self.count();
+    }
+
+    /// Whether all trials could be written down.
+    fn end(self) -> Result<(), Failure> {
+        let failed = self.failed.into_inner();
+        match failed.unwrap_or_else(PoisonError::into_inner) {
+            Some(why) => Err(why),
+            None => Ok(()),
+        }
+    }
+}
+
 pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
-    let trials = match &a.cases {
-        Some(cases) => of_folder(cases, a.answers.as_deref(), &progress)?,
-        None => of_plan(a, &progress)?,
+    OutputSet::check(&a.output, &FILES, talk.overwrite())?;
+    settle(&a.output)?;
+    let (trials, pieces) = match &a.cases {
+        Some(cases) => {
+            let list = cases_of(cases, a.answers.as_deref())?;
+            let pieces = begin(a, "cases of a folder".into(), talk)?;
+            let ledger = Ledger::new(&pieces, &progress, list.len());
+            let trials = of_folder(&list, a.answers.as_deref(), &ledger)?;
+            ledger.end()?;
+            (trials, pieces)
+        }
+        None => of_plan(a, &progress, talk)?,
     };
     let proof = score(&trials);
     progress.step("writing");
-    let mut set = OutputSet::new(&a.output)?;
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
     set.write("proof.json", to_text(&proof))?;
     set.write("trials.json", to_text(&trials))?;
     set.write("report.html", render_proof(&proof, &trials))?;
     set.commit()?;
+    pieces.done()?;
     drop(progress);
     talk.result(&proof);
     let words = |c: &crate::proof::Count| format!("{} of {}", c.hits, c.of);
@@ -128,18 +216,37 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Tells how many cases are done.
-fn counted(total: usize, progress: &Progress) -> impl Fn(&Trial) + Sync + '_ {
-    let done = AtomicUsize::new(0);
-    move |_| {
-        let n = 1 + done.fetch_add(1, Ordering::Relaxed);
-        progress.step(format!("{n} of {total} cases"));
-        progress.leave_if_stopped();
+/// What an earlier run of `of` wrote down, or the beginning of that.
+fn begin(a: &Arguments, of: String, talk: Talk) -> Result<Pieces, Failure> {
+    Pieces::open(&a.output.join(PART), &Run::new(of), talk.overwrite())
+}
+
+/// Leaves the cases in the folder of `--keep`, once in a run that is taken up again.
+fn keep_once<S>(
+    a: &Arguments,
+    specs: &[S],
+    pieces: &Pieces,
+    progress: &Progress,
+    talk: Talk,
+    files: impl Fn(&S) -> Result<Files, String>,
+) -> Result<(), Failure> {
+    let Some(dir) = &a.keep else {
+        return Ok(());
+    };
+    if pieces.get::<()>("kept").is_some() {
+        return Ok(());
     }
+    progress.step("writing the cases");
+    keep(specs, dir, talk.overwrite(), files)?;
+    pieces.add("kept", dir.display().to_string(), &())
 }
 
 /// Makes cases as they are planned, and tries them.
-fn of_plan(a: &Arguments, progress: &Progress) -> Result<Vec<Trial>, Failure> {
+fn of_plan(
+    a: &Arguments,
+    progress: &Progress,
+    talk: Talk,
+) -> Result<(Vec<Trial>, Pieces), Failure> {
     let wanted = |kind: &str| a.kinds.is_empty() || a.kinds.iter().any(|k| k == kind);
     let owned = |files: Vec<(String, &[u8])>| -> Vec<(String, Vec<u8>)> {
         files.into_iter().map(|f| (f.0, f.1.to_vec())).collect()
@@ -154,24 +261,24 @@ fn of_plan(a: &Arguments, progress: &Progress) -> Result<Vec<Trial>, Failure> {
         for spec in &mut specs {
             spec.drive = a.drive;
         }
-        if let Some(dir) = &a.keep {
-            progress.step("writing the cases");
-            keep(&specs, dir, |s| {
-                let case = generate(s)?;
-                Ok((
-                    owned(case.files()),
-                    case.answer_file(),
-                    case.truth.to_json(),
-                ))
-            })?;
-        }
+        let form = if a.own_form { ", own form" } else { "" };
+        let of = format!("{} own cases of seed {}{form}: {specs:?}", a.number, a.seed);
+        let pieces = begin(a, of, talk)?;
+        keep_once(a, &specs, &pieces, progress, talk, |s| {
+            let case = generate(s)?;
+            Ok((
+                owned(case.files()),
+                case.answer_file(),
+                case.truth.to_json(),
+            ))
+        })?;
+        let ledger = Ledger::new(&pieces, progress, specs.len());
         let make = if a.own_form { own_form } else { generate };
-        return Ok(run_own(
-            &specs,
-            make,
-            trial,
-            &counted(specs.len(), progress),
-        ));
+        let trials = run_own(&specs, make, trial, &|i| ledger.known(i), &|i, t| {
+            ledger.add(i, t)
+        });
+        ledger.end()?;
+        return Ok((trials, pieces));
     }
     if a.own_form || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot") {
         return Err(
@@ -181,19 +288,26 @@ fn of_plan(a: &Arguments, progress: &Progress) -> Result<Vec<Trial>, Failure> {
     }
     let mut specs = line::plan(&rigs, a.number, a.seed);
     specs.retain(|s| wanted(s.kind.name()));
-    if let Some(dir) = &a.keep {
-        progress.step("writing the cases");
-        keep(&specs, dir, |s| {
-            let case = line::generate(s)?;
-            Ok((
-                owned(case.files()),
-                case.answer_file(),
-                case.truth.to_json(),
-            ))
-        })?;
-    }
-    let watch = counted(specs.len(), progress);
-    Ok(run_own(&specs, line::generate, trial_lines, &watch))
+    let of = format!("{} own cases of seed {}: {specs:?}", a.number, a.seed);
+    let pieces = begin(a, of, talk)?;
+    keep_once(a, &specs, &pieces, progress, talk, |s| {
+        let case = line::generate(s)?;
+        Ok((
+            owned(case.files()),
+            case.answer_file(),
+            case.truth.to_json(),
+        ))
+    })?;
+    let ledger = Ledger::new(&pieces, progress, specs.len());
+    let trials = run_own(
+        &specs,
+        line::generate,
+        trial_lines,
+        &|i| ledger.known(i),
+        &|i, t| ledger.add(i, t),
+    );
+    ledger.end()?;
+    Ok((trials, pieces))
 }
 
 /// Folders in a folder, by name.
@@ -207,11 +321,8 @@ fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(out)
 }
 
-fn of_folder(
-    cases: &Path,
-    answers: Option<&Path>,
-    progress: &Progress,
-) -> Result<Vec<Trial>, Failure> {
+/// The cases of a folder. Each has an answer that can be read: that is looked at now, hours before it is needed, and forgotten.
+fn cases_of(cases: &Path, answers: Option<&Path>) -> Result<Vec<PathBuf>, Failure> {
     let list: Vec<PathBuf> = folders(cases)?
         .into_iter()
         .filter(|c| c.join("train").is_dir())
@@ -223,39 +334,79 @@ fn of_folder(
         )
         .into());
     }
-    // All cases first, without a look at any answer.
-    let done = AtomicUsize::new(0);
-    let found: Vec<(Result<Diagnosis, String>, f64)> = list
-        .par_iter()
+    for case in &list {
+        answer(case, answers)?;
+    }
+    Ok(list)
+}
+
+/// Name of a case: its folder's.
+fn name_of(case: &Path) -> String {
+    let name = case.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+/// The text of the answer to a case, and what it says.
+fn answer(case: &Path, answers: Option<&Path>) -> Result<(String, Truth), Failure> {
+    let name = name_of(case);
+    let path = match answers {
+        Some(dir) => dir.join(format!("{name}.json")),
+        None => case.join("truth.json"),
+    };
+    let mut text = String::new();
+    crate::recording::open(&path)
+        .and_then(|mut file| file.read_to_string(&mut text))
+        .map_err(|e| {
+            format!(
+                "{}: {e}: an answer is needed to score case {name}; give --answers",
+                path.display()
+            )
+        })?;
+    let truth = Truth::from_json(&text).map_err(|e| format!("{}: {e}", path.display()))?;
+    Ok((text, truth))
+}
+
+/// The sum of all files of a case.
+fn sum_of(folder: &Path, answer: &str) -> Result<String, Failure> {
+    let mut all = answer.to_owned();
+    let mut open = vec![folder.to_owned()];
+    while let Some(folder) = open.pop() {
+        let entries =
+            std::fs::read_dir(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        let mut paths: Vec<PathBuf> = entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
+        paths.sort();
+        for path in paths {
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                all += &format!("\n{} {}", path.display(), crate::recording::sha256(&path)?);
+            }
+        }
+    }
+    Ok(crate::recording::sha256_of(all.as_bytes())?)
+}
+
+/// Diagnoses each case blind, then opens its answer.
+fn of_folder(
+    list: &[PathBuf],
+    answers: Option<&Path>,
+    ledger: &Ledger,
+) -> Result<Vec<Trial>, Failure> {
+    list.par_iter()
         .map(|case| {
-            let begin = std::time::Instant::now();
-            let diagnosis = blind(case, progress).map_err(|e| e.to_string());
-            let n = 1 + done.fetch_add(1, Ordering::Relaxed);
-            progress.step(format!("{n} of {} cases", list.len()));
-            (diagnosis, begin.elapsed().as_secs_f64())
-        })
-        .collect();
-    list.iter()
-        .zip(found)
-        .map(|(case, (diagnosis, seconds))| {
-            let name = case
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
-            let path = match answers {
-                Some(dir) => dir.join(format!("{name}.json")),
-                None => case.join("truth.json"),
-            };
-            let text = std::fs::read_to_string(&path).map_err(|e| {
-                format!(
-                    "{}: {e}: an answer is needed to score case {name}; give --answers",
-                    path.display()
-                )
-            })?;
-            let truth = Truth::from_json(&text).map_err(|e| format!("{}: {e}", path.display()))?;
-            let mut trial = compare(&truth, diagnosis, seconds);
-            trial.stands_out = likeness(case, &truth, progress).unwrap_or_default();
+            let name = format!(
+                "{} {}",
+                name_of(case),
+                sum_of(case, &answer(case, answers)?.0)?
+            );
+            if let Some(trial) = ledger.known(&name) {
+                return Ok(trial);
+            }
+            let diagnosis = blind(case, ledger.progress).map_err(|e| e.to_string());
+            let (_, truth) = answer(case, answers)?;
+            let mut trial = compare(&truth, diagnosis);
+            trial.stands_out = likeness(case, &truth, ledger.progress).unwrap_or_default();
+            ledger.add(&name, &trial);
             Ok(trial)
         })
         .collect()

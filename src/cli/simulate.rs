@@ -1,13 +1,14 @@
 //! `simulate`: known parameters and a drive to a recording, as the instruments would have written it.
 
-use std::path::PathBuf;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use super::series::{AtWork, Occasion, at_work_on};
 use super::{Failure, Talk, load};
 use crate::kinematics::Vec3;
 use crate::model::{HangingSample, Parameters, Robot, Track};
-use crate::recording::{FilmSampleRig, Kind, Rig, RobotRig, nearest};
+use crate::recording::{FilmSampleRig, Kind, Rig, RobotRig, is_id, nearest};
 use crate::report::csv;
 use crate::report::json::{ActedJson, SimulationJson, finite};
 use crate::report::output::OutputSet;
@@ -104,7 +105,7 @@ pub(super) struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Name of the recording
-    #[arg(long, default_value = "simulated")]
+    #[arg(long, default_value = "simulated", value_parser = parse_id)]
     id: String,
     /// Electrode, as `deacal ageing` compares them
     #[arg(long, value_name = "NAME")]
@@ -169,6 +170,13 @@ fn parse_stated(text: &str) -> Result<Stated, String> {
         "estimate" => Ok(Stated::Estimate),
         other => number(other).map(Stated::Seconds),
     }
+}
+
+fn parse_id(text: &str) -> Result<String, String> {
+    if is_id(text) {
+        return Ok(text.to_owned());
+    }
+    Err("expected a name that can be a file's, such as sym-01 or ageing/day-03".into())
 }
 
 fn parse_effect(text: &str) -> Result<Effect, String> {
@@ -468,6 +476,8 @@ struct Made {
 }
 
 pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
+    let names = ["recording.toml", "motion.csv", "voltage.csv"];
+    OutputSet::check(&a.output, &names, talk.overwrite())?;
     let made = match Rig::read(&a.rig)? {
         Rig::Robot(rig) => robot(a, &rig)?,
         Rig::FilmSample(rig) => sample(a, &rig)?,
@@ -613,6 +623,14 @@ fn planned(path: &Track, t: f64) -> Option<Vec3> {
     Some([0, 1, 2].map(|k| a[k] + f * (b[k] - a[k])))
 }
 
+/// The bytes of a file.
+fn read_whole(path: &Path) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let read = crate::recording::open(path).and_then(|mut file| file.read_to_end(&mut bytes));
+    read.map_err(|e| format!("{}: {e}", path.display()))?;
+    Ok(bytes)
+}
+
 fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
     let (voltage, path) = (&made.voltage, made.path.as_ref());
     let n = made.position_m.len();
@@ -672,12 +690,12 @@ fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
         },
         ..RecordingText::default()
     };
-    let mut set = OutputSet::new(&a.output)?;
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
     let mut files = vec!["recording.toml", "rig.toml", "motion.csv", "voltage.csv"];
     set.write_with("recording.toml", |mut out| {
         recording_toml(&mut out, &text, &capture, &log)
     })?;
-    set.write("rig.toml", std::fs::read(&a.rig)?)?;
+    set.write("rig.toml", read_whole(&a.rig)?)?;
     set.write_with("motion.csv", |mut out| {
         nexus_csv(&mut out, &capture, &made.position_m)
     })?;

@@ -39,6 +39,8 @@ pub(super) struct Arguments {
     output: PathBuf,
 }
 
+const FILES: [&str; 2] = ["validation.json", "report.html"];
+
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
     let kinds = [
@@ -48,13 +50,16 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         Kind::HingeBench,
         Kind::FilmCoupon,
     ];
+    OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
+    let (recordings, _, copies) = load::distinct(recordings, 0);
+    copies.iter().for_each(|remark| talk.say(remark));
     let provenance = Provenance::of(command, &recordings);
     match recordings[0].manifest.kind {
         Kind::Robot => {}
-        Kind::FilmSample => return samples(a, &recordings, &provenance, progress, talk),
+        Kind::FilmSample => return samples(a, &recordings, copies, &provenance, progress, talk),
         Kind::Axis | Kind::HingeBench | Kind::FilmCoupon => {
-            return lines(a, &recordings, &provenance, progress, talk);
+            return lines(a, &recordings, copies, &provenance, progress, talk);
         }
     }
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
@@ -78,6 +83,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         let effects = (at_work.effects.as_slice(), at_work.when.as_slice());
         let mut validation = validate(&robot, &refs, &parameters, plan.as_ref(), effects)?;
         validation.outcome.remarks.extend(at_work.remarks);
+        validation.outcome.remarks.extend(copies.iter().cloned());
         let sum = FileSum {
             role: "parameters".into(),
             file: path.display().to_string(),
@@ -96,7 +102,6 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         }
         models.push(ModelValidation::new(&validation, sum));
         shown.push((path.display().to_string(), validation));
-        progress.stopped()?;
     }
     let head = models.remove(0);
     let json = ValidationJson::new(head, models, None, provenance.clone());
@@ -115,6 +120,7 @@ struct Held {
 fn samples(
     a: &Arguments,
     recordings: &[Recording],
+    copies: Vec<String>,
     provenance: &Provenance,
     progress: Progress,
     talk: Talk,
@@ -122,7 +128,8 @@ fn samples(
     let hold = |file: &ParameterFile, sum: FileSum| {
         let (datasets, samples) = load::samples(recordings, Some(file))?;
         let refs: Vec<_> = datasets.iter().collect();
-        let outcome = validate_samples(&refs, &samples, &file.parameters()?.film)?;
+        let mut outcome = validate_samples(&refs, &samples, &file.parameters()?.film)?;
+        outcome.remarks.extend(copies.iter().cloned());
         let says = outcome.recordings.iter().map(|r| {
             format!(
                 "{:20} {:8.2} V rms above 1 kV (noise alone {:.2} V); stroke {:.3} mm, predicted {:.3} mm",
@@ -146,6 +153,7 @@ fn samples(
 fn lines(
     a: &Arguments,
     recordings: &[Recording],
+    copies: Vec<String>,
     provenance: &Provenance,
     progress: Progress,
     talk: Talk,
@@ -153,7 +161,8 @@ fn lines(
     let lines = load::lines(recordings, &progress)?;
     let unit = lines[0].unit();
     let hold = |file: &ParameterFile, sum: FileSum| {
-        let outcome = validate_lines(&lines, &file.line_model()?)?;
+        let mut outcome = validate_lines(&lines, &file.line_model()?)?;
+        outcome.remarks.extend(copies.iter().cloned());
         let says = outcome.recordings.iter().map(|r| {
             format!(
                 "{:20} {} rms (noise alone {}), {} samples",
@@ -195,7 +204,6 @@ fn compare(
             talk.say(&format!("  {line}"));
         }
         all.push(held);
-        progress.stopped()?;
     }
     let first = all.remove(0);
     let others = all.into_iter().map(|h| h.model).collect();
@@ -211,7 +219,7 @@ fn leave(
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
-    let mut set = OutputSet::new(&a.output)?;
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
     set.write("validation.json", to_text(json))?;
     set.write("report.html", report)?;
     set.commit()?;

@@ -380,11 +380,11 @@ impl<W: FnMut(u64) -> ControlFlow<()>> argmin::core::observers::Observe<ArgminSt
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::fit::levenberg_marquardt::{Differenced, Differences, minimise};
+    use argmin::core::checkpointing::{Checkpoint, CheckpointingFrequency};
     use argmin::core::observers::{Observe, ObserverMode};
-    use argmin_checkpointing_file::{CheckpointingFrequency, FileCheckpoint};
     use std::sync::Mutex;
 
     type Residuals = fn(&[f64], &mut [f64]) -> Result<(), String>;
@@ -413,6 +413,30 @@ mod tests {
         (outcome.parameters.iter().chain([&outcome.cost]))
             .map(|v| v.to_bits())
             .collect()
+    }
+
+    /// A checkpoint of every iteration, in bytes as on a disk.
+    #[derive(Clone, Default)]
+    pub(in super::super) struct Saved(pub Arc<Mutex<Option<Vec<u8>>>>);
+
+    impl<S, I> Checkpoint<S, I> for Saved
+    where
+        S: Serialize + serde::de::DeserializeOwned,
+        I: Serialize + serde::de::DeserializeOwned,
+    {
+        fn save(&self, solver: &S, state: &I) -> Result<(), Error> {
+            *self.0.lock().unwrap() = Some(postcard::to_allocvec(&(solver, state))?);
+            Ok(())
+        }
+
+        fn load(&self) -> Result<Option<(S, I)>, Error> {
+            let bytes = self.0.lock().unwrap();
+            Ok(bytes.as_deref().map(postcard::from_bytes).transpose()?)
+        }
+
+        fn frequency(&self) -> CheckpointingFrequency {
+            CheckpointingFrequency::Always
+        }
     }
 
     #[derive(Clone, Default)]
@@ -465,10 +489,8 @@ mod tests {
     #[test]
     fn a_run_stopped_by_the_flag_and_taken_up_from_its_checkpoint_gives_the_same_bits() {
         let plain = minimise(&decay(), &START, &Options::default()).unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let folder = folder.path().to_string_lossy().into_owned();
-        let checkpoint =
-            || FileCheckpoint::new(folder.as_str(), "fit", CheckpointingFrequency::Always);
+        let saved = Saved::default();
+        let checkpoint = || saved.clone();
 
         let problem = Stoppable::new(decay());
         let seen = Seen(Arc::default(), Some((3, problem.stop_flag())));

@@ -1,7 +1,7 @@
 //! What conceals a case: how little a plain refit leaves, at the price of which wrong moduli; and which effects its recordings cannot
 //! tell from the true one. All of it from the answer: nothing here is seen by the diagnosis.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::own_form::acting;
 use crate::cases::Truth;
@@ -11,7 +11,7 @@ use crate::film::Film;
 use crate::model::{ForearmTorque, Parameters, Robot};
 
 /// What the plain refit makes of a case.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Concealment {
     /// What it leaves above 1 kV over the noise floor there, on the recordings that were fitted.
     pub residual_over_floor: f64,
@@ -70,7 +70,7 @@ fn parameters(truth: &Truth) -> Option<Parameters> {
 }
 
 /// How an effect of a case stands out at the truth, beside the others of the case.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct StandsOut {
     /// Ids that the recordings cannot tell from it, with the cosine of the projected fingerprints.
     pub alike: Vec<(String, f64)>,

@@ -140,8 +140,6 @@ pub struct Proof {
     pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
     /// Shares right by strength: from, to, count.
     pub power: Vec<(f64, f64, Count)>,
-    /// Seconds a case.
-    pub seconds_median: f64,
     /// The rivals on the same cases, and the diagnosis itself first.
     pub methods: Vec<Method>,
     /// Detectable single effects that were named first, or are in a group with the first name that the
@@ -393,8 +391,6 @@ pub fn score(trials: &[Trial]) -> Proof {
             (low, high, Count::of(&own, first))
         })
         .collect();
-    let mut seconds: Vec<f64> = done.iter().map(|t| t.seconds).collect();
-    seconds.sort_by(f64::total_cmp);
     let mut methods = vec![Method {
         name: "deacal".into(),
         false_alarm_rate: Count::of(&clean, |t| t.verdict != "adequate"),
@@ -459,7 +455,6 @@ pub fn score(trials: &[Trial]) -> Proof {
         brier: [brier, base * (1.0 - base)],
         confusion,
         power,
-        seconds_median: seconds.get(seconds.len() / 2).copied().unwrap_or(f64::NAN),
         methods,
         stated_group_detectable: Count::of(&visible, first_in_group),
         wrong_above_80: Count::of(&done, wrong_sure),

@@ -1,6 +1,5 @@
 //! What an importer hands over: sections of columns, as the file has them.
 
-use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -666,7 +665,7 @@ const HEAD_BYTES: usize = 64 * 1024;
 /// The beginning of a file, without a byte-order mark, UTF-16 made UTF-8.
 fn head(path: &Path) -> Result<Vec<u8>, Error> {
     let mut head = Vec::new();
-    File::open(path)
+    super::opened::open(path)
         .and_then(|f| f.take(HEAD_BYTES as u64).read_to_end(&mut head))
         .map_err(|e| Error::io(path, e))?;
     match encoding_rs::Encoding::for_bom(&head) {

@@ -1,6 +1,5 @@
 //! Typed access to the keys of a `.toml` file: every error names the file, the line, the key, and the nearest known one.
 
-use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -24,7 +23,7 @@ impl Document {
     /// Reads a file of at most a mebibyte.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut bytes = Vec::new();
-        File::open(path)
+        super::opened::open(path)
             .and_then(|f| f.take(MAX_TOML_BYTES + 1).read_to_end(&mut bytes))
             .map_err(|e| Error::io(path, e))?;
         if bytes.len() as u64 > MAX_TOML_BYTES {

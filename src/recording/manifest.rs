@@ -750,14 +750,21 @@ fn sync(t: &Keys<'_>, chains: usize, manifest: &mut Manifest) -> Result<(), Erro
     Ok(())
 }
 
-/// The id becomes a path below the output folder: relative, without `..`.
-fn id(t: &Keys<'_>) -> Result<String, Error> {
-    let id: String = t.need("id")?;
-    let plain = !id.contains(['\\', '\0', '\n']) && !id.ends_with('/');
-    let inside = Path::new(&id)
+/// Whether a text can be the id of a recording. It becomes a path below the output folder: relative, without `..`, and without anything
+/// that steers a terminal.
+#[must_use]
+pub fn is_id(id: &str) -> bool {
+    let plain = !id.contains(|c: char| c == '\\' || c.is_control()) && !id.ends_with('/');
+    let inside = Path::new(id)
         .components()
         .all(|c| matches!(c, Component::Normal(_)));
-    if id.trim().is_empty() || !plain || !inside {
+    !id.trim().is_empty() && plain && inside
+}
+
+/// The id of a recording.
+fn id(t: &Keys<'_>) -> Result<String, Error> {
+    let id: String = t.need("id")?;
+    if !is_id(&id) {
         return Err(t
             .bad("id", format!("found {}", quote(&id)))
             .expected("a name that can be a file's, such as \"sym-01\" or \"ageing/day-03\"")

@@ -27,6 +27,7 @@ mod manifest;
 pub mod mcap;
 mod nexus_csv;
 mod open;
+mod opened;
 mod optitrack_csv;
 mod oscilloscope;
 mod pose;
@@ -52,11 +53,12 @@ pub use manifest::{
     AxisCoordinate, AxisInertia, AxisManifest, BenchManifest, Clock, CouponElongation, CouponLoad,
     CouponManifest, CouponMode, FileRef, FilmState, Kind, Manifest, MonitorManifest,
     MotionManifest, NumberOrEstimate, Payload, PayloadStep, Quantity, SharedManifest, Start,
-    VoltageManifest,
+    VoltageManifest, is_id,
 };
 pub use mcap::Mcap;
 pub use nexus_csv::{NexusCsv, TrackerCsv};
-pub use open::sha256;
+pub use open::{sha256, sha256_of};
+pub use opened::{open, was_opened};
 pub use optitrack_csv::OptitrackCsv;
 pub use oscilloscope::{Keysight, Rigol, RohdeSchwarz, Tektronix};
 pub use qualisys_tsv::QualisysTsv;

@@ -1,7 +1,6 @@
 //! Reads the files that a manifest names, and puts what is asked for together.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -140,30 +139,85 @@ impl Recording {
     }
 }
 
+impl Recording {
+    /// SHA-256 of what the instruments measured, hexadecimal: motion and voltage (or a coupon's, bench's or axis' own columns), number for
+    /// number. Names, labels, rig and all that the manifest states do not count, so that a copy under another id has the same sum.
+    #[must_use]
+    pub fn content_sum(&self) -> String {
+        let mut bytes = Vec::new();
+        let mut list = |values: &[f64]| {
+            bytes.extend((values.len() as u64).to_le_bytes());
+            // one NaN is as good as another
+            let bits = |v: &f64| if v.is_nan() { f64::NAN } else { *v }.to_bits();
+            bytes.extend(values.iter().flat_map(|v| bits(v).to_le_bytes()));
+        };
+        if let Some(m) = &self.motion {
+            list(&m.time_s);
+            list(m.end_effector.xyz.as_flattened());
+        }
+        if let Some(v) = &self.voltage {
+            list(&v.time_s);
+            v.channels.iter().for_each(|c| list(c));
+        }
+        if let Some(c) = &self.coupon {
+            list(c.time_s.as_deref().unwrap_or_default());
+            let (RawElongation::Displacement {
+                displacement: elongation,
+                ..
+            }
+            | RawElongation::Stretch(elongation)) = &c.elongation;
+            let (RawLoad::Force { force: load, .. } | RawLoad::NominalStress(load)) = &c.load;
+            list(&elongation.values);
+            list(&load.values);
+        }
+        if let Some(b) = &self.bench {
+            list(b.time_s.as_deref().unwrap_or_default());
+            list(&b.angle.values);
+            list(&b.torque.values);
+        }
+        if let Some(a) = &self.axis {
+            list(&a.time_s);
+            let (RawCoordinate::Position(x) | RawCoordinate::Velocity(x)) = &a.coordinate;
+            list(&x.values);
+            list(&a.input.values);
+        }
+        hex(ring::digest::digest(&SHA256, &bytes).as_ref())
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    bytes.iter().fold(String::new(), |mut hex, byte| {
+        let _ = write!(hex, "{byte:02x}");
+        hex
+    })
+}
+
 /// SHA-256 of a file, hexadecimal.
 ///
 /// # Errors
 /// The file cannot be read.
 pub fn sha256(path: &Path) -> Result<String, Error> {
-    use std::fmt::Write;
-    let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
+    super::opened::open(path)
+        .and_then(sha256_of)
+        .map_err(|e| Error::io(path, e))
+}
+
+/// SHA-256 of all that a reader gives, hexadecimal.
+///
+/// # Errors
+/// The reader's.
+pub fn sha256_of(mut source: impl Read) -> std::io::Result<String> {
     let mut hasher = Context::new(&SHA256);
     let mut buffer = vec![0; 64 * 1024];
     loop {
-        let read = file.read(&mut buffer).map_err(|e| Error::io(path, e))?;
+        let read = source.read(&mut buffer)?;
         if read == 0 {
             break;
         }
         hasher.update(&buffer[..read]);
     }
-    Ok(hasher
-        .finish()
-        .as_ref()
-        .iter()
-        .fold(String::new(), |mut hex, byte| {
-            let _ = write!(hex, "{byte:02x}");
-            hex
-        }))
+    Ok(hex(hasher.finish().as_ref()))
 }
 
 /// Columns of one section, with the time of their rows.

@@ -35,7 +35,7 @@ impl Importer for Tdms {
     }
 
     fn read(&self, path: &Path, _options: &ReadOptions) -> Result<Capture, Error> {
-        let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
+        let mut file = super::opened::open(path).map_err(|e| Error::io(path, e))?;
         let size = file.metadata().map_err(|e| Error::io(path, e))?.len();
         let mut reader = Reader {
             path,

@@ -8,7 +8,6 @@
 //! column was read the other way before, the reader says so ([`Trouble::Reread`]) and the file is read again.
 
 use std::borrow::Cow;
-use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
@@ -133,10 +132,7 @@ impl LineReader {
     /// The file cannot be opened, or the encoding is not known.
     pub fn open(path: &Path, declared: Option<&str>) -> Result<Self, Error> {
         let declared = declared.map(|label| encoding(path, label)).transpose()?;
-        let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
-        if file.metadata().is_ok_and(|m| m.is_dir()) {
-            return Err(Error::io(path, io::ErrorKind::IsADirectory.into()));
-        }
+        let mut file = super::opened::open(path).map_err(|e| Error::io(path, e))?;
         let mut mark = Vec::with_capacity(2);
         file.by_ref()
             .take(2)

@@ -146,6 +146,61 @@ fn one_line(text: &str) -> String {
         .collect()
 }
 
+/// The names that one text has given, so that none is given twice.
+#[derive(Default)]
+struct Names(std::collections::BTreeSet<String>);
+
+impl Names {
+    /// A name of letters, digits and `_` for the key `key` of `table`: another one where capitals are all that tells it from an earlier.
+    fn of(&mut self, table: &str, key: &str) -> String {
+        let mut name = identifier(key);
+        let mut number = 1;
+        while !self.0.insert(format!("{table}_{name}").to_uppercase()) {
+            number += 1;
+            name = format!("{}_{number}", identifier(key));
+        }
+        name
+    }
+}
+
+/// A key as it can stand in a name of any of the languages: letters, digits and `_`.
+fn identifier(key: &str) -> String {
+    key.chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
+        .collect()
+}
+
+/// Words that MATLAB and Octave keep for themselves.
+const MATLAB_WORDS: &[&str] = &[
+    "break",
+    "case",
+    "catch",
+    "classdef",
+    "continue",
+    "do",
+    "else",
+    "elseif",
+    "end",
+    "endfor",
+    "endfunction",
+    "endif",
+    "endswitch",
+    "endwhile",
+    "for",
+    "function",
+    "global",
+    "if",
+    "otherwise",
+    "parfor",
+    "persistent",
+    "return",
+    "spmd",
+    "switch",
+    "try",
+    "until",
+    "while",
+];
+
 /// A value of an effect in one of the languages.
 enum Plain<'a> {
     Number(f64),
@@ -178,7 +233,7 @@ fn all_numbers(list: &[toml::Value]) -> Option<Vec<f64>> {
 
 /// MATLAB and Octave.
 #[derive(Default)]
-struct Matlab(String);
+struct Matlab(String, Names);
 
 impl Matlab {
     fn number(v: f64) -> String {
@@ -216,6 +271,25 @@ impl Matlab {
     fn assign(&mut self, place: &str, text: &str) {
         let _ = writeln!(self.0, "{place} = {text};");
     }
+
+    /// A field of a struct; a comment says where its name is not the key.
+    fn field(&mut self, place: &str, key: &str, text: &str) {
+        let mut name = identifier(key);
+        if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
+            name.insert(0, 'x');
+        }
+        if MATLAB_WORDS.contains(&name.as_str()) {
+            name.push('_');
+        }
+        // MATLAB tells `a` from `A`
+        while !self.1.0.insert(format!("{place}.{name}")) {
+            name.push('_');
+        }
+        if name != key {
+            self.comment(&format!("The key `{key}` is the field {name} here."));
+        }
+        self.assign(&format!("{place}.{name}"), text);
+    }
 }
 
 impl Exporter for Matlab {
@@ -227,15 +301,15 @@ impl Exporter for Matlab {
         let _ = writeln!(self.0, "% {}", one_line(text));
     }
     fn scalar(&mut self, table: &str, key: &str, value: f64) {
-        self.assign(&format!("deacal.{table}.{key}"), &Self::number(value));
+        self.field(&format!("deacal.{table}"), key, &Self::number(value));
     }
     fn list(&mut self, table: &str, key: &str, values: &[f64]) {
-        self.assign(&format!("deacal.{table}.{key}"), &Self::row(values));
+        self.field(&format!("deacal.{table}"), key, &Self::row(values));
     }
     fn values(&mut self, table: &str, values: &Values) {
         for (name, value) in values {
             if let Some(text) = Self::any(value) {
-                self.assign(&format!("deacal.{table}.{name}"), &text);
+                self.field(&format!("deacal.{table}"), name, &text);
             }
         }
     }
@@ -249,7 +323,7 @@ impl Exporter for Matlab {
         );
         for (name, value) in values {
             if let Some(text) = Self::any(value) {
-                self.assign(&format!("{place}.{name}"), &text);
+                self.field(&place, name, &text);
             }
         }
     }
@@ -262,8 +336,9 @@ impl Exporter for Matlab {
 #[derive(Default)]
 struct Python {
     text: String,
-    /// Tables and the names in them, for the dictionary at the end.
-    names: Vec<(String, Vec<String>)>,
+    /// Tables, and the keys in them with their names, for the dictionary at the end.
+    keys: Vec<(String, Vec<(String, String)>)>,
+    names: Names,
     effects: Vec<String>,
 }
 
@@ -294,15 +369,13 @@ impl Python {
     }
 
     fn constant(&mut self, table: &str, key: &str, text: &str) {
-        let _ = writeln!(self.text, "{} = {text}", Self::name(table, key));
-        match self.names.iter_mut().find(|(t, _)| t == table) {
-            Some((_, keys)) => keys.push(key.to_owned()),
-            None => self.names.push((table.to_owned(), vec![key.to_owned()])),
+        let name = format!("{}_{}", table.to_uppercase(), self.names.of(table, key));
+        let _ = writeln!(self.text, "{name} = {text}");
+        let entry = (key.to_owned(), name);
+        match self.keys.iter_mut().find(|(t, _)| t == table) {
+            Some((_, keys)) => keys.push(entry),
+            None => self.keys.push((table.to_owned(), vec![entry])),
         }
-    }
-
-    fn name(table: &str, key: &str) -> String {
-        format!("{}_{key}", table.to_uppercase())
     }
 }
 
@@ -342,10 +415,10 @@ impl Exporter for Python {
     fn finish(&mut self) -> String {
         let mut out = std::mem::take(&mut self.text);
         out.push_str("\n# The same as one dictionary, with the tables and keys of parameters.toml.\nPARAMETERS = {\n");
-        for (table, keys) in &self.names {
+        for (table, keys) in &self.keys {
             let _ = writeln!(out, "    \"{table}\": {{");
-            for key in keys {
-                let _ = writeln!(out, "        \"{key}\": {},", Self::name(table, key));
+            for (key, name) in keys {
+                let _ = writeln!(out, "        {}: {name},", Self::word(key));
             }
             out.push_str("    },\n");
         }
@@ -356,7 +429,7 @@ impl Exporter for Python {
 
 /// C89 and later, and C++.
 #[derive(Default)]
-struct C(String);
+struct C(String, Names);
 
 impl C {
     /// A number that is not finite has no literal in C: it is told in a comment.
@@ -390,6 +463,15 @@ impl C {
         }
         out.push('"');
         out
+    }
+
+    /// The name of a constant; a comment says where it does not end in the key.
+    fn name(&mut self, place: &str, key: &str) -> String {
+        let name = self.1.of(place, key);
+        if name != key {
+            self.comment(&format!("The key `{key}` is called {name} here."));
+        }
+        format!("{place}_{name}")
     }
 
     fn value(&mut self, name: &str, value: &toml::Value) {
@@ -442,14 +524,17 @@ impl Exporter for C {
         let _ = writeln!(self.0, "/* {text} */");
     }
     fn scalar(&mut self, table: &str, key: &str, value: f64) {
-        self.double(&format!("deacal_{table}_{key}"), value);
+        let name = self.name(&format!("deacal_{table}"), key);
+        self.double(&name, value);
     }
     fn list(&mut self, table: &str, key: &str, values: &[f64]) {
-        self.array(&format!("deacal_{table}_{key}"), values);
+        let name = self.name(&format!("deacal_{table}"), key);
+        self.array(&name, values);
     }
     fn values(&mut self, table: &str, values: &Values) {
         for (name, value) in values {
-            self.value(&format!("deacal_{table}_{name}"), value);
+            let name = self.name(&format!("deacal_{table}"), name);
+            self.value(&name, value);
         }
     }
     fn effect(&mut self, number: usize, id: &str, actuators: &[usize], values: &Values) {
@@ -473,7 +558,8 @@ impl Exporter for C {
             }
         );
         for (name, value) in values {
-            self.value(&format!("{place}_{name}"), value);
+            let name = self.name(&place, name);
+            self.value(&name, value);
         }
     }
     fn finish(&mut self) -> String {

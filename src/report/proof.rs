@@ -195,10 +195,6 @@ fn scores(proof: &Proof) -> Section {
         Cell::text("Brier score of it, and of the base rate"),
         Cell::number(format!("{:.3}, {:.3}", proof.brier[0], proof.brier[1])),
     ]);
-    table.row(vec![
-        Cell::text("Seconds a case, median"),
-        Cell::number(format!("{:.1}", proof.seconds_median)),
-    ]);
     section("scores", "Scores", "", table)
 }
 

@@ -24,6 +24,11 @@ pub const MAX_RECORD_BYTES: u64 = 64 << 20;
 /// How much is read at a time.
 const BLOCK: usize = 256 << 10;
 
+/// What compressed chunks may unpack to: any file to 256 MiB, and 256 times its size. Messages carry their own times, so that even those
+/// of a channel that stands still do not pack to less than about a fiftieth; a file that says more is made to keep its reader busy.
+const UNPACKED_BYTES: u64 = 256 << 20;
+const RATIO: u64 = 256;
+
 const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 
 /// Opcodes that are looked at here; the others are handed on.
@@ -192,6 +197,8 @@ pub struct RecordReader {
     cut: Option<String>,
     passed_over: u64,
     chunks: u64,
+    /// Bytes that compressed chunks may still unpack to.
+    unpacked_left: u64,
 }
 
 impl RecordReader {
@@ -200,7 +207,7 @@ impl RecordReader {
     /// # Errors
     /// The file cannot be read, or does not begin as MCAP does.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let file = File::open(path).map_err(|e| Error::io(path, e))?;
+        let file = super::super::opened::open(path).map_err(|e| Error::io(path, e))?;
         let size = file.metadata().map_err(|e| Error::io(path, e))?.len();
         let part = Part {
             file: Arc::new(file),
@@ -236,6 +243,7 @@ impl RecordReader {
             cut: None,
             passed_over: 0,
             chunks: 0,
+            unpacked_left: UNPACKED_BYTES + size.saturating_mul(RATIO),
         })
     }
 
@@ -397,7 +405,21 @@ impl RecordReader {
         }
         // a writer that did not come to close the chunk left its sizes open
         let unknown = length == u64::MAX;
-        let records = if unknown { u64::MAX } else { uncompressed };
+        let packs = !name.is_empty();
+        if packs && !unknown && uncompressed > self.unpacked_left {
+            let text = format!(
+                "its {packed} bytes unpack to {uncompressed}, more than {RATIO} times the file, as no recording does"
+            );
+            return Err(self.damaged(begin, &text));
+        }
+        let records = if unknown {
+            self.unpacked_left
+        } else {
+            uncompressed
+        };
+        if packs && !unknown {
+            self.unpacked_left -= uncompressed;
+        }
         let source = match name.as_str() {
             "" => Source::Plain,
             "zstd" | "lz4" => {

@@ -1,0 +1,80 @@
+//! The one door to the files of this room: it opens plain files only, and remembers which, so that no result is ever put onto a file
+//! that it was made of.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Every file that was opened, by its own name without links.
+static OPENED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Opens a plain file for reading. A pipe or a device could keep a reader waiting for ever, and cannot be read twice: the importers
+/// look at a file first and read it then.
+///
+/// # Errors
+/// What the file system says; `IsADirectory` for a folder, `InvalidInput` for a pipe, a socket or a device.
+pub fn open(path: &Path) -> io::Result<File> {
+    let meta = fs::metadata(path)?;
+    if meta.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    if !meta.is_file() {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "it is a pipe or a device; save its content as a file and name that",
+        ));
+    }
+    let file = File::open(path)?;
+    let own = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    OPENED
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .insert(own);
+    Ok(file)
+}
+
+/// Whether this process has opened that file, under this name or another one that leads there.
+#[must_use]
+pub fn was_opened(path: &Path) -> bool {
+    let Ok(own) = fs::canonicalize(path) else {
+        return false;
+    };
+    OPENED
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .contains(&own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_opened_is_known_by_any_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("a");
+        fs::write(&file, b"1").unwrap();
+        assert!(!was_opened(&file));
+        open(&file).unwrap();
+        assert!(was_opened(&dir.path().join("./a")));
+        assert!(!was_opened(&dir.path().join("b")));
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(&file, dir.path().join("link")).unwrap();
+            assert!(was_opened(&dir.path().join("link")));
+        }
+        assert_eq!(
+            open(dir.path()).unwrap_err().kind(),
+            io::ErrorKind::IsADirectory
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_refused() {
+        let error = open(Path::new("/dev/null")).unwrap_err();
+        assert!(error.to_string().contains("pipe or a device"), "{error}");
+    }
+}

@@ -219,3 +219,55 @@ fn an_empty_film_compiles_too() {
     assert_eq!(Format::parse("c"), Some(Format::C));
     assert_eq!(Format::parse("x"), None);
 }
+
+#[test]
+fn keys_that_a_language_cannot_have_or_tell_apart_get_other_names() {
+    let list = |v: f64| toml::Value::Array(vec![v.into(), v.into()]);
+    let file = ParameterFile {
+        axis: vec![
+            ("for".into(), 1.0.into()),
+            ("end".into(), 2.0.into()),
+            ("a".into(), list(3.0)),
+            ("A".into(), list(4.0)),
+            ("with space".into(), 5.0.into()),
+        ],
+        ..file()
+    };
+    let matlab = export(&file, Format::Matlab);
+    for line in [
+        "axis.for_ = 1.0;",
+        "axis.end_ = 2.0;",
+        "axis.a = [",
+        "axis.A = [",
+        "axis.with_space = 5.0;",
+    ] {
+        assert!(
+            matlab.contains(&format!("deacal.{line}")),
+            "{line}: {matlab}"
+        );
+    }
+    assert!(matlab.contains("The key `for` is the field for_ here."));
+    let c = export(&file, Format::C);
+    let macros: Vec<&str> = c
+        .lines()
+        .filter_map(|l| l.strip_prefix("#define "))
+        .map(|l| l.split(' ').next().unwrap())
+        .collect();
+    let mut distinct = macros.clone();
+    distinct.sort_unstable();
+    distinct.dedup();
+    assert_eq!(distinct.len(), macros.len(), "{macros:?}");
+    assert!(c.contains("deacal_axis_A_2[2]") && c.contains("The key `A` is called A_2 here."));
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("p.py");
+    std::fs::write(
+        &path,
+        export(&file, Format::Python)
+            + "\nprint(PARAMETERS['axis']['A'], PARAMETERS['axis']['with space'])\n",
+    )
+    .unwrap();
+    match run("python3", &[&path]) {
+        Some(said) => assert_eq!(said.trim(), "[4.0, 4.0] 5.0"),
+        None => eprintln!("skipped: no python3 here"),
+    }
+}

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Read;
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -254,17 +254,16 @@ fn an_id_that_leads_elsewhere_or_steers_the_terminal_is_refused() {
     let text = text.replace("id = \"rec\"", "id = \"a\\u001b[2Jb\"");
     fs::write(room.path("rec/recording.toml"), text).unwrap();
     assert!(!room.refused(&["import", "rec"]).contains('\u{1b}'));
-    // what stands in a file is shown, not sent
-    fs::write(
-        room.path("t.csv"),
-        "time_s,a\u{1b}[31mb,\u{9b}31mc\n0,1,2\n1,2,3\n2,3,4\n",
-    )
-    .unwrap();
-    let out = room.run(&["import", "t.csv"]);
+    // what stands in a file or is its name is shown, not sent
+    let name = "a\u{1b}[31m.csv";
+    let table = "time_s,b\u{202e}c,d\n0,1,2\n1,2,3\n2,3,4\n";
+    fs::write(room.path(name), table).unwrap();
+    let out = room.run(&["import", name]);
     assert!(out.status.success(), "{}", words(&out));
     let said = String::from_utf8_lossy(&out.stdout).into_owned() + &words(&out);
-    assert!(!said.contains(['\u{1b}', '\u{9b}']), "{said:?}");
-    assert!(said.contains("\\u{1b}[31mb"), "{said}");
+    assert!(!said.contains(['\u{1b}', '\u{202e}']), "{said:?}");
+    assert!(said.contains("a\\u{1b}[31m.csv"), "{said}");
+    assert!(said.contains("b\\u{202e}c"), "{said}");
 }
 
 #[test]

@@ -112,17 +112,9 @@ impl Work {
             (Err(_), Some(_)) => false,
             (Err(_), None) => true,
         };
-        let (home, inner) = match (there, name) {
-            (false, Some(name)) => {
-                let parent = match dir.parent() {
-                    Some(p) if p != Path::new("") => p,
-                    _ => Path::new("."),
-                };
-                let digest = ring::digest::digest(&ring::digest::SHA256, name.as_encoded_bytes());
-                let short = digest.as_ref()[..8].iter();
-                let short: String = short.map(|b| format!("{b:02x}")).collect();
-                (parent.to_owned(), format!("{PREFIX}{short}"))
-            }
+        let beside = beside(&dir);
+        let (home, inner) = match &beside {
+            Some((parent, name)) if !there => (parent.clone(), name.clone()),
             _ => (dir.clone(), INSIDE.to_owned()),
         };
         make_folders(&home, &mut made)?;
@@ -141,6 +133,10 @@ impl Work {
         }
         finish_earlier(&dir, &root)?;
         sweep(&home, &root);
+        // left by one that found no folder yet
+        if let Some((parent, name)) = beside.filter(|_| there) {
+            clear_if_left(&parent.join(name));
+        }
         at_work().roots.push((root.clone(), made.clone()));
         let work = Work {
             dir,
@@ -316,6 +312,19 @@ fn place(root: &Path, dir: &Path, name: &Path) -> Result<(), OutputError> {
     renamed.map_err(|e| OutputError::io(&target, e))
 }
 
+/// Where the work folder of results in `dir` is as long as `dir` is not there: its folder and its name.
+fn beside(dir: &Path) -> Option<(PathBuf, String)> {
+    let parent = match dir.parent() {
+        Some(p) if p != Path::new("") => p,
+        _ => Path::new("."),
+    };
+    let name = dir.file_name()?.as_encoded_bytes();
+    let digest = ring::digest::digest(&ring::digest::SHA256, name);
+    let short = digest.as_ref()[..8].iter();
+    let short: String = short.map(|b| format!("{b:02x}")).collect();
+    Some((parent.to_owned(), format!("{PREFIX}{short}")))
+}
+
 /// Makes and locks a work folder; none where the file system knows no locks.
 fn lock(root: &Path, dir: &Path) -> Result<Option<File>, OutputError> {
     let io = |e| OutputError::io(dir, e);
@@ -397,16 +406,21 @@ fn sweep(home: &Path, own: &Path) {
             continue; // of results that may have to be ended first
         }
         if is_dir {
-            let lock = File::options().read(true).write(true).open(path.join(LOCK));
-            match lock {
-                Ok(file) if file.try_lock().is_ok() => clear(&path),
-                Ok(_) => {}
-                // empty, or about to get its lock: its owner makes it anew
-                Err(_) => drop(fs::remove_dir(&path)),
-            }
+            clear_if_left(&path);
         } else if name.ends_with(".part") || name.ends_with(".old") {
             let _ = fs::remove_file(path);
         }
+    }
+}
+
+/// Takes a work folder away that nobody holds.
+fn clear_if_left(root: &Path) {
+    let mut options = File::options();
+    match options.read(true).write(true).open(root.join(LOCK)) {
+        Ok(file) if file.try_lock().is_ok() => clear(root),
+        Ok(_) => {}
+        // empty, or about to get its lock: its owner makes it anew
+        Err(_) => drop(fs::remove_dir(root)),
     }
 }
 
@@ -493,6 +507,12 @@ mod tests {
         set.write("f", b"1").unwrap();
         set.commit().unwrap();
         assert!(held_root.exists() && !dead_root.exists());
+        // also where the folder has come into being since
+        fs::create_dir_all(dead_root.join(NEW)).unwrap();
+        fs::write(dead_root.join(LOCK), b"1").unwrap();
+        fs::create_dir(root.path().join("dead")).unwrap();
+        drop(Work::open(&root.path().join("dead")).unwrap());
+        assert!(!dead_root.exists());
         assert!(!root.path().join(".deacal-x1y2z3.part").exists());
         assert!(root.path().join(".deacal.json").exists() && root.path().join(".other").exists());
     }

@@ -560,7 +560,9 @@ fn the_parameters_of_a_robots_day_predict_its_voltages() {
     let g = common::golden("forward_dynamics");
     let f = Folder::new();
     let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/twin2026_delta/rig.toml");
-    let text = ParameterFile::of(&common::parameters(&g), None).to_toml();
+    let text = ParameterFile::of(&common::parameters(&g), None)
+        .to_toml()
+        .unwrap();
     fs::write(f.path().join("film.toml"), text).unwrap();
     for (day, resistance) in [("1", "2e6"), ("5", "6e7")] {
         let effect = format!("series_resistance:resistance={resistance}");

@@ -93,7 +93,7 @@ fn parameters_read_back_to_the_same_bits() {
     for request in [CouponRequest::new(0), CouponRequest::new(3), request] {
         let (outcome, provenance) = fitted(&request);
         let written = ParameterFile::of_coupons(&outcome, provenance);
-        let text = written.to_toml();
+        let text = written.to_toml().unwrap();
         let read = ParameterFile::parse(Path::new("parameters.toml"), &text).unwrap();
         assert!(read.eps_r().is_none() && read.forearm.is_none() && read.effects.is_empty());
         assert_eq!(read.provenance, written.provenance);

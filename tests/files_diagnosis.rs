@@ -264,7 +264,9 @@ fn the_numbers_have_the_promised_keys() {
 #[test]
 fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
     let d = diagnosis(Verdict::MissingPhysics);
-    let text = ParameterFile::of_diagnosis(&d, series(), Provenance::new("t")).to_toml();
+    let text = ParameterFile::of_diagnosis(&d, series(), Provenance::new("t"))
+        .to_toml()
+        .unwrap();
     let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
     let number = |id: &str| (id == HOSTILE).then_some(2);
     let acting = file.acting(&number).unwrap();
@@ -277,16 +279,18 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
     assert_eq!(acting, held);
     assert_eq!(file.parameters().unwrap().film, d.parameters.film);
     assert_eq!(file.series, series());
-    assert_eq!(file.to_toml(), text);
+    assert_eq!(file.to_toml().unwrap(), text);
     // a size freed of what noise does stands beside the one that predicts
     let mut freed = d.clone();
     freed.candidates[0].values[0].value *= 1.02;
-    let text = ParameterFile::of_diagnosis(&freed, series(), Provenance::new("t")).to_toml();
+    let text = ParameterFile::of_diagnosis(&freed, series(), Provenance::new("t"))
+        .to_toml()
+        .unwrap();
     let name = freed.candidates[0].values[0].name;
     assert!(text.contains(&format!("{name}_estimate = ")), "{text}");
     let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
     assert_eq!(file.acting(&number).unwrap(), held);
-    assert_eq!(file.to_toml(), text);
+    assert_eq!(file.to_toml().unwrap(), text);
     // every kind of value, in the model or not
     for c in &d.candidates {
         let mut one = d.clone();
@@ -294,7 +298,9 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
             in_model: true,
             ..c.clone()
         }];
-        let text = ParameterFile::of_diagnosis(&one, series(), Provenance::new("t")).to_toml();
+        let text = ParameterFile::of_diagnosis(&one, series(), Provenance::new("t"))
+            .to_toml()
+            .unwrap();
         let file = ParameterFile::parse(std::path::Path::new("p.toml"), &text).unwrap();
         assert_eq!(
             file.acting(&number).unwrap(),

@@ -621,7 +621,7 @@ fn an_outcome_becomes_a_parameter_file_with_its_errors() {
     let d = dataset(1000);
     let outcome = outcome(&d);
     let file = ParameterFile::of_outcome(&outcome, Provenance::new("deacal fit film day/one"));
-    let text = file.to_toml();
+    let text = file.to_toml().unwrap();
     assert!(
         text.contains("mu_Pa_std_error = [10000.0, 2000.0]"),
         "{text}"

@@ -752,8 +752,9 @@ pub(super) fn estimates(
                 _ => relative <= IDENTIFIABLE,
             };
             let offset = is_offset(p);
-            let identifiable =
-                !p.fixed && resting[i].is_none() && (limit || (offset && std_error < 0.01));
+            // an offset is a place on a clock: near 0 its relative error says nothing, far from it as little
+            let limit = if offset { std_error < 0.01 } else { limit };
+            let identifiable = !p.fixed && resting[i].is_none() && limit;
             let says = match (p.fixed, resting[i]) {
                 (true, _) => "held".to_string(),
                 (_, Some(AtBound::Lower)) if p.unit == "Pa" => {
@@ -767,7 +768,16 @@ pub(super) fn estimates(
                 }
                 _ if torque && identifiable => format!("determined to {:.2} mN m", std_error * 1e3),
                 _ if torque => "not determined: no recording swings a forearm there".into(),
-                _ if offset => format!("determined to {:.2} ms", std_error * 1e3),
+                _ if offset && identifiable => {
+                    format!("determined to {:.2} ms", std_error * 1e3)
+                }
+                _ if !std_error.is_finite() => {
+                    "not determined: these recordings say nothing about it".into()
+                }
+                _ if offset => format!(
+                    "not determined by these recordings (standard error {:.0} ms)",
+                    std_error * 1e3
+                ),
                 _ if identifiable => format!("determined to {:.1} %", 100.0 * relative),
                 _ => format!(
                     "not determined by these recordings (standard error {:.0} % of the value)",

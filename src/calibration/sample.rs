@@ -43,6 +43,10 @@ const HELD_LOCKING: f64 = 80.0;
 const START_MODULUS_PA: f64 = 5e5;
 /// Of these the share of the branches.
 const START_VISCOUS: f64 = 0.2;
+/// Ranges of x over the sample's length that can be worked with: less no capture sees, more no film stretches.
+const STROKES: std::ops::RangeInclusive<f64> = 1e-5..=20.0;
+/// A gap is bridged by the smoother while the smoothed position stays this well known, relative to its median uncertainty.
+const BRIDGE_LIMIT: f64 = 5.0;
 /// Command above which an error counts in `rmse_v`, V.
 const HIGH_V: f64 = 1e3;
 /// Left out at both ends, s: derivatives there rest on one side.
@@ -204,6 +208,21 @@ fn check(
         return Err(Error::NothingToFit(format!(
             "{branches} branches were asked for: at most {MOST_BRANCHES} are known"
         )));
+    }
+    for (d, sample) in datasets.iter().zip(samples) {
+        let known = || d.x_m.iter().copied().filter(|x| !x.is_nan());
+        let range_m =
+            known().fold(f64::NEG_INFINITY, f64::max) - known().fold(f64::INFINITY, f64::min);
+        let share = range_m / sample.length_m;
+        if !STROKES.contains(&share) {
+            return Err(Error::NothingToFit(format!(
+                "recording `{}`: the free end ranges over {:.3e} mm, and the sample is {:.3e} mm long: check the unit of the motion, and \
+                 length_mm of the rig",
+                d.id,
+                1e3 * range_m,
+                1e3 * sample.length_m
+            )));
+        }
     }
     Ok(())
 }
@@ -815,6 +834,45 @@ fn total<'e>(errors: impl Iterator<Item = &'e ChainError>) -> ChainError {
     t
 }
 
+/// An error above 1 kV in words, where there is one.
+fn in_volts(rmse_v: f64) -> String {
+    match rmse_v.is_finite() {
+        true => format!("{rmse_v:.1} V"),
+        false => "no error in volts".into(),
+    }
+}
+
+/// Frames in gaps over which the smoothed position is worse known than [`BRIDGE_LIMIT`] times its median.
+fn long_gaps(d: &HangingDataset, sd_m: &[f64]) -> Vec<(usize, usize)> {
+    let mut sorted = sd_m.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let limit = BRIDGE_LIMIT * sorted[sorted.len() / 2];
+    let open = |&(start, length): &(usize, usize)| {
+        let ends = start == 0 || start + length == sd_m.len();
+        ends || sd_m[start..start + length].iter().any(|s| *s > limit)
+    };
+    d.gaps().into_iter().filter(open).collect()
+}
+
+/// The smoothed x, and in `gaps` that of the model under the same voltages, moved along a straight line so that it meets what was captured.
+fn bridge(x: &mut [f64], model: &[f64], gaps: &[(usize, usize)]) {
+    for &(start, length) in gaps {
+        let after = start + length;
+        let off = |i: usize, x: &[f64]| x[i] - model[i];
+        let before = (start > 0).then(|| off(start - 1, x));
+        let behind = (after < x.len()).then(|| off(after, x));
+        for i in start..after {
+            let f = (i + 1 - start) as f64 / (length + 1) as f64;
+            let shift = match (before, behind) {
+                (Some(a), Some(b)) => a + f * (b - a),
+                (Some(a), None) | (None, Some(a)) => a,
+                (None, None) => 0.0,
+            };
+            x[i] = model[i] + shift;
+        }
+    }
+}
+
 fn one(
     hung: &Hung,
     film: &Film,
@@ -850,17 +908,27 @@ fn one(
     let applied: Vec<f64> = (0..n)
         .map(|i| d.voltage.at(0, d.time_s(i) + offset_s))
         .collect();
-    let smoothed_m: Vec<f64> = axis.position.iter().map(|x| x - shift_m).collect();
-    let inverse = inverse_sample(sample, film, &smoothed_m, &axis.acceleration, h, applied[0])?;
+    let mut smoothed_m: Vec<f64> = axis.position.iter().map(|x| x - shift_m).collect();
+    let gaps = long_gaps(d, &axis.position_sd);
+    bridge(&mut smoothed_m, &predicted_m, &gaps);
+    let mut in_gap = vec![false; n];
+    let mut acceleration = axis.acceleration.clone();
+    for &(start, length) in &gaps {
+        in_gap[start..start + length].fill(true);
+        acceleration[start..start + length].fill(0.0);
+    }
+    let inverse = inverse_sample(sample, film, &smoothed_m, &acceleration, h, applied[0])?;
     let film_v = film_voltage_v(sample, &applied, &inverse.area, h);
     let draws: Vec<Vec<f64>> = (0..DRAWS)
         .into_par_iter()
         .filter_map(|seed| {
             let mut generator = ChaCha12Rng::seed_from_u64(seed);
-            let (mut x, mut a) = (smoothed_m.clone(), axis.acceleration.clone());
+            let (mut x, mut a) = (smoothed_m.clone(), acceleration.clone());
             axis.draw_deviation(&mut generator, |i, d| {
-                x[i] += d[0];
-                a[i] += d[2];
+                if !in_gap[i] {
+                    x[i] += d[0];
+                    a[i] += d[2];
+                }
             });
             // A drawn track that the model cannot follow says nothing of the noise.
             let drawn = inverse_sample(sample, film, &x, &a, h, applied[0]).ok()?;
@@ -943,8 +1011,8 @@ fn verdict(outcome: &SampleOutcome) -> String {
     };
     let (error, noise) = (rms(|r| r.rmse_m), rms(|r| r.noise_rmse_m));
     let size = format!(
-        "x is {error:.2} um rms off, the noise of the same averages is {noise:.2} um; {:.1} V rms above 1 kV",
-        outcome.total.rmse_v
+        "x is {error:.2} um rms off, the noise of the same averages is {noise:.2} um; {} rms above 1 kV",
+        in_volts(outcome.total.rmse_v)
     );
     let ratio = error / noise;
     if ratio < RATIOS[0] {

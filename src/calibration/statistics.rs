@@ -22,7 +22,8 @@ impl Uncertainty {
     ///
     /// with the whitened columns' Gram matrix X'X, the covariance S of the scores X'e under the noise (Huber 1967; equal to X'X
     /// when the noise is white), and the prior precisions P. With P the estimate is pulled towards the prior's middle; S + P
-    /// accounts for that pull as one more noise, so the interval also holds where the prior speaks.
+    /// accounts for that pull as one more noise, so the interval also holds where the prior speaks. A free unknown that neither data nor
+    /// prior say anything of has an infinite variance.
     pub fn new(
         gram: &DMatrix<f64>,
         scores: &DMatrix<f64>,
@@ -30,10 +31,13 @@ impl Uncertainty {
         free: &[bool],
     ) -> Self {
         let size = free.len();
-        let index: Vec<usize> = (0..size).filter(|&i| free[i]).collect();
+        let index = told(gram, prior_precision, free);
         let k = index.len();
         let mut covariance = DMatrix::zeros(size, size);
         let mut information = DMatrix::zeros(size, size);
+        for i in (0..size).filter(|i| free[*i] && !index.contains(i)) {
+            covariance[(i, i)] = f64::INFINITY;
+        }
         if k == 0 {
             return Uncertainty {
                 covariance,
@@ -96,6 +100,9 @@ impl Uncertainty {
         let scaled = DMatrix::from_fn(k, k, |a, b| {
             size[index[a]] * size[index[b]] * self.information[(index[a], index[b])]
         });
+        if scaled.iter().any(|v| !v.is_finite()) {
+            return Vec::new();
+        }
         let eigen = ((&scaled + scaled.transpose()) * 0.5).symmetric_eigen();
         let mut out: Vec<(f64, Vec<f64>)> = (0..k)
             .map(|c| {
@@ -121,7 +128,7 @@ pub fn moved_by(
     free: &[bool],
     score: &DVector<f64>,
 ) -> DVector<f64> {
-    let index: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
+    let index = told(gram, prior_precision, free);
     let (scale, inverse) = scaled_inverse(gram, prior_precision, &index);
     let step = inverse * DVector::from_fn(index.len(), |a, _| -scale[a] * score[index[a]]);
     let mut out = DVector::zeros(free.len());
@@ -129,6 +136,12 @@ pub fn moved_by(
         out[i] = scale[a] * step[a];
     }
     out
+}
+
+/// The free unknowns of which data or prior say anything.
+fn told(gram: &DMatrix<f64>, prior_precision: &[f64], free: &[bool]) -> Vec<usize> {
+    let says = |i: &usize| gram[(*i, *i)] + prior_precision[*i] != 0.0;
+    (0..free.len()).filter(|&i| free[i]).filter(says).collect()
 }
 
 /// The unknowns in `index` scaled so that the diagonal of H = X'X + P is 1: (scale, inverse of the scaled H).
@@ -148,11 +161,12 @@ fn scaled_inverse(
     for (a, &i) in index.iter().enumerate() {
         h[(a, a)] += scale[a] * scale[a] * prior_precision[i] + 1e-12;
     }
-    let inverse = h
-        .clone()
-        .cholesky()
-        .map(|c| c.inverse())
-        .unwrap_or_else(|| h.pseudo_inverse(1e-12).expect("the tolerance is positive"));
+    // the singular values of a matrix that is not finite are sought without end: nothing is known then
+    let inverse = match h.clone().cholesky() {
+        Some(c) => c.inverse(),
+        None if h.iter().any(|v| !v.is_finite()) => DMatrix::from_element(k, k, f64::NAN),
+        None => h.pseudo_inverse(1e-12).expect("the tolerance is positive"),
+    };
     (scale, inverse)
 }
 

@@ -87,7 +87,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let page = html::render_ageing(&outcome, &inputs, &json, &provenance);
     set.write("report.html", page)?;
     set.write("ageing.json", to_text(&json))?;
-    for (name, text) in parameter_files(&outcome, &provenance) {
+    for (name, text) in parameter_files(&outcome, &provenance)? {
         set.write(&name, text)?;
     }
     set.commit()?;
@@ -168,7 +168,10 @@ fn input(r: &Recording) -> Result<AgeingInput, Failure> {
 }
 
 /// Film, forearms and electrode of every sample or robot on every level: `<electrode>[-<sample>]-<level>/parameters.toml`.
-fn parameter_files(outcome: &AgeingOutcome, provenance: &Provenance) -> Vec<(String, String)> {
+fn parameter_files(
+    outcome: &AgeingOutcome,
+    provenance: &Provenance,
+) -> Result<Vec<(String, String)>, Failure> {
     let safe = |text: &str| -> String {
         text.chars()
             .map(|c| match c {
@@ -203,10 +206,10 @@ fn parameter_files(outcome: &AgeingOutcome, provenance: &Provenance) -> Vec<(Str
                 let name = safe(&e.levels[level].name);
                 out.push((
                     format!("{folder}-{what}{name}/parameters.toml"),
-                    file.to_toml(),
+                    file.to_toml()?,
                 ));
             }
         }
     }
-    out
+    Ok(out)
 }

@@ -43,7 +43,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     )?;
     set.write(
         "parameters.toml",
-        ParameterFile::of_coupons(&outcome, provenance).to_toml(),
+        ParameterFile::of_coupons(&outcome, provenance).to_toml()?,
     )?;
     set.commit()?;
     talk.say(&format!("  {}", outcome.verdict));

@@ -257,7 +257,7 @@ pub(super) fn write(
     )?;
     set.write(
         "parameters.toml",
-        ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml(),
+        ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml()?,
     )?;
     set.write("diagnosis.json", to_text(&json))?;
     if diagnosis.rig == RigKind::Robot {

@@ -209,7 +209,7 @@ pub(super) fn write_fit(
     set.write("report.html", html::render(outcome, &provenance))?;
     set.write(
         "parameters.toml",
-        ParameterFile::of_outcome(outcome, provenance).to_toml(),
+        ParameterFile::of_outcome(outcome, provenance).to_toml()?,
     )?;
     set.write("fit.json", to_text(fit))?;
     set.write("plan.toml", plan_to_toml(&plans))?;
@@ -292,7 +292,7 @@ struct Written {
 fn finish(output: &Path, w: &Written, progress: Progress, talk: Talk) -> Result<(), Failure> {
     let mut set = OutputSet::new(output, talk.overwrite())?;
     set.write("report.html", &w.report)?;
-    set.write("parameters.toml", w.parameters.to_toml())?;
+    set.write("parameters.toml", w.parameters.to_toml()?)?;
     set.write("fit.json", to_text(&w.fit))?;
     if let Some(plan) = &w.plan {
         set.write("plan.toml", plan)?;

@@ -92,10 +92,13 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         let outcome = &validation.outcome;
         talk.say(&format!("{}: {}", path.display(), outcome.verdict));
         for r in &outcome.recordings {
-            talk.say(&format!(
-                "  {:20} {:8.2} V rms above 1 kV (noise alone {:.2} V), largest {:.1} V, {} samples",
-                r.id, r.total.rmse_v, r.total.noise_floor_v, r.total.max_error_v, r.total.samples
-            ));
+            talk.say(&match r.total.samples {
+                0 => format!("  {:20} no sample above 1 kV that counts", r.id),
+                n => format!(
+                    "  {:20} {:8.2} V rms above 1 kV (noise alone {:.2} V), largest {:.1} V, {n} samples",
+                    r.id, r.total.rmse_v, r.total.noise_floor_v, r.total.max_error_v
+                ),
+            });
         }
         for line in html::validation_words(&validation) {
             talk.say(&format!("  {line}"));
@@ -132,10 +135,10 @@ fn samples(
         outcome.remarks.extend(copies.iter().cloned());
         let says = outcome.recordings.iter().map(|r| {
             format!(
-                "{:20} {:8.2} V rms above 1 kV (noise alone {:.2} V); stroke {:.3} mm, predicted {:.3} mm",
+                "{:20} {} rms above 1 kV (noise alone {}); stroke {:.3} mm, predicted {:.3} mm",
                 r.id,
-                r.error.rmse_v,
-                r.error.noise_floor_v,
+                in_unit(r.error.rmse_v, "V"),
+                in_unit(r.error.noise_floor_v, "V"),
                 r.stroke_m[0] * 1e3,
                 r.stroke_m[1] * 1e3
             )

@@ -126,9 +126,60 @@ pub enum LineError {
         /// Its value.
         value: f64,
     },
+    /// A number whose powers are none.
+    #[error(
+        "recording `{id}`: the {what} of sample {} is {value:e}, and nothing beyond {LARGEST:e} can be worked with: mend it, or empty the cell", sample + 1
+    )]
+    Beyond {
+        /// Recording.
+        id: String,
+        /// Column.
+        what: &'static str,
+        /// Which of its samples.
+        sample: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// A time so far off that nearly all of an even clock would be empty.
+    #[error(
+        "recording `{id}`: its times run from {first_s} to {last_s} s in steps of {step_s:e} s, {missing:.3e} samples more than it has: a time is wrong"
+    )]
+    Sparse {
+        /// Recording.
+        id: String,
+        /// First time, s.
+        first_s: f64,
+        /// Last time, s.
+        last_s: f64,
+        /// Ordinary step, s.
+        step_s: f64,
+        /// Samples of the even clock that the recording has not.
+        missing: f64,
+    },
     /// A coupon that cannot be used.
     #[error(transparent)]
     Coupon(#[from] CouponError),
+}
+
+/// Largest magnitude in any unit: fourth powers of more, summed over a recording, need not be numbers. Tiny ones are as bad.
+const LARGEST: f64 = 1e60;
+/// Samples of an even clock for each that is there, beyond which a time is wrong.
+const SPARSE: f64 = 10.0;
+const SPARSE_AND: f64 = 1e5;
+
+fn possible(id: &str, columns: &[(&'static str, &[f64])]) -> Result<(), LineError> {
+    for (what, values) in columns {
+        let beyond = |v: &f64| v.is_infinite() || v.abs() > LARGEST;
+        if let Some(sample) = values.iter().position(beyond) {
+            return Err(LineError::Beyond {
+                id: id.into(),
+                what,
+                sample,
+                value: values[sample],
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Fewest samples of a recording.
@@ -161,6 +212,14 @@ impl Line {
         }
         if recording.coupon.is_some() {
             let coupon = Coupon::from_recording(recording)?;
+            possible(
+                &m.id,
+                &[
+                    ("stretch", &coupon.stretch),
+                    ("stress", &coupon.stress_pa),
+                    ("time", &coupon.time_s),
+                ],
+            )?;
             let mut notes = coupon.notes.clone();
             let stretches = range(&coupon.stretch);
             notes.extend(unlikely("stretch", stretches, [1e-5, 20.0], "1"));
@@ -358,6 +417,7 @@ fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineE
         c.values.iter().map(|v| v * factor).collect()
     };
     let (x, torque) = (si(&raw.angle), si(&raw.torque));
+    possible(id, &[("angle", &x), ("torque", &torque)])?;
     let n = x.len().min(torque.len());
     let timed = raw.time_s.is_some();
     let time_s = raw
@@ -487,6 +547,16 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
     } else {
         format!("{}^{power}", raw.input_unit)
     };
+    possible(
+        id,
+        &[
+            ("coordinate", &x),
+            ("load", &load),
+            ("input", &input),
+            ("time", &times),
+            ("input's time", &input_time_s),
+        ],
+    )?;
     let rest = if raw.input_time_s.is_none() {
         noise_at_rest(&x, &input)
     } else {
@@ -571,6 +641,16 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             (even(n - 1) - even(0)) / (n - 1) as f64,
         )
     } else {
+        let missing = (times[n - 1] - times[0]) / step_s - n as f64;
+        if missing.is_nan() || missing > SPARSE * n as f64 + SPARSE_AND {
+            return Err(LineError::Sparse {
+                id: id.into(),
+                first_s: times[0],
+                last_s: times[n - 1],
+                step_s,
+                missing,
+            });
+        }
         let count = ((times[n - 1] - times[0]) / step_s).floor() as usize + 1;
         notes.push(format!(
             "the samples are not evenly spaced (up to {worst:.3e} s off): values were interpolated every {step_s:.6} s"

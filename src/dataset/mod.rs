@@ -4,6 +4,7 @@
 mod colour;
 mod coupon;
 mod cycles;
+mod gap;
 pub mod line;
 mod plan;
 mod robot;
@@ -27,6 +28,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
+use gap::Bridges;
 use smoother::{SmoothedAxis, smooth_axis};
 
 /// Motion of the end effector's centre at equal distances in time, SI, world axes.
@@ -72,7 +74,8 @@ pub struct Dataset {
     pub axes: [SmoothedAxis; 3],
     /// Samples whose motion can be used: captured, or in a gap that the smoother bridges.
     pub usable: Vec<bool>,
-    /// Samples after a gap that could not be bridged: the motion is known, what the film went through is not. A fit leaves them out.
+    /// Samples about a gap that the smoother cannot bridge: beside it derivatives rest on one side, and after it what the film went
+    /// through is not known. Neither a fit nor an error counts them.
     pub film_unknown: Vec<bool>,
     /// Payload at each frame, kg.
     pub payload_kg: Vec<f64>,
@@ -94,6 +97,8 @@ pub struct Dataset {
     pub plan: Plan,
     /// What a reader should know, in words.
     pub notes: Vec<String>,
+    /// The gaps that the smoother cannot bridge.
+    bridges: Option<Bridges>,
 }
 
 /// What a dataset is made of, on the motion clock, SI and world axes.
@@ -185,7 +190,7 @@ impl Dataset {
         let axes = [x?, y?, z?];
         let mut notes = Vec::new();
         let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
-        let (usable, film_unknown) = bridged(&observed, &axes, parts.step_s, &mut notes);
+        let (usable, film_unknown, long) = bridged(&observed, &axes, parts.step_s, &mut notes);
         let (offset_s, offset_source) = match (plan.and_then(|p| p.offset_s), parts.offset_s) {
             (Some(fixed), _) => (fixed, OffsetSource::Stated),
             (None, Some(stated)) => (stated, OffsetSource::Stated),
@@ -222,12 +227,30 @@ impl Dataset {
             },
             sync: plan.and_then(|p| p.sync.clone()),
         };
+        let mut axes = axes;
+        let mut bridged_track = track_of(&axes, parts.step_s, &parts.payload_kg, parts.initial);
+        let bridges = Bridges::over(
+            long,
+            &observed,
+            &parts.voltage,
+            parts.start_s + offset_s,
+            &mut bridged_track,
+        );
+        if bridges.is_some() {
+            for (k, axis) in axes.iter_mut().enumerate() {
+                let of = |list: &[Vec3]| list.iter().map(|v| v[k]).collect();
+                axis.position = of(&bridged_track.position_m);
+                axis.velocity = of(&bridged_track.velocity_m_s);
+                axis.acceleration = of(&bridged_track.acceleration_m_s2);
+            }
+        }
         Ok(Dataset {
             id: parts.id,
             step_s: parts.step_s,
             start_s: parts.start_s,
             measured_m: parts.measured_m,
             axes,
+            bridges,
             usable,
             film_unknown,
             payload_kg: parts.payload_kg,
@@ -294,18 +317,7 @@ impl Dataset {
 
     /// The smoothed track.
     pub fn track(&self) -> Track {
-        let row = |f: fn(&SmoothedAxis) -> &Vec<f64>| -> Vec<Vec3> {
-            let [x, y, z] = [f(&self.axes[0]), f(&self.axes[1]), f(&self.axes[2])];
-            (0..self.samples()).map(|i| [x[i], y[i], z[i]]).collect()
-        };
-        Track {
-            step_s: self.step_s,
-            position_m: row(|a| &a.position),
-            velocity_m_s: row(|a| &a.velocity),
-            acceleration_m_s2: row(|a| &a.acceleration),
-            payload_kg: self.payload_kg.clone(),
-            initial: self.initial,
-        }
+        track_of(&self.axes, self.step_s, &self.payload_kg, self.initial)
     }
 
     /// A track drawn from what the capture leaves open: the smoothed one plus deviations of its uncertainty.
@@ -321,6 +333,9 @@ impl Dataset {
                 self.deviate(&mut track, k, &slow, 1.0);
             }
         }
+        if let Some(bridges) = &self.bridges {
+            bridges.carry(&self.track(), &mut track, Some(generator));
+        }
         track
     }
 
@@ -331,7 +346,15 @@ impl Dataset {
             let noise = self.capture_noise_m(axis, generator);
             self.deviate(&mut track, k, &noise, times);
         }
+        self.carry_bridges(&mut track);
         track
+    }
+
+    /// Gaps that the smoother cannot bridge, in a track that was smoothed anew.
+    fn carry_bridges(&self, track: &mut Track) {
+        if let Some(bridges) = &self.bridges {
+            bridges.carry(&self.track(), track, None::<&mut rand_chacha::ChaCha12Rng>);
+        }
     }
 
     /// Adds `times` what the smoother makes of an axis's noise to a track.
@@ -367,6 +390,7 @@ impl Dataset {
                 track.acceleration_m_s2[i][k] = smoothed.acceleration[i];
             }
         }
+        self.carry_bridges(&mut track);
         Some(track)
     }
 
@@ -444,44 +468,72 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
-/// Samples masked after a gap that cannot be bridged, in lengths of the gap.
-const AFTER_GAP: usize = 2;
+/// The track of smoothed axes.
+fn track_of(
+    axes: &[SmoothedAxis; 3],
+    step_s: f64,
+    payload_kg: &[f64],
+    initial: InitialState,
+) -> Track {
+    let row = |f: fn(&SmoothedAxis) -> &Vec<f64>| -> Vec<Vec3> {
+        let [x, y, z] = [f(&axes[0]), f(&axes[1]), f(&axes[2])];
+        (0..x.len()).map(|i| [x[i], y[i], z[i]]).collect()
+    };
+    Track {
+        step_s,
+        position_m: row(|a| &a.position),
+        velocity_m_s: row(|a| &a.velocity),
+        acceleration_m_s2: row(|a| &a.acceleration),
+        payload_kg: payload_kg.to_vec(),
+        initial,
+    }
+}
 
-/// Which samples can be used, which have a film of unknown history, and a note on every gap that cannot be bridged.
+/// Samples masked after a gap that cannot be bridged, in lengths of the gap: what the bridged path is off has then faded in branches
+/// that are as fast as the gap is long; slower ones felt little of it. What is left is in the draws.
+const AFTER_GAP: f64 = 0.5;
+/// Left out on both sides of such a gap, s: derivatives there rest on one side, as at the ends of a recording.
+const BESIDE_GAP_S: f64 = 0.3;
+
+/// Which samples can be used, which have a film of unknown history, the gaps that cannot be bridged, and a note on each of them.
+#[allow(clippy::type_complexity)]
 fn bridged(
     observed: &[bool],
     axes: &[SmoothedAxis; 3],
     step_s: f64,
     notes: &mut Vec<String>,
-) -> (Vec<bool>, Vec<bool>) {
+) -> (Vec<bool>, Vec<bool>, Vec<(usize, usize)>) {
+    let n = observed.len();
     let mut usable = observed.to_vec();
-    let mut film_unknown = vec![false; observed.len()];
+    let mut film_unknown = vec![false; n];
+    let mut long = Vec::new();
     let limits = [0, 1, 2].map(|k| BRIDGE_LIMIT * median(&axes[k].position_sd));
     for (start, length) in runs(observed, false) {
-        let within =
-            (start..start + length).all(|i| (0..3).all(|k| axes[k].position_sd[i] <= limits[k]));
-        let inside = start > 0 && start + length < observed.len();
-        if within && inside {
-            usable[start..start + length].fill(true);
-        } else {
-            // What the film went through is not known either: its branches carry the error on for a while.
-            let after = (AFTER_GAP * length).min(observed.len() - start - length);
-            let settled = if start > 0 {
-                start + length + after
-            } else {
-                start + length
-            };
-            film_unknown[start + length..settled].fill(true);
-            notes.push(format!(
-                "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked, and {:.2} s \
-                 after it, because the film's history in the gap is not known",
-                length as f64 * step_s,
-                (settled - start - length) as f64 * step_s
-            ));
+        let after = start + length;
+        let within = (start..after).all(|i| (0..3).all(|k| axes[k].position_sd[i] <= limits[k]));
+        if within && start > 0 && after < n {
+            usable[start..after].fill(true);
+            continue;
         }
+        long.push((start, length));
+        let beside = (BESIDE_GAP_S / step_s).round() as usize;
+        let settled = (after + beside.max((AFTER_GAP * length as f64).round() as usize)).min(n);
+        film_unknown[start.saturating_sub(beside)..start].fill(true);
+        film_unknown[after..settled].fill(true);
+        notes.push(format!(
+            "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked, with {:.2} s \
+             before and {:.2} s after it; inside, the motion is taken to be what the same voltages made elsewhere, and what that \
+             leaves open of the film's history counts as noise after it",
+            length as f64 * step_s,
+            (start - start.saturating_sub(beside)) as f64 * step_s,
+            (settled - after) as f64 * step_s
+        ));
     }
-    (usable, film_unknown)
+    (usable, film_unknown, long)
 }
+
+/// Relative variance of the squared voltages up to which they count as one value: a thousandth of a volt in a kilovolt.
+const SAME: f64 = 1e-12;
 
 /// The clock offset at which squared voltage and height agree best, to about a tenth of a second: where a fit begins.
 fn coarse_offset(height: &[f64], start_s: f64, step_s: f64, voltage: &Voltage) -> f64 {
@@ -521,6 +573,10 @@ fn coarse_offset(height: &[f64], start_s: f64, step_s: f64, voltage: &Voltage) -
                 let (d, p) = (d - mean_d, p - mean_p);
                 (s.0 + d * d, s.1 + p * p, s.2 + d * p)
             });
+            // a square that does not change tells no time, whatever rounding makes of it
+            if pp <= SAME * m * mean_p * mean_p || dd <= 0.0 {
+                continue;
+            }
             let correlation = dp / (dd * pp).sqrt();
             if correlation > best.0 {
                 best = (correlation, base + lag as f64 * step);

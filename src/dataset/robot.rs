@@ -11,6 +11,16 @@ use crate::recording::{
 
 /// Frames whose stamp lies further from the grid than this share of a step are said to jitter.
 const JITTER: f64 = 0.25;
+/// Rates of a motion that can be worked with, Hz: the smoother's lowest half-power frequency (0.05 Hz) lies within 0.4 of the
+/// lowest, and no capture reaches the highest.
+const RATES_HZ: std::ops::RangeInclusive<f64> = 0.125..=1e6;
+/// Largest voltage, V, and distance, m, that can be worked with: far beyond any amplifier and laboratory, and their squares and
+/// fourth powers are still numbers.
+const LARGEST_V: f64 = 1e9;
+const LARGEST_M: f64 = 1e6;
+/// Places of the grid a frame, beyond which one of its stamps is wrong: so many gaps no capture has.
+const SPARSE: usize = 10;
+const SPARSE_AND: usize = 100_000;
 
 impl Dataset {
     /// Puts a recording of kind `robot` on one clock and into the world frame, in SI, and smooths its motion.
@@ -41,8 +51,9 @@ impl Dataset {
         }
         let mut notes = Vec::new();
         let world = world_frame(motion, stated, &mut notes);
-        let (start_s, step_s, seen) = grid(motion, &mut notes);
+        let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
         let measured_m: Vec<Vec3> = seen.iter().map(world).collect();
+        possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
         let payload_kg = (0..measured_m.len())
             .map(|i| manifest.payload.mass_g(start_s + step_s * i as f64) * 1e-3)
             .collect();
@@ -65,7 +76,9 @@ impl Dataset {
             .map(|m| {
                 let scale = m.unit.to_si * m.scale.unwrap_or(1.0);
                 volts(&m.time_s, &m.channels, scale, false, "monitor", &mut notes)
-            });
+            })
+            .transpose()
+            .map_err(unsuitable)?;
         let RawVoltage {
             time_s,
             channels,
@@ -86,6 +99,7 @@ impl Dataset {
                 "voltage",
                 &mut notes,
             )
+            .map_err(unsuitable)?
             .ok_or_else(|| unsuitable("no voltage sample has all three channels".into()))?,
             monitor: monitor.flatten(),
             offset_s: match manifest.offset_s {
@@ -95,6 +109,7 @@ impl Dataset {
             initial,
         };
         let mut parts = parts;
+        notes.extend(signs(&parts.voltage));
         // a plan says what was found before; else events or a shared channel may tell
         let found = match plan {
             Some(plan) => plan
@@ -227,8 +242,75 @@ fn mean(xyz: &[Vec3]) -> Vec3 {
     sum.map(|s| s / count)
 }
 
+/// Positions that a laboratory can have, else where there is one that it cannot.
+pub(super) fn possible_m(measured_m: &[Vec3], start_s: f64, step_s: f64) -> Result<(), String> {
+    let beyond = |p: &Vec3| p.iter().any(|v| v.is_infinite() || v.abs() > LARGEST_M);
+    match measured_m.iter().position(beyond) {
+        None => Ok(()),
+        Some(i) => Err(format!(
+            "the position at {:.3} s is {:?} m, and nothing beyond {LARGEST_M:.0e} m can be worked with: check the motion's unit, or mark \
+             the frame as missing by empty cells",
+            start_s + step_s * i as f64,
+            measured_m[i]
+        )),
+    }
+}
+
+/// Share of the largest voltage within which a reading counts as 0 V.
+const NEAR_ZERO: f64 = 0.02;
+
+fn largest(channel: &[f64]) -> f64 {
+    channel.iter().fold(0.0, |m, v| m.max(v.abs()))
+}
+
+/// What to say of commands below 0 V: the film feels their squares.
+pub(super) fn signs(voltage: &Voltage) -> Option<String> {
+    let list = |of: fn(&[f64]) -> bool| -> Vec<String> {
+        (voltage.channels_v().iter().enumerate())
+            .filter(|(_, c)| of(c))
+            .map(|(k, _)| (k + 1).to_string())
+            .collect()
+    };
+    // below what a reading near 0 V may be off
+    let below = list(|c| {
+        let floor = NEAR_ZERO * largest(c);
+        c.iter().any(|v| *v < -floor) && c.iter().all(|v| *v <= floor)
+    });
+    let both = list(|c| {
+        let floor = NEAR_ZERO * largest(c);
+        c.iter().any(|v| *v < -floor) && c.iter().any(|v| *v > floor)
+    });
+    let mut parts = Vec::new();
+    if !below.is_empty() {
+        parts.push(format!("channel {} is negative", below.join(", ")));
+    }
+    if !both.is_empty() {
+        parts.push(format!("channel {} changes its sign", both.join(", ")));
+    }
+    (!parts.is_empty()).then(|| {
+        format!(
+            "voltage {}: the film feels the square, so errors in volts are of sizes",
+            parts.join(", ")
+        )
+    })
+}
+
 /// Equidistant frames: each position on the grid point nearest to its stamp.
-pub(super) fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Vec<Vec3>) {
+///
+/// # Errors
+/// A rate that no capture has, and a stamp so far off that nearly all of the grid would be empty.
+pub(super) fn grid(
+    motion: &RawMotion,
+    notes: &mut Vec<String>,
+) -> Result<(f64, f64, Vec<Vec3>), String> {
+    if !RATES_HZ.contains(&motion.rate_hz) {
+        return Err(format!(
+            "the motion's rate is {} Hz, and rates from {} to {:e} Hz can be worked with: check rate_hz, or the unit of its time",
+            motion.rate_hz,
+            RATES_HZ.start(),
+            RATES_HZ.end()
+        ));
+    }
     let step = 1.0 / motion.rate_hz;
     let times = &motion.time_s;
     let start = times.first().copied().unwrap_or(0.0);
@@ -237,7 +319,21 @@ pub(super) fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Ve
     // Stamps that are the grid, as those of a capture with frame numbers are.
     let off = |i: usize| (times[i] - start - i as f64 * step).abs();
     if count == times.len() && (0..count).all(|i| off(i) < 0.01 * step) {
-        return (start, step, motion.end_effector.xyz.clone());
+        return Ok((start, step, motion.end_effector.xyz.clone()));
+    }
+    let most = times
+        .len()
+        .saturating_mul(SPARSE)
+        .saturating_add(SPARSE_AND);
+    if let Some(i) = (0..times.len()).find(|&i| place(times[i]) >= most) {
+        return Err(format!(
+            "frame {} is stamped {} s, {:.3e} steps of {step} s after the first: {} frames would be missing; correct its time, or the \
+             unit of time",
+            i + 1,
+            times[i],
+            (times[i] - start) / step,
+            place(times[i]) - i
+        ));
     }
     let mut out = vec![[f64::NAN; 3]; count];
     let (mut jittered, mut lost) = (0, 0);
@@ -255,10 +351,13 @@ pub(super) fn grid(motion: &RawMotion, notes: &mut Vec<String>) -> (f64, f64, Ve
             100.0 * JITTER
         ));
     }
-    (start, step, out)
+    Ok((start, step, out))
 }
 
 /// Volts of the samples in which every channel has a value; `None` when there is none.
+///
+/// # Errors
+/// A voltage that nothing can make, with its place.
 pub(super) fn volts(
     time_s: &[f64],
     channels: &[Vec<f64>],
@@ -266,13 +365,25 @@ pub(super) fn volts(
     hold: bool,
     what: &str,
     notes: &mut Vec<String>,
-) -> Option<Voltage> {
+) -> Result<Option<Voltage>, String> {
+    for (k, channel) in channels.iter().enumerate() {
+        let beyond = |v: &f64| (v * scale).is_infinite() || (v * scale).abs() > LARGEST_V;
+        if let Some(i) = channel.iter().position(beyond) {
+            return Err(format!(
+                "the {what} of channel {} at {} s is {:e} V, and nothing beyond {LARGEST_V:.0e} V can be worked with: check its unit and \
+                 scale, or empty the cell",
+                k + 1,
+                time_s[i],
+                channel[i] * scale
+            ));
+        }
+    }
     let whole: Vec<bool> = (0..time_s.len())
         .map(|i| channels.iter().all(|c| !c[i].is_nan()))
         .collect();
     let missing = whole.iter().filter(|w| !**w).count();
     if missing == time_s.len() {
-        return None;
+        return Ok(None);
     }
     if missing > 0 {
         notes.push(format!(
@@ -288,5 +399,5 @@ pub(super) fn volts(
             .collect()
     };
     let values = channels.iter().map(|c| keep(c, scale)).collect();
-    Some(Voltage::new(keep(time_s, 1.0), values, hold))
+    Ok(Some(Voltage::new(keep(time_s, 1.0), values, hold)))
 }

@@ -2,7 +2,7 @@
 //!
 //! Nothing is smoothed here: the capture's noise is in x alone, and a model that predicts x is held against x as captured.
 
-use super::robot::{grid, volts, world_frame};
+use super::robot::{grid, possible_m, signs, volts, world_frame};
 use super::smoother::{SmoothedAxis, smooth_axis};
 use super::{Error, OffsetSource, Plan, SmoothingPlan, Voltage, coarse_offset, plan, runs};
 use crate::recording::{FilmState, NumberOrEstimate, Payload, RawVoltage, Recording};
@@ -198,7 +198,9 @@ impl HangingDataset {
             ),
         }
         let world = world_frame(motion, stated, &mut notes);
-        let (start_s, step_s, seen) = grid(motion, &mut notes);
+        let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
+        let seen: Vec<_> = seen.iter().map(world).collect();
+        possible_m(&seen, start_s, step_s).map_err(unsuitable)?;
         let scale = voltage.unit.to_si * voltage.scale.unwrap_or(1.0);
         let RawVoltage {
             time_s,
@@ -210,7 +212,7 @@ impl HangingDataset {
             id: manifest.id.clone(),
             step_s,
             start_s,
-            below_m: seen.iter().map(|p| -world(p)[2]).collect(),
+            below_m: seen.iter().map(|p| -p[2]).collect(),
             payload_kg: mass_g * 1e-3,
             voltage: volts(
                 time_s,
@@ -220,12 +222,14 @@ impl HangingDataset {
                 "voltage",
                 &mut notes,
             )
+            .map_err(unsuitable)?
             .ok_or_else(|| unsuitable("no voltage sample has a value".into()))?,
             offset_s: match manifest.offset_s {
                 NumberOrEstimate::Number(stated) => Some(stated),
                 NumberOrEstimate::Estimate => None,
             },
         };
+        notes.extend(signs(&parts.voltage));
         let mut dataset = HangingDataset::new(parts)?;
         dataset.notes.splice(0..0, notes);
         Ok(dataset)

@@ -66,7 +66,11 @@ pub fn diagnose_lines(
         )));
     }
     let (nonlinear, linear) = line_unknowns(&own);
+    super::enough(own.rows(), nonlinear.len() + linear.len())?;
     let mut held = (!holdout.is_empty()).then(|| residual(holdout, &model, scales));
+    if let Some(held) = &held {
+        super::enough_held_out(held.rows())?;
+    }
     let mut held_out = holdout;
     if held.is_none() && own.rows() >= FEWEST_FOR_BLOCKS {
         let block = |i: usize, n: usize| (BLOCKS * i / n) % 3 == 1;

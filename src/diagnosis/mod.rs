@@ -88,6 +88,27 @@ const SURPRISES_TOO: f64 = 0.4;
 /// their face value.
 const TEMPERATURE: f64 = 12.0;
 
+/// Whether so many independent samples can judge a model of so many free parameters: what a fit refuses, a diagnosis refuses.
+fn enough(samples: usize, free: usize) -> Result<(), Error> {
+    if samples < 2 * free {
+        return Err(Error::NothingExcited(format!(
+            "the recordings give {samples} independent samples for {free} free parameters: nothing can be judged; record longer"
+        )));
+    }
+    Ok(())
+}
+
+/// Whether so many samples of what was held out can judge anything.
+fn enough_held_out(samples: usize) -> Result<(), Error> {
+    if samples == 0 {
+        return Err(Error::NothingExcited(
+            "the held-out recordings give no sample that counts: hold out longer ones, or none"
+                .into(),
+        ));
+    }
+    Ok(())
+}
+
 /// Doubts the plain model of `problem`. `watch` is told what is being done.
 fn doubt<S: Subject>(
     mut problem: Problem<S>,
@@ -1043,7 +1064,18 @@ fn gain<S: Subject>(
         }
         traces.push(trace);
     }
-    let rms = |i: usize, j: usize| (sums[i][j] / f64::max(counts[j], 1.0)).sqrt();
+    let rms = |i: usize, j: usize| (sums[i][j] / counts[j]).sqrt();
+    let finite = [0, 1, 2].iter().all(|&i| rms(i, 1).is_finite());
+    if !finite {
+        return Err(Error::NothingExcited(format!(
+            "the errors of {} samples make no number ({}, {} and {} before, after and from noise): nothing can be judged; look for \
+             numbers beyond all plausibility with `deacal import REC`, or give longer recordings",
+            counts[1],
+            rms(0, 1),
+            rms(1, 1),
+            rms(2, 1)
+        )));
+    }
     Ok((
         Gain {
             before_v: rms(0, 0),
@@ -1208,12 +1240,15 @@ fn says(
 /// Error over the noise's, from which on a report says that something else acts as well.
 const STRUCTURE_LEFT: f64 = 1.5;
 
-/// An error with its unit: volts with one decimal, others with three digits.
+/// An error with its unit: volts with one decimal, others with three digits; "n/a" where there is none.
 pub fn in_unit(x: f64, unit: &str) -> String {
+    if !x.is_finite() {
+        return "n/a".into();
+    }
     if unit == "V" && x.abs() >= 1.0 {
         return format!("{x:.1} V");
     }
-    let digits = if x == 0.0 || !x.is_finite() {
+    let digits = if x == 0.0 {
         0
     } else {
         (2 - x.abs().log10().floor() as i32).clamp(0, 9) as usize

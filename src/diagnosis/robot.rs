@@ -89,13 +89,18 @@ pub(super) fn open<'a>(
     }
     let (nonlinear, linear) =
         super::problem::unknowns(&offsets, forearm.nodes_rad().len(), OFFSET_REACH_S);
+    super::enough(own.rows(), nonlinear.len() + linear.len())?;
     let when = |entries: &[Entry]| entries.iter().map(|e| e.when).collect::<Vec<When>>();
     let (train_when, holdout_when) = (when(train), when(holdout));
     let placed = |r: RobotResidual<'a>, when: &[When]| r.with_effects(Vec::new(), Vec::new(), when);
     let problem = Problem {
         train: placed(own, &train_when),
         holdout: (!holdout.is_empty())
-            .then(|| residual(holdout).map(|r| placed(r, &holdout_when)))
+            .then(|| {
+                let held = residual(holdout)?;
+                super::enough_held_out(held.rows())?;
+                Ok::<_, Error>(placed(held, &holdout_when))
+            })
             .transpose()?,
         train_when,
         holdout_when,

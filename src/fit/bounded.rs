@@ -51,8 +51,11 @@ pub fn bounded_least_squares(
                 a[(i, i)] += 1e-13;
             }
             let right = DVector::from_fn(m, |i, _| -slope[face[i]] * scale[face[i]]);
+            let finite = a.iter().chain(&right).all(|v| v.is_finite());
             let step = match a.clone().cholesky() {
                 Some(c) => c.solve(&right),
+                // the singular values of such a matrix are sought without end
+                None if !finite => break,
                 None => a
                     .svd(true, true)
                     .solve(&right, 1e-12)

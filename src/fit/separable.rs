@@ -246,6 +246,11 @@ fn solve_linear(normal: &Normal, eta: &[f64], nonlinear: &[Unknown], linear: &[U
     }
 }
 
+/// The first column that holds a number that is not finite: decompositions of such a matrix need not end.
+fn not_finite(m: &DMatrix<f64>) -> Option<usize> {
+    (0..m.ncols()).find(|&c| m.column(c).iter().any(|v| !v.is_finite()))
+}
+
 fn evaluate<P: SeparableResidual>(
     problem: &P,
     eta: &[f64],
@@ -257,6 +262,15 @@ fn evaluate<P: SeparableResidual>(
     match problem.evaluate(eta, &state.beta) {
         Ok(normal) => {
             state.rows = normal.rows;
+            if let Some(column) = not_finite(&normal.gram) {
+                state.failure = Some(format!(
+                    "column {} of the normal equations ({} numbers that are not finite) has no value at these parameters",
+                    column + 1,
+                    normal.gram.iter().filter(|v| !v.is_finite()).count()
+                ));
+                state.failed += 1;
+                return None;
+            }
             let solved = solve_linear(&normal, eta, nonlinear, linear);
             if solved.cost.is_finite() {
                 return Some(solved);
@@ -304,7 +318,12 @@ pub fn advance<P: SeparableResidual>(
         return;
     }
     let gram = state.gram();
-    let (reduced, gradient) = reduced_system(&gram, state, nonlinear, linear);
+    let Some((reduced, gradient)) = reduced_system(&gram, state, nonlinear, linear) else {
+        state.failure =
+            Some("the reduced normal equations hold numbers that are not finite".into());
+        state.ended = Some(Ended::Stalled);
+        return;
+    };
     // An unknown at a bound that wants to go further out stays there.
     let moving: Vec<usize> = (0..n)
         .filter(|&i| {
@@ -414,13 +433,13 @@ fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64
     (&eigen.eigenvectors * scaled, whole)
 }
 
-/// J'PJ and J'Pr with the priors, where P projects out the free columns of B.
+/// J'PJ and J'Pr with the priors, where P projects out the free columns of B; `None` where they hold numbers that are not finite.
 fn reduced_system(
     gram: &DMatrix<f64>,
     state: &State,
     nonlinear: &[Unknown],
     linear: &[Unknown],
-) -> (DMatrix<f64>, DVector<f64>) {
+) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let n = nonlinear.len();
     let last = gram.nrows() - 1;
     let free: Vec<usize> = (0..linear.len()).filter(|&i| state.beta_free[i]).collect();
@@ -465,6 +484,9 @@ fn reduced_system(
     let scaled = DMatrix::from_fn(n, n, |i, j| {
         0.5 * (h[(i, j)] + h[(j, i)]) / (scale[i] * scale[j])
     });
+    if not_finite(&scaled).is_some() || g.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
     let mut eigen = scaled.symmetric_eigen();
     eigen.eigenvalues.apply(|v| *v = v.max(0.0));
     let clean = eigen.recompose();
@@ -478,7 +500,7 @@ fn reduced_system(
         h[(i, i)] += weight;
         g[i] += slope;
     }
-    (h, g)
+    Some((h, g))
 }
 
 /// Runs a fit from `eta` to its end. `watch` is called after every evaluation and stops the fit when it says so.

@@ -465,8 +465,58 @@ impl ParameterFile {
     }
 
     /// The text of the file.
-    #[must_use]
-    pub fn to_toml(&self) -> String {
+    ///
+    /// # Errors
+    /// A parameter that is no finite number, by its name: no prediction can be made with it, so that it is not written.
+    pub fn to_toml(&self) -> Result<String, NotFinite> {
+        self.finite()?;
+        Ok(self.text())
+    }
+
+    /// Whether every value, apart from what says how sure it is, is a finite number.
+    fn finite(&self) -> Result<(), NotFinite> {
+        let check = |name: String, value: f64| match value.is_finite() {
+            true => Ok(()),
+            false => Err(NotFinite { name, value }),
+        };
+        let list = |name: &str, list: &[Quantity]| -> Result<(), NotFinite> {
+            list.iter()
+                .enumerate()
+                .try_for_each(|(i, q)| check(format!("{name}[{i}]"), q.value))
+        };
+        if let Some(film) = &self.film {
+            list("film.mu_Pa", &film.mu_pa)?;
+            list("film.T_s", &film.relaxation_time_s)?;
+            check("film.J".into(), film.locking.value)?;
+            if let Some(eps_r) = &film.eps_r {
+                check("film.eps_r".into(), eps_r.value)?;
+            }
+        }
+        if let Some(forearm) = &self.forearm {
+            for (i, node) in forearm.nodes_deg.iter().enumerate() {
+                check(format!("forearm.nodes_deg[{i}]"), *node)?;
+            }
+            list("forearm.torque_N_m", &forearm.torque_n_m)?;
+        }
+        let stated = |table: &str, values: &Values| -> Result<(), NotFinite> {
+            let estimates = ["_std_error", "_ci95"];
+            (values
+                .iter()
+                .filter(|(n, _)| !estimates.iter().any(|e| n.ends_with(e))))
+            .try_for_each(|(name, value)| {
+                let numbers: Vec<f64> = match value {
+                    toml::Value::Float(v) => vec![*v],
+                    toml::Value::Array(a) => a.iter().filter_map(toml::Value::as_float).collect(),
+                    _ => Vec::new(),
+                };
+                (numbers.into_iter()).try_for_each(|v| check(format!("{table}.{name}"), v))
+            })
+        };
+        stated("axis", &self.axis)?;
+        (self.effects.iter()).try_for_each(|e| stated(&format!("effect `{}`", e.id), &e.values))
+    }
+
+    fn text(&self) -> String {
         let mut out = String::with_capacity(8192);
         let program = match self.provenance.program.as_str() {
             "" => concat!("deacal ", env!("CARGO_PKG_VERSION")),
@@ -554,6 +604,18 @@ impl ParameterFile {
     pub fn to_json(&self) -> ParametersJson {
         ParametersJson::of(self)
     }
+}
+
+/// A parameter that is no finite number.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error(
+    "{name} came out as {value}, which nothing can be predicted with: nothing is written; the recordings do not determine it, hold it with --fix or give more"
+)]
+pub struct NotFinite {
+    /// Its place in the file.
+    pub name: String,
+    /// What it is.
+    pub value: f64,
 }
 
 /// A block with its own values on `actuators`.

@@ -26,8 +26,8 @@ const EDGE_S: f64 = 0.3;
 
 impl Decimation {
     /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`, or at 5 Hz if that is
-    /// more; none where the rate is too low for one.
-    pub fn new(step_s: f64, band_hz: f64) -> Self {
+    /// more; none where the rate is too low for one. Where it is longer than the `samples` that there are, none is kept.
+    pub fn new(step_s: f64, band_hz: f64, samples: usize) -> Self {
         let cutoff_hz = band_hz.max(LOWEST_CUTOFF_HZ).min(0.2 / step_s);
         let half = (HALF_PERIODS / (cutoff_hz * step_s)).round() as usize;
         let every = ((KEEP_PERIODS / (cutoff_hz * step_s)).round() as usize).max(1);
@@ -38,6 +38,14 @@ impl Decimation {
                 edge,
                 every,
                 weights: vec![1.0],
+            };
+        }
+        if half >= samples {
+            return Decimation {
+                half: samples,
+                edge,
+                every,
+                weights: Vec::new(),
             };
         }
         let pi = std::f64::consts::PI;
@@ -90,7 +98,7 @@ mod tests {
 
     #[test]
     fn passes_slow_motion_and_stops_fast_noise() {
-        let d = Decimation::new(0.01, 3.0);
+        let d = Decimation::new(0.01, 3.0, 1000);
         let gain = |f: f64| {
             d.apply(500, |i| {
                 (2.0 * std::f64::consts::PI * f * (i as f64 - 500.0) * 0.01).cos()
@@ -104,7 +112,7 @@ mod tests {
 
     #[test]
     fn windows_with_an_unusable_sample_are_left_out() {
-        let d = Decimation::new(0.01, 3.0);
+        let d = Decimation::new(0.01, 3.0, 1000);
         let mut usable = vec![true; 400];
         assert_eq!(d.centres(&usable)[0], 32);
         usable[200] = false;

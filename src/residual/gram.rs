@@ -6,11 +6,14 @@ use pulp::{Arch, Simd, WithSimd};
 /// Columns are padded to a multiple of this.
 pub const PAD: usize = 8;
 
-/// Columns that are filtered together: enough independent sums to hide the latency of an addition.
-const STRIP: usize = 24;
+/// Columns that are filtered together: enough independent sums to hide the latency of an addition. Rows to be filtered are padded to
+/// a multiple of this.
+pub const STRIP: usize = 24;
 
-/// Filters consecutive rows: `out[j]` = sum over taps of `weights[t]` * `rows[first[j] + t]`, row by row of `width` numbers (a
-/// multiple of 24, the width of the film kernel's rows).
+/// Filters consecutive rows: `out[j]` = sum over taps of `weights[t]` * `rows[first[j] + t]`, row by row of `width` numbers.
+///
+/// # Panics
+/// When `width` is no multiple of [`STRIP`], as the width of the film kernel's rows is.
 pub fn filter_rows(
     arch: Arch,
     weights: &[f64],
@@ -19,7 +22,7 @@ pub fn filter_rows(
     first: &[usize],
     out: &mut [f64],
 ) {
-    debug_assert!(width.is_multiple_of(STRIP));
+    assert!(width.is_multiple_of(STRIP));
     arch.dispatch(Filter {
         weights,
         rows,
@@ -85,8 +88,11 @@ impl WithSimd for Filter<'_> {
 }
 
 /// Adds `rows` (each `width` numbers, a multiple of 8) to the lower triangle (by blocks of 8) of the `width` x `width` matrix `gram`.
+///
+/// # Panics
+/// When `width` is no multiple of [`PAD`], or `gram` has another size.
 pub fn add_rows(arch: Arch, rows: &[f64], width: usize, gram: &mut [f64]) {
-    debug_assert!(width.is_multiple_of(PAD) && gram.len() == width * width);
+    assert!(width.is_multiple_of(PAD) && gram.len() == width * width);
     arch.dispatch(AddRows { rows, width, gram });
 }
 

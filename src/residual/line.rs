@@ -282,6 +282,9 @@ fn excursion(line: &Line, axis: &AxisLine) -> Vec<f64> {
         .collect()
 }
 
+/// Nodes of a bench's torque curve at most: a turn and a half every 10 deg is more than any flexure makes.
+const MOST_NODES: usize = 60;
+
 /// The plain model that recordings of one kind call for.
 #[must_use]
 pub fn plain(lines: &[&Line], branches: usize) -> Plain {
@@ -298,11 +301,20 @@ pub fn plain(lines: &[&Line], branches: usize) -> Plain {
             if low > nodes[0] - 0.09 && high < nodes[nodes.len() - 1] + 0.09 {
                 return Plain::Bench(usual);
             }
+            // every 10 deg, but no more nodes than the rows can tell, and never more than a curve needs
+            let rows: usize = lines
+                .iter()
+                .map(|l| l.usable.iter().filter(|u| **u).count())
+                .sum();
+            let most = MOST_NODES.min(rows / 2).max(2) as f64;
             let ten = 10f64.to_radians();
-            let (first, last) = ((low / ten).floor() as i32, (high / ten).ceil() as i32);
-            let nodes: Vec<f64> = (first..=last.max(first + 1))
-                .map(|i| f64::from(i) * ten)
-                .collect();
+            let step = ten
+                * ((high - low) / (ten * (most - 2.0).max(1.0)))
+                    .ceil()
+                    .max(1.0);
+            let (first, last) = ((low / step).floor(), (high / step).ceil());
+            let count = (last.max(first + 1.0) - first) as usize;
+            let nodes: Vec<f64> = (0..=count).map(|i| (first + i as f64) * step).collect();
             let zero = vec![0.0; nodes.len()];
             Plain::Bench(ForearmTorque::new(nodes, zero).unwrap_or_else(|_| ForearmTorque::zero()))
         }

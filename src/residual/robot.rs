@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;
 
-use super::gram::{PAD, add_rows, filter_rows};
+use super::gram::{PAD, STRIP, add_rows, filter_rows};
 use super::{Decimation, Normal, SeparableResidual, Slope};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Effect, Site, When};
@@ -146,7 +146,8 @@ pub struct RobotResidual<'a> {
 pub struct VoltageError {
     /// Predicted phi^2 at each frame and chain, V^2; NaN where out of reach.
     pub predicted_squared_v2: Vec<[f64; 3]>,
-    /// Commanded voltage at each frame and chain, V.
+    /// Size of the voltage that the command makes on the film at each frame and chain, V: the film feels its square, so that a command's
+    /// sign is no error.
     pub command_v: Vec<[f64; 3]>,
     /// Standard deviation of the predicted voltage from the noise of the capture, V (phi^2 < 0 counts as 0 V).
     pub sd_v: Vec<[f64; 3]>,
@@ -1624,6 +1625,7 @@ impl<'a> RobotResidual<'a> {
                 .map(|i| {
                     reached[i]
                         && r.dataset.captured(i)
+                        && !r.dataset.film_unknown[i]
                         && i >= edge
                         && i + edge < n
                         && r.dataset.has_voltage(i, offset)
@@ -1631,7 +1633,7 @@ impl<'a> RobotResidual<'a> {
                 .collect(),
         };
         for i in 0..n {
-            out.command_v.push([0, 1, 2].map(|k| film_v[k][i]));
+            out.command_v.push([0, 1, 2].map(|k| film_v[k][i].abs()));
             out.sd_v.push([0, 1, 2].map(|k| {
                 let slope = half[k][i];
                 let squared = out.predicted_squared_v2[i][k];
@@ -1726,7 +1728,7 @@ fn prepare<'a>(
     } else {
         0.0
     };
-    let decimation = Decimation::new(dataset.step_s, band_hz);
+    let decimation = Decimation::new(dataset.step_s, band_hz, dataset.samples());
     let margin = if free { OFFSET_REACH_S } else { 0.0 };
     let mut usable = dataset.usable.clone();
     for (i, usable) in usable.iter_mut().enumerate() {
@@ -1790,7 +1792,7 @@ fn forearm_columns(
     arch: Arch,
 ) -> Vec<f64> {
     let nodes = forearm.nodes_rad().len();
-    let width = (3 * nodes).next_multiple_of(PAD);
+    let width = (3 * nodes).next_multiple_of(STRIP);
     let n = mechanics.samples();
     let mut basis = vec![0.0; nodes];
     let mut rows = vec![0.0; n * width];

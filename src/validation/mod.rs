@@ -217,8 +217,12 @@ fn check(
                 vec![[f64::NAN; 3]; n]
             }
         };
+    let captured = |k: usize| {
+        let position = &d.axes[k].position;
+        (0..n).filter(|&i| d.captured(i)).map(|i| position[i])
+    };
     let stroke_mm = [
-        1e3 * extent(d.axes[2].position.iter().copied()),
+        1e3 * extent(captured(2)),
         extent(forward_mm.iter().map(|u| u[2])),
     ];
     let predicted_mm = match plan {
@@ -312,7 +316,13 @@ fn path_errors(
         return None;
     }
     // Of the smoothed motion, so that noise makes no path.
-    let [x, y, z] = [0, 1, 2].map(|k| 1e3 * extent(d.axes[k].position.iter().copied()));
+    let captured = |k: usize| {
+        let position = &d.axes[k].position;
+        (0..d.samples())
+            .filter(|&i| d.captured(i))
+            .map(|i| position[i])
+    };
+    let [x, y, z] = [0, 1, 2].map(|k| 1e3 * extent(captured(k)));
     let size = |v: f64| if v < SMALL_EXTENT_MM { f64::NAN } else { v };
     let diameter = size(x.max(y));
     Some(PathErrors {

@@ -140,7 +140,7 @@ mod bench {
             &recording(
                 "axis",
                 "axis",
-                "\n[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"u_V\"\nunits = { time = \"s\", position = \"m\", input = \"V\" }\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\n",
+                "\n[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"u_V\"\nunits = { time = \"s\", position = \"m\", input = \"V\" }\ninput_gain = 1.0\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\n",
             ),
             &axis,
         );
@@ -675,7 +675,11 @@ mod robot_numbers {
                 }
             }
             let time_s: Vec<f64> = (0..self.volts.len()).map(|i| i as f64 * 1e-3).collect();
-            let channel = |k: usize| (self.volts.iter().zip(&time_s)).map(|(v, t)| sign(*t) * v[k]);
+            let channel = |k: usize| -> Vec<f64> {
+                (self.volts.iter().zip(&time_s))
+                    .map(|(v, t)| sign(*t) * v[k])
+                    .collect()
+            };
             Dataset::new(
                 Parts {
                     id: "trial".into(),
@@ -685,11 +689,7 @@ mod robot_numbers {
                     measured_m,
                     voltage: Voltage::new(
                         time_s.clone(),
-                        vec![
-                            channel(0).collect(),
-                            channel(1).collect(),
-                            channel(2).collect(),
-                        ],
+                        vec![channel(0), channel(1), channel(2)],
                         false,
                     ),
                     monitor: None,

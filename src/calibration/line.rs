@@ -284,6 +284,13 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
         Kind::Axis => "input",
         Kind::Coupon => "stress",
     };
+    if !rmse.is_finite() || !noise.is_finite() {
+        return Err(Error::NothingToFit(format!(
+            "the error of the {what} comes out as {rmse:e} {} rms, and as {noise:e} from noise alone: nothing can be judged; check the \
+             constants that the manifest states, and the units",
+            out.unit
+        )));
+    }
     out.verdict = if rmse < FITS * noise {
         format!(
             "The model fits: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}.",

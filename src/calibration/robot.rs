@@ -1093,6 +1093,9 @@ fn assemble(
     let ratio = total.rmse_v / total.noise_floor_v;
     let verdict = if total.samples == 0 {
         "No sample has a command above 1 kV: the fit cannot be judged in volts.".to_string()
+    } else if !ratio.is_finite() {
+        "The fit cannot be judged: at the poses of the motion its noise moves no voltage at all; check the rig's lengths and angles."
+            .to_string()
     } else if ratio < 1.25 {
         format!(
             "The model fits to the noise: {:.1} V rms above 1 kV, where the noise of the capture alone makes {:.1} V.",

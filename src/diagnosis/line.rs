@@ -160,7 +160,7 @@ fn line_unknowns(residual: &LineResidual) -> (Vec<Unknown>, Vec<Unknown>) {
                 .fold(0.1, f64::max);
             nonlinear.push(Unknown {
                 start: 0.2 / reached,
-                lower: 1e-5,
+                lower: 1e-5_f64.min(0.01 / reached),
                 upper: 0.98 / reached,
                 prior: Some(Prior {
                     mean: 0.1 / reached,

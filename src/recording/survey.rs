@@ -1221,9 +1221,13 @@ impl Running {
                     DoubtKind::Spikes,
                     at.time(section),
                     format!(
-                        "marker {}: {} stick out, the worst by {worst:.3} {unit} {}; take them out of the capture, or mask them",
+                        "marker {}: {} stick out, the worst by {} {}; take them out of the capture, or mask them",
                         track.label,
                         samples(count),
+                        match worst.is_finite() {
+                            true => format!("{worst:.3} {unit}"),
+                            false => "more than can be counted".into(),
+                        },
                         at.says(section)
                     ),
                 );

@@ -185,6 +185,20 @@ pub enum CouponError {
         /// Rows that are needed.
         needed: usize,
     },
+    /// A number whose powers are none.
+    #[error(
+        "coupon `{id}`: the {what} of row {} is {value:e}, and nothing beyond {LARGEST:e} can be worked with: mend it, or empty the cell", row + 1
+    )]
+    Beyond {
+        /// Recording.
+        id: String,
+        /// Which.
+        what: &'static str,
+        /// Which of its rows.
+        row: usize,
+        /// Its value.
+        value: f64,
+    },
     /// Stress or stretch that never changes.
     #[error("coupon `{id}`: the {what} is {value} in every row: nothing can be learned from it")]
     Flat {
@@ -197,6 +211,8 @@ pub enum CouponError {
     },
 }
 
+/// Largest magnitude in SI units: fourth powers of more, summed over a recording, need not be numbers.
+pub(super) const LARGEST: f64 = 1e60;
 /// Fewest rows of a coupon.
 const FEWEST_ROWS: usize = 4;
 
@@ -289,6 +305,24 @@ impl Coupon {
                 stretch: rows,
                 stress: stress_pa.len(),
             });
+        }
+        for (what, values) in [
+            ("time", &time_s),
+            ("stretch", &stretch),
+            ("stress", &stress_pa),
+        ] {
+            if let Some(row) = values
+                .iter()
+                .position(|v| v.is_finite() && v.abs() > LARGEST)
+            {
+                let value = values[row];
+                return Err(CouponError::Beyond {
+                    id,
+                    what,
+                    row,
+                    value,
+                });
+            }
         }
         let mut notes = Vec::new();
         let (carries, usable) = mask(&time_s, &stretch, &stress_pa, &mut notes);

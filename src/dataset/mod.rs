@@ -522,8 +522,9 @@ fn bridged(
         film_unknown[after..settled].fill(true);
         notes.push(format!(
             "gap of {:.2} s ({length} frames from frame index {start}) is longer than the smoother can bridge: masked, with {:.2} s \
-             before and {:.2} s after it; inside, the motion is taken to be what the same voltages made elsewhere, and what that \
-             leaves open of the film's history counts as noise after it",
+             before and {:.2} s after it; the film's \
+             history in the gap is not known: the motion inside is taken to be what the same voltages made elsewhere, and what that leaves \
+             open counts as noise",
             length as f64 * step_s,
             (start - start.saturating_sub(beside)) as f64 * step_s,
             (settled - after) as f64 * step_s

@@ -195,7 +195,7 @@ fn an_answer_is_opened_only_after_the_diagnosis() {
     let spec = spec(Kind::Clean, 21, 0.0);
     let case = generate(&spec).unwrap();
     let before = blind(&case).unwrap();
-    let t = compare(&case.truth, Ok(before.clone()), 0.0);
+    let t = compare(&case.truth, Ok(before.clone()));
     assert_eq!(blind(&case).unwrap().verdict, before.verdict);
     assert!(t.truth.is_empty());
 }

@@ -2,6 +2,7 @@
 //! program is a thin shell over this library.
 pub mod calibration;
 pub mod cases;
+pub mod checks;
 pub mod cli;
 pub mod dataset;
 pub mod diagnosis;

@@ -80,6 +80,19 @@ const ROOMS: &[Room] = &[
         "the model sees the motion and the rig, never the recorded voltage, which is the answer",
     ),
     (
+        "checks",
+        May::Only(&[
+            ("units", ANY),
+            ("kinematics", ANY),
+            ("film", ANY),
+            ("recording", ANY),
+            ("dataset", &["Track", "Voltage", "OFFSET_SEARCH_S"]),
+            ("model", &["Mechanics", "Robot"]),
+        ]),
+        NO_FILES,
+        "a check looks at what was recorded and at what is stated; it fits nothing and changes nothing",
+    ),
+    (
         "residual",
         May::Only(&[
             ("units", ANY),

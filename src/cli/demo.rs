@@ -69,6 +69,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &film,
         &FitJson::new(&film, provenance.clone()),
         provenance,
+        &[],
         talk.overwrite(),
     )?;
 
@@ -85,6 +86,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &forearm,
         &FitJson::new(&forearm, provenance.clone()),
         provenance,
+        &[],
         talk.overwrite(),
     )?;
 
@@ -100,6 +102,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &joint,
         &FitJson::new(&joint, provenance.clone()),
         provenance,
+        &[],
         talk.overwrite(),
     )?;
     say_outcome(&joint, talk);
@@ -143,7 +146,14 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     )?;
     let provenance = Provenance::of("deacal demo", &recordings);
     let folder = output.join("diagnosis");
-    diagnose::write(&folder, &diagnosis, series, provenance, talk.overwrite())?;
+    diagnose::write(
+        &folder,
+        &diagnosis,
+        series,
+        &[],
+        provenance,
+        talk.overwrite(),
+    )?;
     talk.say(&format!("  {}", diagnosis.says));
     drop(progress);
     talk.result(&json);

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::progress::Progress;
 use super::series::{self, Occasion, Series};
 use super::{Failure, Talk, load};
+use crate::checks::{Finding, Grade};
 use crate::dataset::Dataset;
 use crate::diagnosis::{
     Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, Verdict,
@@ -15,7 +16,7 @@ use crate::model::Robot;
 use crate::recording::{Kind, Recording, suggestion};
 use crate::report::diagnosis_json::DiagnosisJson;
 use crate::report::html;
-use crate::report::json::to_text;
+use crate::report::json::{FindingJson, to_text};
 use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
 use crate::report::provenance::Provenance;
@@ -90,7 +91,11 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings_of(&paths, a.rig.as_ref(), &kinds, &progress)?;
     let (recordings, named, copies) = load::distinct(recordings, a.recordings.len());
+    let findings = load::findings(&recordings, &progress, talk);
     let provenance = Provenance::of(command, &recordings);
+    if findings.iter().any(|f| f.grade == Grade::Wrong) {
+        return mend_first(a, &recordings, &findings, provenance, progress, talk);
+    }
     let request = Request {
         false_alarm_rate: a.false_alarms,
         only: a.only.clone(),
@@ -99,29 +104,128 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     if recordings[0].manifest.kind != Kind::Robot {
         let (mut diagnosis, series) = judge_lines(&recordings, named, &request, &progress)?;
         diagnosis.remarks.extend(copies);
-        return finish(a, &diagnosis, series, provenance, progress, talk);
+        if let Some(finding) = beyond_any_cause(&diagnosis) {
+            let all = [vec![finding], findings].concat();
+            return mend_first(a, &recordings, &all, provenance, progress, talk);
+        }
+        return finish(a, &diagnosis, series, &findings, provenance, progress, talk);
     }
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     let series = series::order(&recordings, &datasets)?;
-    drop(recordings);
     let (mut diagnosis, series) = judge(
         &robot, &datasets, named, series, &request, &progress, search,
     )?;
     diagnosis.remarks.extend(copies);
-    finish(a, &diagnosis, series, provenance, progress, talk)
+    if let Some(finding) = beyond_any_cause(&diagnosis) {
+        let all = [vec![finding], findings].concat();
+        return mend_first(a, &recordings, &all, provenance, progress, talk);
+    }
+    finish(a, &diagnosis, series, &findings, provenance, progress, talk)
+}
+
+/// How many times the noise the plain model may leave, and which share of what is predicted, before that is no left-out physics. The
+/// strongest causes of the practice cases leave 162 (clocks that drift apart by 1 %), 87 and 68 times the noise, and at most
+/// 18 % of the drive: twice the one and twice the other. Both, because a quieter capture makes the first as large as one likes.
+const TIMES_THE_NOISE: f64 = 300.0;
+const OF_WHAT_IS_PREDICTED: f64 = 0.4;
+
+/// What is left of the plain model and of the best one where it is more than any cause makes.
+fn beyond_any_cause(d: &Diagnosis) -> Option<Finding> {
+    let commands = || {
+        let all = d
+            .traces
+            .iter()
+            .flat_map(|t| &t.command_v)
+            .flatten()
+            .copied();
+        all.filter(|v| v.is_finite() && (d.rig != RigKind::Robot || *v > 1000.0))
+    };
+    let (count, square) = commands().fold((0.0, 0.0), |(n, s), v| (n + 1.0, s + v * v));
+    let size = (square / f64::max(count, 1.0)).sqrt();
+    let far = |error: f64| {
+        error > TIMES_THE_NOISE * d.train.noise_floor_v && error > OF_WHAT_IS_PREDICTED * size
+    };
+    let times = d.train.before_v / d.train.noise_floor_v;
+    (size > 0.0 && far(d.train.before_v) && far(d.train.after_v)).then(|| Finding {
+        check: "mismatch",
+        grade: Grade::Wrong,
+        recording: String::new(),
+        says: format!(
+            "the plain model leaves {} rms{} of {}, {times:.0} times the noise: more than any left-out physics makes",
+            in_unit(d.train.before_v, &d.unit),
+            d.over,
+            in_unit(size, &d.unit)
+        ),
+        remedy: "look at wiring, axes, units and clocks, and at what the rig states".into(),
+        p_value: f64::NAN,
+    })
+}
+
+/// The verdict `recording`: what is wrong, and no physics.
+fn mend_first(
+    a: &Arguments,
+    recordings: &[Recording],
+    findings: &[Finding],
+    provenance: Provenance,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let wrong = findings.iter().filter(|f| f.grade == Grade::Wrong).count();
+    let says = format!(
+        "First mend the recording: {wrong} {} said above that would pass for physics. No physics is named.",
+        if wrong == 1 {
+            "mistake is"
+        } else {
+            "mistakes are"
+        }
+    );
+    let unit = match recordings[0].manifest.kind {
+        Kind::Robot | Kind::FilmSample => "V",
+        Kind::HingeBench => "N m",
+        Kind::FilmCoupon => "Pa",
+        Kind::Axis => recordings[0].axis.as_ref().map_or("", |x| &x.input_unit),
+    };
+    let json =
+        DiagnosisJson::of_recordings(says.clone(), findings, unit.to_owned(), provenance.clone());
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
+    set.write(
+        "report.html",
+        html::render_recording(&says, findings, &provenance),
+    )?;
+    set.write("diagnosis.json", to_text(&json))?;
+    set.commit()?;
+    drop(progress);
+    talk.result(&json);
+    for f in findings.iter().filter(|f| f.recording.is_empty()) {
+        talk.say(&load::finding_line(f));
+    }
+    talk.say(&says);
+    talk.say(&format!(
+        "Report: {}",
+        a.output.join("report.html").display()
+    ));
+    Ok(())
 }
 
 fn finish(
     a: &Arguments,
     diagnosis: &Diagnosis,
     series: Vec<SeriesEntry>,
+    findings: &[Finding],
     provenance: Provenance,
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
     progress.step("writing");
-    let json = write(&a.output, diagnosis, series, provenance, talk.overwrite())?;
+    let json = write(
+        &a.output,
+        diagnosis,
+        series,
+        findings,
+        provenance,
+        talk.overwrite(),
+    )?;
     drop(progress);
     talk.result(&json);
     say(diagnosis, talk);
@@ -246,15 +350,15 @@ pub(super) fn write(
     output: &std::path::Path,
     diagnosis: &Diagnosis,
     series: Vec<SeriesEntry>,
+    findings: &[Finding],
     provenance: Provenance,
     overwrite: Overwrite,
 ) -> Result<DiagnosisJson, Failure> {
-    let json = DiagnosisJson::new(diagnosis, series.clone(), provenance.clone());
+    let mut json = DiagnosisJson::new(diagnosis, series.clone(), provenance.clone());
+    json.findings = FindingJson::of(findings);
     let mut set = OutputSet::new(output, overwrite)?;
-    set.write(
-        "report.html",
-        html::render_diagnosis(diagnosis, &provenance),
-    )?;
+    let page = html::render_diagnosis(diagnosis, &provenance);
+    set.write("report.html", html::with_findings(page, findings))?;
     set.write(
         "parameters.toml",
         ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml()?,

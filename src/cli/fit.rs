@@ -11,10 +11,11 @@ use crate::calibration::{
     CouponRequest, LineRequest, Outcome, Request, SampleRequest, Stage, calibrate_coupons,
     calibrate_lines, calibrate_robot, calibrate_samples,
 };
+use crate::checks::Finding;
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
 use crate::report::html;
-use crate::report::json::{FitJson, to_text};
+use crate::report::json::{FindingJson, FitJson, to_text};
 use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::plan_to_toml;
@@ -158,6 +159,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     let (recordings, _, copies) = load::distinct(recordings, 0);
     let file = a.start.as_deref().map(load::parameters).transpose()?;
     let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
+    let findings = load::findings(&recordings, &progress, talk);
     let provenance = Provenance::of(command, &recordings);
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     drop(recordings);
@@ -175,12 +177,14 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     let mut outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
     progress.step("writing");
-    let fit = FitJson::new(&outcome, provenance.clone());
+    let mut fit = FitJson::new(&outcome, provenance.clone());
+    fit.findings = FindingJson::of(&findings);
     write_fit(
         &a.common.output,
         &outcome,
         &fit,
         provenance,
+        &findings,
         talk.overwrite(),
     )?;
     drop(progress);
@@ -202,11 +206,13 @@ pub(super) fn write_fit(
     outcome: &Outcome,
     fit: &FitJson,
     provenance: Provenance,
+    findings: &[Finding],
     overwrite: Overwrite,
 ) -> Result<(), Failure> {
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
     let mut set = OutputSet::new(output, overwrite)?;
-    set.write("report.html", html::render(outcome, &provenance))?;
+    let page = html::render(outcome, &provenance);
+    set.write("report.html", html::with_findings(page, findings))?;
     set.write(
         "parameters.toml",
         ParameterFile::of_outcome(outcome, provenance).to_toml()?,
@@ -256,6 +262,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
     let (recordings, _, copies) = load::distinct(recordings, 0);
     let file = a.start.as_deref().map(load::parameters).transpose()?;
     let provenance = Provenance::of(command, &recordings);
+    let findings = load::findings(&recordings, &progress, talk);
     let (datasets, samples) = load::samples(&recordings, file.as_ref())?;
     let refs: Vec<_> = datasets.iter().collect();
     let start = file.as_ref().map(ParameterFile::parameters).transpose()?;
@@ -276,8 +283,9 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
         fit: FitJson::of_samples(&outcome, provenance.clone()),
         parameters: ParameterFile::of_samples(&outcome, provenance),
         plan: Some(plan_to_toml(&plans)),
+        findings,
     };
-    finish(&a.common.output, &written, progress, talk)
+    finish(&a.common.output, written, progress, talk)
 }
 
 /// What a fit of samples, lines or coupons leaves.
@@ -286,10 +294,13 @@ struct Written {
     fit: FitJson,
     parameters: ParameterFile,
     plan: Option<String>,
+    findings: Vec<Finding>,
 }
 
 /// Writes it, all or none, and says it.
-fn finish(output: &Path, w: &Written, progress: Progress, talk: Talk) -> Result<(), Failure> {
+fn finish(output: &Path, mut w: Written, progress: Progress, talk: Talk) -> Result<(), Failure> {
+    w.fit.findings = FindingJson::of(&w.findings);
+    w.report = html::with_findings(w.report, &w.findings);
     let mut set = OutputSet::new(output, talk.overwrite())?;
     set.write("report.html", &w.report)?;
     set.write("parameters.toml", w.parameters.to_toml()?)?;
@@ -314,6 +325,7 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure>
     let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
     let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
+    let findings = load::findings(&recordings, &progress, talk);
     let lines = load::lines(&recordings, &progress)?;
     drop(recordings);
     let request = LineRequest {
@@ -328,8 +340,9 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure>
         fit: FitJson::of_lines(&outcome, provenance.clone()),
         parameters: ParameterFile::of_lines(&outcome, provenance),
         plan: None,
+        findings,
     };
-    finish(&a.output, &written, progress, talk)
+    finish(&a.output, written, progress, talk)
 }
 
 fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
@@ -338,6 +351,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
     let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
     let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
+    let findings = load::findings(&recordings, &progress, talk);
     let coupons = recordings
         .iter()
         .map(Coupon::from_recording)
@@ -357,6 +371,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
         fit: FitJson::of_coupons(&outcome, provenance.clone()),
         parameters: ParameterFile::of_coupons(&outcome, provenance),
         plan: None,
+        findings,
     };
-    finish(&a.common.output, &written, progress, talk)
+    finish(&a.common.output, written, progress, talk)
 }

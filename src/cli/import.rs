@@ -2,14 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
+use super::load::finding_line;
 use super::progress::Progress;
 use super::{Failure, Talk, load};
 use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
+use crate::checks::{Grade, check};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
 use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, survey_file};
 use crate::report::arrays::{ArrayFormat, Arrays};
-use crate::report::json::{AlignedJson, ImportFile, ImportJson, ImportRecording, to_text};
+use crate::report::json::{
+    AlignedJson, FindingJson, ImportFile, ImportJson, ImportRecording, to_text,
+};
 use crate::report::output::{OutputSet, Overwrite, write_atomic};
 use crate::report::provenance::Provenance;
 use crate::report::{csv, mcap, survey};
@@ -166,14 +170,31 @@ fn one(
             .filter(|n| n.level == Level::Warning)
             .map(|n| format!("  ! {}", n.text)),
     );
+    let findings = check(recording);
+    lines.extend(findings.iter().map(|f| format!("  {}", finding_line(f))));
+    let wrong = findings.iter().any(|f| f.grade == Grade::Wrong);
+    let described = |dataset: Option<&Dataset>| ImportRecording {
+        findings: FindingJson::of(&findings),
+        ..ImportRecording::new(recording, dataset)
+    };
     if recording.manifest.kind != Kind::Robot {
-        return Ok(ImportRecording::new(recording, None));
+        return Ok(described(None));
     }
     progress.step(format!("smoothing and aligning {id}"));
-    let mut dataset = Dataset::from_recording(recording, None)?;
+    let mut dataset = match Dataset::from_recording(recording, None) {
+        Ok(dataset) => dataset,
+        // what was found says why
+        Err(error) if wrong => {
+            lines.push(format!("  ! not aligned: {error}"));
+            return Ok(described(None));
+        }
+        Err(error) => return Err(error.into()),
+    };
     // A free clock offset is found by fitting the film along with it.
     let mut fitted: Option<Outcome> = None;
-    if let (OffsetSource::Free, Some(Rig::Robot(rig))) = (dataset.offset_source, &recording.rig) {
+    if let (OffsetSource::Free, Some(Rig::Robot(rig)), false) =
+        (dataset.offset_source, &recording.rig, wrong)
+    {
         progress.step(format!("estimating the clock offset of {id}"));
         let robot = Robot::from_rig(rig, None)?;
         let outcome = calibrate_robot(&robot, &[&dataset], &Request::new(Stage::Robot), &|s| {
@@ -206,6 +227,9 @@ fn one(
             e * 1e3
         )),
         None if dataset.plan.sync.is_some() => lines.push(measured_offset(&dataset)),
+        None if dataset.offset_source == OffsetSource::Free => {
+            lines.push("  clock offset not estimated: first mend the recording".to_owned());
+        }
         None => lines.push(format!(
             "  clock offset {:.2} ms (stated)",
             dataset.offset_s * 1e3
@@ -226,7 +250,7 @@ fn one(
             })?;
         }
     }
-    let mut json = ImportRecording::new(recording, Some(&dataset));
+    let mut json = described(Some(&dataset));
     json.aligned = Some(AlignedJson::new(&dataset, error_s));
     Ok(json)
 }

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::Failure;
 use super::progress::Progress;
+use super::{Failure, Talk};
+use crate::checks::{Finding, Grade, check_all, check_parameters};
 use crate::dataset::line::Line;
 use crate::dataset::{Dataset, HangingDataset, Plan};
 use crate::model::{Electrode, HangingSample, Robot};
@@ -106,6 +107,29 @@ pub(super) fn whole(path: &Path) -> Result<(), Failure> {
     Ok(settle(folder)?)
 }
 
+/// What is wrong with recordings, said before anything is fitted to them.
+pub(super) fn findings(recordings: &[Recording], progress: &Progress, talk: Talk) -> Vec<Finding> {
+    progress.step("looking at wiring, axes, units and clocks");
+    let found = check_all(recordings);
+    for finding in &found {
+        talk.say(&finding_line(finding));
+    }
+    found
+}
+
+/// A finding for a terminal.
+pub(super) fn finding_line(finding: &Finding) -> String {
+    format!(
+        "{} {}: {}",
+        match finding.grade {
+            Grade::Wrong => "! wrong:",
+            Grade::Doubtful => "? doubtful:",
+        },
+        finding.recording,
+        finding.line()
+    )
+}
+
 /// Smooths and aligns robot recordings.
 pub(super) fn datasets(
     recordings: &[Recording],
@@ -200,10 +224,16 @@ pub(super) fn samples(
     Ok((datasets, samples))
 }
 
-/// Reads a parameter file.
+/// Reads a parameter file; numbers that cannot be are an error.
 pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     whole(path)?;
-    Ok(ParameterFile::read(path)?)
+    let file = ParameterFile::read(path)?;
+    if let Ok(parameters) = file.parameters()
+        && let Some(wrong) = check_parameters(&path.display().to_string(), &parameters.film).first()
+    {
+        return Err(wrong.line().into());
+    }
+    Ok(file)
 }
 
 /// A table's rising time_s and its columns, each named by the first of its alternatives that is there. An empty cell is an error.

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use super::progress::Progress;
 use super::{Failure, Talk, load, series};
 use crate::calibration::{validate_lines, validate_samples};
+use crate::checks::Finding;
 use crate::dataset::Dataset;
 use crate::diagnosis::in_unit;
 use crate::recording::{Kind, Recording};
 use crate::report::html;
-use crate::report::json::{ModelValidation, ValidationJson, to_text};
+use crate::report::json::{FindingJson, ModelValidation, ValidationJson, to_text};
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
@@ -54,12 +55,14 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
     let (recordings, _, copies) = load::distinct(recordings, 0);
     copies.iter().for_each(|remark| talk.say(remark));
+    let findings = load::findings(&recordings, &progress, talk);
     let provenance = Provenance::of(command, &recordings);
+    let given = (&recordings[..], &findings[..]);
     match recordings[0].manifest.kind {
         Kind::Robot => {}
-        Kind::FilmSample => return samples(a, &recordings, copies, &provenance, progress, talk),
+        Kind::FilmSample => return samples(a, given, copies, &provenance, progress, talk),
         Kind::Axis | Kind::HingeBench | Kind::FilmCoupon => {
-            return lines(a, &recordings, copies, &provenance, progress, talk);
+            return lines(a, given, copies, &provenance, progress, talk);
         }
     }
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
@@ -109,7 +112,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let head = models.remove(0);
     let json = ValidationJson::new(head, models, None, provenance.clone());
     let report = html::render_validation(&shown, &provenance);
-    leave(a, &json, report, progress, talk)
+    leave(a, json, report, &findings, progress, talk)
 }
 
 /// A model that was held against recordings: its numbers, its report, and what to say of each recording.
@@ -122,7 +125,7 @@ struct Held {
 /// Films against hanging samples.
 fn samples(
     a: &Arguments,
-    recordings: &[Recording],
+    (recordings, findings): (&[Recording], &[Finding]),
     copies: Vec<String>,
     provenance: &Provenance,
     progress: Progress,
@@ -149,13 +152,13 @@ fn samples(
             model: ModelValidation::of_samples(&outcome, sum),
         })
     };
-    compare(a, hold, None, provenance, progress, talk)
+    compare(a, hold, None, (provenance, findings), progress, talk)
 }
 
 /// Models of a single coordinate against hinge benches, axes or coupons.
 fn lines(
     a: &Arguments,
-    recordings: &[Recording],
+    (recordings, findings): (&[Recording], &[Finding]),
     copies: Vec<String>,
     provenance: &Provenance,
     progress: Progress,
@@ -181,7 +184,7 @@ fn lines(
             model: ModelValidation::of_lines(&outcome, sum),
         })
     };
-    compare(a, hold, Some(&unit), provenance, progress, talk)
+    compare(a, hold, Some(&unit), (provenance, findings), progress, talk)
 }
 
 /// Each parameter file against the recordings; the report is that of the first.
@@ -189,7 +192,7 @@ fn compare(
     a: &Arguments,
     hold: impl Fn(&ParameterFile, FileSum) -> Result<Held, Failure>,
     unit: Option<&str>,
-    provenance: &Provenance,
+    (provenance, findings): (&Provenance, &[Finding]),
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
@@ -211,23 +214,25 @@ fn compare(
     let first = all.remove(0);
     let others = all.into_iter().map(|h| h.model).collect();
     let json = ValidationJson::new(first.model, others, unit, provenance.clone());
-    leave(a, &json, first.report, progress, talk)
+    leave(a, json, first.report, findings, progress, talk)
 }
 
 /// Writes the results and says where they are.
 fn leave(
     a: &Arguments,
-    json: &ValidationJson,
+    mut json: ValidationJson,
     report: String,
+    findings: &[Finding],
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
+    json.findings = FindingJson::of(findings);
     let mut set = OutputSet::new(&a.output, talk.overwrite())?;
-    set.write("validation.json", to_text(json))?;
-    set.write("report.html", report)?;
+    set.write("validation.json", to_text(&json))?;
+    set.write("report.html", html::with_findings(report, findings))?;
     set.commit()?;
     drop(progress);
-    talk.result(json);
+    talk.result(&json);
     talk.say(&format!(
         "Report: {}",
         a.output.join("report.html").display()

@@ -5,21 +5,25 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::effect_entries::{actuators, named, word};
-use super::json::{Named, Number, finite};
+use super::json::{FindingJson, Named, Number, finite};
 use super::parameter_file::SeriesEntry;
 use super::provenance::Provenance;
+use crate::checks::{Finding, Grade};
 use crate::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place, RivalModel};
 
 /// `diagnosis.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "diagnosis.json")]
 pub struct DiagnosisJson {
-    /// `adequate`, `missing_physics` or `unexplained`.
+    /// `adequate`, `missing_physics`, `unexplained` or `recording`: the recording or a stated number is wrong, and no physics is named.
     pub verdict: String,
     /// Probability of the verdict.
     pub confidence: Number,
     /// The verdict in one or two sentences.
     pub says: String,
+    /// What is wrong with the recordings, or looks so: said before anything is fitted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub findings: Vec<FindingJson>,
     /// Where model and recordings differ, most telling first.
     #[serde(rename = "where")]
     pub places: Vec<PlaceJson>,
@@ -313,6 +317,48 @@ impl RivalJson {
 }
 
 impl DiagnosisJson {
+    /// Of recordings that have to be mended first: nothing was fitted, no physics is named. Errors are null.
+    #[must_use]
+    pub fn of_recordings(
+        says: String,
+        findings: &[Finding],
+        unit: String,
+        provenance: Provenance,
+    ) -> Self {
+        let largest = findings
+            .iter()
+            .filter(|f| f.grade == Grade::Wrong)
+            .map(|f| f.p_value)
+            .fold(f64::INFINITY, f64::min);
+        DiagnosisJson {
+            verdict: "recording".into(),
+            confidence: finite(1.0 - largest),
+            says,
+            findings: FindingJson::of(findings),
+            places: Vec::new(),
+            candidates: Vec::new(),
+            indistinguishable: Vec::new(),
+            next_experiment: String::new(),
+            hidden: Vec::new(),
+            law: None,
+            rmse_basis: if unit == "V" { "above_1kV" } else { "all" }.into(),
+            rmse_unit: unit,
+            train: GainJson {
+                before: None,
+                after: None,
+                noise_floor: None,
+                all: [None; 3],
+            },
+            holdout: None,
+            plain_mean_square: None,
+            plain_holdout_mean_square: None,
+            rivals: Vec::new(),
+            remarks: Vec::new(),
+            series: Vec::new(),
+            provenance,
+        }
+    }
+
     /// Of a diagnosis.
     #[must_use]
     pub fn new(d: &Diagnosis, series: Vec<SeriesEntry>, provenance: Provenance) -> Self {
@@ -321,6 +367,7 @@ impl DiagnosisJson {
             verdict: d.verdict.name().into(),
             confidence: finite(d.confidence),
             says: d.says.clone(),
+            findings: Vec::new(),
             places: d.places.iter().map(PlaceJson::of).collect(),
             candidates: d
                 .candidates

@@ -14,6 +14,7 @@ use crate::calibration::{
     AtBound, ChainError, CouponFit, CouponOutcome, CouponPlace, CouponTotal, Estimate, LineFit,
     LineOutcome, Outcome, RecordingOutcome, SampleFit, SampleOutcome, StartOutcome, WeakDirection,
 };
+use crate::checks::Finding;
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::effects::Acting;
 use crate::film::InitialState;
@@ -27,6 +28,39 @@ pub type Number = Option<f64>;
 #[must_use]
 pub fn finite(value: f64) -> Number {
     value.is_finite().then_some(value)
+}
+
+/// Something that is wrong with a recording, or looks so.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FindingJson {
+    /// The kind of mistake: `chain_order`, `mirror`, `axes`, `unit`, `rate`, `clock`, `polarity`, `sentinel`, `stated_value`, ...
+    pub check: String,
+    /// `wrong`: a diagnosis stops at it; `doubtful`: it is said, and the job goes on.
+    pub grade: String,
+    /// Identity of the recording.
+    pub recording: String,
+    /// What is seen, with the evidence.
+    pub says: String,
+    /// What to do.
+    pub remedy: String,
+    /// Probability of evidence as strong from a sound recording; null where it is a matter of plausibility.
+    pub p_value: Number,
+}
+
+impl FindingJson {
+    /// Of findings, in their order.
+    #[must_use]
+    pub fn of(findings: &[Finding]) -> Vec<Self> {
+        let one = |f: &Finding| FindingJson {
+            check: f.check.into(),
+            grade: f.grade.name().into(),
+            recording: f.recording.clone(),
+            says: f.says.clone(),
+            remedy: f.remedy.clone(),
+            p_value: finite(f.p_value),
+        };
+        findings.iter().map(one).collect()
+    }
 }
 
 /// Values by name, in an order of their own.
@@ -581,6 +615,9 @@ pub struct FitJson {
     pub remarks: Vec<String>,
     /// What the result was made of.
     pub provenance: Provenance,
+    /// What is wrong with the recordings, or looks so: said before anything is fitted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub findings: Vec<FindingJson>,
 }
 
 impl FitJson {
@@ -589,6 +626,7 @@ impl FitJson {
     pub fn new(outcome: &Outcome, provenance: Provenance) -> Self {
         let [low, high] = outcome.swing_range_deg;
         FitJson {
+            findings: Vec::new(),
             rmse_unit: "V".to_owned(),
             rmse_basis: ABOVE_1KV.to_owned(),
             converged: outcome.converged,
@@ -638,6 +676,7 @@ impl FitJson {
     ) -> Self {
         let parameters = estimates.iter().map(|e| (e.name.clone(), e.into()));
         FitJson {
+            findings: Vec::new(),
             job: job.to_owned(),
             verdict: verdict.to_owned(),
             errors,
@@ -669,6 +708,7 @@ impl FitJson {
     pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
         let misfit = outcome.misfit_std_error.iter().copied();
         FitJson {
+            findings: Vec::new(),
             nrmse_percent: finite(outcome.nrmse_percent),
             rmse_unit: "Pa".to_owned(),
             converged: outcome.converged,
@@ -740,6 +780,7 @@ impl FitJson {
             }
         };
         FitJson {
+            findings: Vec::new(),
             rmse_unit: outcome.unit.clone(),
             converged: outcome.converged,
             reason: outcome.reason.clone(),
@@ -761,6 +802,7 @@ impl FitJson {
     #[must_use]
     pub fn of_samples(outcome: &SampleOutcome, provenance: Provenance) -> Self {
         FitJson {
+            findings: Vec::new(),
             rmse_unit: "V".to_owned(),
             rmse_basis: ABOVE_1KV.to_owned(),
             converged: outcome.converged,
@@ -1025,6 +1067,9 @@ pub struct ValidationJson {
     pub compared: Vec<ModelValidation>,
     /// What the result was made of.
     pub provenance: Provenance,
+    /// What is wrong with the recordings, or looks so: said before anything is fitted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub findings: Vec<FindingJson>,
 }
 
 impl ValidationJson {
@@ -1038,6 +1083,7 @@ impl ValidationJson {
         provenance: Provenance,
     ) -> Self {
         ValidationJson {
+            findings: Vec::new(),
             model: first,
             rmse_unit: unit.unwrap_or("V").to_owned(),
             rmse_basis: unit.map_or(ABOVE_1KV, |_| ALL).to_owned(),
@@ -1435,6 +1481,9 @@ pub struct ImportRecording {
     pub aligned: Option<AlignedJson>,
     /// What was found and dropped.
     pub notes: Vec<NoteJson>,
+    /// What is wrong with the recordings, or looks so: said before anything is fitted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub findings: Vec<FindingJson>,
 }
 
 /// A file of a recording.
@@ -1538,6 +1587,7 @@ impl ImportRecording {
             Some(table(Some(&a.time_s), columns))
         };
         ImportRecording {
+            findings: Vec::new(),
             id: recording.manifest.id.clone(),
             kind: recording.manifest.kind.name().to_owned(),
             start: recording.manifest.start.as_ref().map(|s| s.text.clone()),

@@ -1,0 +1,55 @@
+//! Numbers of a parameter file that cannot be: MPa for Pa, a film that locks at once. (The file itself refuses what is below zero.)
+
+use super::view::short;
+use super::{Finding, Grade};
+use crate::film::Film;
+
+/// Moduli of springs that a film has, Pa, all of them together: gels from 1 kPa, rubbers to 100 MPa.
+const MODULUS_PA: [f64; 2] = [500.0, 3e8];
+/// Smallest J: (lambda_1^2 + ... - 3) at which a film locks; below, none could be stretched as it is for an actuator.
+const LOCKING: f64 = 0.1;
+
+/// What cannot be about a film's numbers; `name` is the file's.
+#[must_use]
+pub fn check_parameters(name: &str, film: &Film) -> Vec<Finding> {
+    let mut out = Vec::new();
+    let mut add = |says: String, remedy: &str| {
+        out.push(Finding {
+            check: "stated_value",
+            grade: Grade::Wrong,
+            recording: String::new(),
+            says,
+            remedy: remedy.into(),
+            p_value: f64::NAN,
+        });
+    };
+    let sum: f64 = film.mu_pa.iter().sum();
+    if !(MODULUS_PA[0]..=MODULUS_PA[1]).contains(&sum) {
+        add(
+            format!(
+                "{name}: the moduli mu_Pa add up to {} Pa, which no elastomer film has (1 kPa to 100 MPa){}",
+                short(sum),
+                if sum < 1e3 { ": MPa?" } else { "" }
+            ),
+            "state them in Pa",
+        );
+    }
+    if film.locking < LOCKING {
+        add(
+            format!(
+                "{name}: J = {} locks the film before it is stretched",
+                film.locking
+            ),
+            "state the locking constant J of Gent's law, 1 to 1000",
+        );
+    }
+    for (i, t) in film.relaxation_time_s.iter().enumerate() {
+        if *t <= 0.0 || *t > 1e9 {
+            add(
+                format!("{name}: relaxation time {} of T_s is {t}", i + 1),
+                "state them in s, above zero",
+            );
+        }
+    }
+    out
+}

@@ -3,7 +3,8 @@
 mod common;
 
 use deacal::diagnosis::{
-    Candidate, Diagnosis, Evidence, Gain, Hidden, Law, Place, RivalModel, Traces, Value, Verdict,
+    Candidate, Departed, Diagnosis, Evidence, Gain, Hidden, Law, Place, RivalModel, Traces, Value,
+    Verdict,
 };
 use deacal::effects::{Acting, by_id};
 use deacal::film::Film;
@@ -206,6 +207,15 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
         traces: vec![trace("a/01-symmetric", false), trace(HOSTILE, true)],
         remarks: vec!["Not every recording states its `start`.".into()],
         says: "The plain model leaves ten times the noise. A series resistance in actuator 2 accounts for 97 % of it.".into(),
+        probabilities: [0.01, 0.97, 0.02],
+        departed: vec![Departed {
+            what: "link d of actuator 2".into(),
+            found: 0.0011,
+            tolerance: 0.002,
+            unit: "1",
+            stated: false,
+        }],
+        built: 0.3,
         rivals: vec![("whiteness test", true, None)],
         evidence: Evidence::default(),
     }
@@ -256,6 +266,9 @@ fn the_numbers_have_the_promised_keys() {
             assert_eq!(c[3]["parameters"]["link"]["value"], "a");
             assert!(c[4]["parameters"]["rate_down"]["value"].is_null());
         }
+        assert_eq!(json["probabilities"]["something_else"], 0.02);
+        assert_eq!(json["tolerances"][0]["what"], "link d of actuator 2");
+        assert_eq!(json["tolerance_scale"], 0.3);
         let back: DiagnosisJson = serde_json::from_str(&text).unwrap();
         assert_eq!(to_text(&back), text);
     }

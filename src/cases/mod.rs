@@ -288,7 +288,16 @@ fn parameters(dice: &mut Dice) -> Result<Parameters, String> {
 /// # Errors
 /// A sentence when no drive could be found that the robot follows.
 pub fn generate(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, false, None)
+    generate_with(spec, false, None, false)
+}
+
+/// The same case on a robot that is only nearly its drawing: films, links, angles, axes, marker and clocks are off by a share of usual workshop
+/// tolerances, 3 % to all of them.
+///
+/// # Errors
+/// As [`generate`].
+pub fn generate_built(spec: &Spec) -> Result<Case, String> {
+    generate_with(spec, false, None, true)
 }
 
 /// The same case, with its effects in the form that `simulate` gives them.
@@ -296,7 +305,7 @@ pub fn generate(spec: &Spec) -> Result<Case, String> {
 /// # Errors
 /// As [`generate`].
 pub fn generate_as(spec: &Spec, simulate: Simulate) -> Result<Case, String> {
-    generate_with(spec, false, Some(simulate))
+    generate_with(spec, false, Some(simulate), false)
 }
 
 /// Share of the usual voltages, tried one after the other where the robot leaves its workspace.
@@ -309,10 +318,15 @@ const WEAKER: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 /// # Errors
 /// As [`generate`].
 pub fn generate_off(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, true, None)
+    generate_with(spec, true, None, false)
 }
 
-fn generate_with(spec: &Spec, off: bool, simulate: Option<Simulate>) -> Result<Case, String> {
+fn generate_with(
+    spec: &Spec,
+    off: bool,
+    simulate: Option<Simulate>,
+    built: bool,
+) -> Result<Case, String> {
     let believed = Robot::from_rig(&rig()?, None)?;
     let parameters = parameters(&mut Dice::new(spec.seed, 1))?;
     let mut last = String::new();
@@ -322,7 +336,7 @@ fn generate_with(spec: &Spec, off: bool, simulate: Option<Simulate>) -> Result<C
             ..*spec
         };
         for share in SHARES {
-            match attempt(&spec, off, &believed, &parameters, share, simulate) {
+            match attempt(&spec, off, &believed, &parameters, share, simulate, built) {
                 Ok(case) => return Ok(case),
                 Err(why) => last = why,
             }
@@ -343,7 +357,13 @@ fn attempt(
     parameters: &Parameters,
     share: f64,
     simulate: Option<Simulate>,
+    built: bool,
 ) -> Result<Case, String> {
+    let made = if built {
+        Made::new(spec.seed, believed)
+    } else {
+        Made::as_drawn(believed)
+    };
     let mut dice = Dice::new(spec.seed, 2);
     let planned = match spec.drive {
         DriveSet::Ordinary => drives::ordinary(&mut dice, share)?,
@@ -409,7 +429,7 @@ fn attempt(
         };
         let simulate = simulate.map(|s| (s, planted));
         let recording = record(
-            spec, i, id, planned, believed, parameters, &effects, simulate, &capture,
+            spec, i, id, planned, &made, parameters, &effects, simulate, &capture,
         )
         .map_err(|why| format!("{}: {why}", slot.name))?;
         let heights = recording.motion.position_m.iter().map(|u| u[2] * 1e3);
@@ -470,6 +490,57 @@ fn attempt(
     })
 }
 
+/// A robot and its capture as they are made.
+struct Made {
+    robot: Robot,
+    marker_m: Vec3,
+    tilt_deg: Vec3,
+    /// Standard deviation of the clock offset of a recording.
+    clock_s: f64,
+}
+
+impl Made {
+    fn as_drawn(robot: &Robot) -> Self {
+        Made {
+            robot: robot.clone(),
+            marker_m: [0.0; 3],
+            tilt_deg: [0.0; 3],
+            clock_s: 0.0,
+        }
+    }
+
+    /// Off by a share of these tolerances: films 3 %, links 0.2 %, angles and axes 0.2 degrees, marker 0.1 mm, clocks 1 ms.
+    fn new(seed: u64, drawn: &Robot) -> Self {
+        let mut dice = Dice::new(seed, 6);
+        let share = dice.log_range(0.03, 1.0);
+        let mut off = |tolerance: f64| share * tolerance * dice.normal();
+        let mut out = Made::as_drawn(drawn);
+        for (chain, lozenge) in (out.robot.mechanism.chains.iter_mut()).zip(&mut out.robot.lozenges)
+        {
+            lozenge.l3_m *= 1.0 + off(0.03);
+            let bar = &mut chain.four_bar;
+            for length in [
+                &mut chain.base_radius_m,
+                &mut chain.effector_radius_m,
+                &mut chain.bicep_m,
+                &mut chain.forearm_m,
+                &mut bar.a_m,
+                &mut bar.b_m,
+                &mut bar.c_m,
+                &mut bar.d_m,
+            ] {
+                *length *= 1.0 + off(0.002);
+            }
+            chain.input_offset_rad += off(0.2_f64.to_radians());
+            chain.dea_offset_rad += off(0.2_f64.to_radians());
+        }
+        out.marker_m = [0, 1, 2].map(|_| off(1e-4));
+        out.tilt_deg = [0, 1, 2].map(|_| off(0.2));
+        out.clock_s = share * 1e-3;
+        out
+    }
+}
+
 /// The point about which the capture's axes would turn, as stated, m.
 fn pivot_m(stated: &Capture) -> Vec3 {
     let place = &stated.placement;
@@ -526,17 +597,24 @@ fn record(
     index: usize,
     id: String,
     planned: &Planned,
-    believed: &Robot,
+    made: &Made,
     parameters: &Parameters,
     effects: &[Effect],
     simulate: Option<(Simulate, Planted)>,
     stated: &Capture,
 ) -> Result<CaseRecording, String> {
-    let (mut robot, mut parameters) = (believed.clone(), parameters.clone());
+    let (mut robot, mut parameters) = (made.robot.clone(), parameters.clone());
     let mut steps = planned.payload_kg.clone();
     let mut hooks = Vec::new();
     let mut capture = stated.clone();
-    let mut clock = (0.0, 0.0);
+    for i in 0..3 {
+        capture.placement.end_effector_offset_m[i] += made.marker_m[i];
+        capture.placement.rotation_deg[i] += made.tilt_deg[i];
+    }
+    let mut clock = (
+        made.clock_s * Dice::new(spec.seed, 300 + index as u64).normal(),
+        0.0,
+    );
     let mut lag = None;
     for effect in effects.iter().filter(|_| simulate.is_none()) {
         if let Some(alter) = &effect.alter {

@@ -44,6 +44,9 @@ pub(super) struct Arguments {
     /// Share of recordings without a cause in which one may be named all the same
     #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
     false_alarms: f64,
+    /// Error that a cause of a robot must take away to be named, V (default: a seventh of what the noise makes)
+    #[arg(long, value_name = "V", value_parser = parse_relevant)]
+    relevant: Option<f64>,
     /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis against
     #[arg(long)]
     rivals: bool,
@@ -67,6 +70,14 @@ fn parse_id(text: &str) -> Result<String, String> {
 fn parse_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse().ok().filter(|r| (1e-6..=0.5).contains(r));
     rate.ok_or_else(|| "expected a share between 0.000001 and 0.5".into())
+}
+
+fn parse_relevant(text: &str) -> Result<f64, String> {
+    let volts = text
+        .parse()
+        .ok()
+        .filter(|v: &f64| *v >= 0.0 && v.is_finite());
+    volts.ok_or_else(|| "expected a voltage not below 0".into())
 }
 
 /// From this many recordings on the last ones are held out where none are named: one, from half as many again on two.
@@ -100,6 +111,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
         false_alarm_rate: a.false_alarms,
         only: a.only.clone(),
         rivals: a.rivals,
+        relevant: a.relevant,
     };
     if recordings[0].manifest.kind != Kind::Robot {
         let (mut diagnosis, series) = judge_lines(&recordings, named, &request, &progress)?;

@@ -12,7 +12,7 @@ use super::resume::{Pieces, Run};
 use super::{Failure, Talk, diagnose, load};
 use super::{series, stop};
 use crate::cases::line::{self, Rig};
-use crate::cases::{DriveSet, Truth, generate, plan};
+use crate::cases::{DriveSet, Truth, generate, generate_built, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
 use crate::proof::{
     StandsOut, Trial, compare, own_form, run as run_own, score, stands_out, trial, trial_lines,
@@ -46,6 +46,9 @@ pub(super) struct Arguments {
     /// Let effects act in the very form that the catalogue gives them: do the intervals hold what they promise?
     #[arg(long, conflicts_with_all = ["cases", "keep"])]
     own_form: bool,
+    /// Own robots that are only nearly their drawings: parts, marker, axes and clocks off by up to usual workshop tolerances
+    #[arg(long, conflicts_with_all = ["cases", "own_form"])]
+    built: bool,
     /// Kinds of the planned cases that are made: clean, single, pair, unknown (default: all)
     #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = ["clean", "single", "pair", "unknown"], conflicts_with = "cases")]
     kinds: Vec<String>,
@@ -261,11 +264,15 @@ fn of_plan(
         for spec in &mut specs {
             spec.drive = a.drive;
         }
-        let form = if a.own_form { ", own form" } else { "" };
+        let (make, form): (fn(&_) -> _, _) = match (a.own_form, a.built) {
+            (true, _) => (own_form, ", own form"),
+            (_, true) => (generate_built, ", as built"),
+            _ => (generate, ""),
+        };
         let of = format!("{} own cases of seed {}{form}: {specs:?}", a.number, a.seed);
         let pieces = begin(a, of, talk)?;
         keep_once(a, &specs, &pieces, progress, talk, |s| {
-            let case = generate(s)?;
+            let case = make(s)?;
             Ok((
                 owned(case.files()),
                 case.answer_file(),
@@ -273,16 +280,15 @@ fn of_plan(
             ))
         })?;
         let ledger = Ledger::new(&pieces, progress, specs.len());
-        let make = if a.own_form { own_form } else { generate };
         let trials = run_own(&specs, make, trial, &|i| ledger.known(i), &|i, t| {
             ledger.add(i, t)
         });
         ledger.end()?;
         return Ok((trials, pieces));
     }
-    if a.own_form || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot") {
+    if a.own_form || a.built || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot") {
         return Err(
-            "--own-form, --drive and --rigs robot do not go with single coordinates: prove these apart"
+            "--own-form, --built, --drive and --rigs robot do not go with single coordinates: prove these apart"
                 .into(),
         );
     }

@@ -268,18 +268,12 @@ impl Dataset {
 
     /// Takes the colour of the capture's noise from a marker that stands still (the base), as measured, in any unit.
     pub fn colour_from(&mut self, still: &[Vec3]) {
-        let axes: Vec<Vec<f64>> = (0..3)
-            .map(|k| {
-                let known = || still.iter().map(|p| p[k]).filter(|v| !v.is_nan());
-                let mean = known().sum::<f64>() / known().count().max(1) as f64;
-                still.iter().map(|p| p[k] - mean).collect()
-            })
-            .collect();
+        let axes = about_the_mean(still);
         let moves = axes
             .iter()
             .any(|a| a.iter().all(|v| *v == 0.0 || v.is_nan()));
         if !moves {
-            self.colour = colour::colour(&axes, &[0.4; 3], self.step_s);
+            self.colour = colour::colour(&axes, &[0.15; 3], self.step_s);
         }
     }
 
@@ -396,8 +390,10 @@ impl Dataset {
 
     /// A draw of the capture's noise on an axis, m: its white and its slow part; NaN where nothing was captured.
     fn capture_noise_m(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Vec<f64> {
-        // the noise that the smoother found holds both parts
-        let white = self.colour.map_or(1.0, |c| 1.0 / (1.0 + c.variance)).sqrt();
+        let white = self
+            .colour
+            .map_or(1.0, |c| 1.0 / (1.0 + c.seen(axis)))
+            .sqrt();
         let mut noise: Vec<f64> = (0..self.samples())
             .map(|i| {
                 let fresh: f64 = StandardNormal.sample(generator);
@@ -425,8 +421,8 @@ impl Dataset {
     fn slow_noise_m(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Option<Vec<f64>> {
         let colour = self.colour?;
         let a = (-self.step_s / colour.correlation_s).exp();
-        // The noise that the smoother found holds both parts.
-        let size = axis.choice.noise * (colour.variance / (1.0 + colour.variance)).sqrt();
+        // The noise that the smoother found holds the white part, and of the slow one what it does not take for motion.
+        let size = axis.choice.noise * (colour.variance / (1.0 + colour.seen(axis))).sqrt();
         let mut state: f64 = StandardNormal.sample(generator);
         let noise = (0..self.samples()).map(|i| {
             let fresh: f64 = StandardNormal.sample(generator);
@@ -445,6 +441,25 @@ impl Dataset {
         let observed: Vec<bool> = (0..self.samples()).map(|i| self.captured(i)).collect();
         runs(&observed, false)
     }
+}
+
+impl Colour {
+    /// Variance over the white part's of what lies above the frequency up to which the smoother follows an axis.
+    fn seen(&self, axis: &SmoothedAxis) -> f64 {
+        let turn = 2.0 * std::f64::consts::PI * axis.choice.cutoff_hz * self.correlation_s;
+        self.variance * (1.0 - turn.atan() / std::f64::consts::FRAC_PI_2)
+    }
+}
+
+/// Each axis of a marker less its mean; NaN where it was not captured.
+fn about_the_mean(still: &[Vec3]) -> Vec<Vec<f64>> {
+    (0..3)
+        .map(|k| {
+            let known = || still.iter().map(|p| p[k]).filter(|v| !v.is_nan());
+            let mean = known().sum::<f64>() / known().count().max(1) as f64;
+            still.iter().map(|p| p[k] - mean).collect()
+        })
+        .collect()
 }
 
 /// Runs of `value`: first index and length.

@@ -1,6 +1,8 @@
 //! From a robot recording as the instruments wrote it to a dataset: SI, world axes, equidistant frames.
 
 use nalgebra::{Rotation3, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
 
 use super::{Clocks, Dataset, Error, Event, OffsetSource, Parts, Plan, SyncPlan, Voltage};
 use crate::film::InitialState;
@@ -9,6 +11,8 @@ use crate::recording::{
     FilmState, MotionManifest, NumberOrEstimate, RawMotion, RawVoltage, Recording,
 };
 
+/// Seed of the noise that is put back where a filter took it.
+const UNFILTERED: u64 = 0x0dea_f117;
 /// Frames whose stamp lies further from the grid than this share of a step are said to jitter.
 const JITTER: f64 = 0.25;
 /// Rates of a motion that can be worked with, Hz: the smoother's lowest half-power frequency (0.05 Hz) lies within 0.4 of the
@@ -52,8 +56,33 @@ impl Dataset {
         let mut notes = Vec::new();
         let world = world_frame(motion, stated, &mut notes);
         let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
-        let measured_m: Vec<Vec3> = seen.iter().map(world).collect();
+        let mut measured_m: Vec<Vec3> = seen.iter().map(world).collect();
         possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
+        // a base marker on a clock of its own says nothing of the noise at these frames
+        let base = motion
+            .base
+            .as_ref()
+            .filter(|b| b.xyz.len() == motion.end_effector.xyz.len());
+        let mut still = base.map_or_else(Vec::new, |b| b.xyz.clone());
+        if let Some(filter) = super::colour::filtered(&super::about_the_mean(&still), step_s) {
+            // Nothing of the motion is above the corner that the filter left; what it took of the noise would be missed by every weight.
+            let mut generator = ChaCha12Rng::seed_from_u64(UNFILTERED);
+            let unit = motion.unit.to_si;
+            for k in 0..3 {
+                let mut missing = || filter.missing(seen.len(), step_s, &mut generator);
+                for (m, n) in measured_m.iter_mut().zip(missing()) {
+                    m[k] += unit * n;
+                }
+                for (b, n) in still.iter_mut().zip(missing()) {
+                    b[k] += n;
+                }
+            }
+            notes.push(format!(
+                "the capture was filtered before it was exported, at about {:.0} Hz: its noise ends there. White noise of {:.3} mm is put back above, so that weights and floors are right; export it unfiltered",
+                filter.corner_hz,
+                1e3 * unit * filter.noise
+            ));
+        }
         let payload_kg = (0..measured_m.len())
             .map(|i| manifest.payload.mass_g(start_s + step_s * i as f64) * 1e-3)
             .collect();
@@ -136,11 +165,8 @@ impl Dataset {
             parts.monitor = parts.monitor.as_ref().map(|m| clocks.without_skew(m));
         }
         let mut dataset = Dataset::new(parts, plan)?;
-        // a base marker on a clock of its own says nothing of the noise at these frames
-        if let Some(base) = &motion.base
-            && base.xyz.len() == motion.end_effector.xyz.len()
-        {
-            dataset.colour_from(&base.xyz);
+        if !still.is_empty() {
+            dataset.colour_from(&still);
         }
         if let Some(c) = dataset.colour {
             notes.push(format!(

@@ -33,8 +33,9 @@ const DRAWS: usize = 400;
 const BLOCK_S: f64 = 4.0;
 /// Blocks of a recording at least, where it is shorter.
 const FEWEST_BLOCKS: f64 = 6.0;
-/// Distance of the moments at which a change is looked for, in kept samples.
+/// Distance of the moments at which a change is looked for, in kept samples, and their number at most.
 const MOMENTS: usize = 12;
+const MOST_MOMENTS: usize = 150;
 
 /// Between these the noise may be larger than the capture promises, as a variance.
 const SCALES: [f64; 2] = [0.5, 3.0];
@@ -312,7 +313,9 @@ pub(super) fn chance<S: Subject>(
     for unit in units {
         let (id, q) = (unit.acting.effect.id(), &unit.acting.effect.parameters()[0]);
         let column = DVector::from_column_slice(&unit.column);
-        for from in (0..column.len()).step_by(S::CHAINS * MOMENTS) {
+        // A long recording has no more moments than a short one: its cost would else grow with the square of its length.
+        let apart = MOMENTS.max(column.len() / (S::CHAINS * MOST_MOMENTS));
+        for from in (0..column.len()).step_by(S::CHAINS * apart) {
             let at = columns.len();
             columns.push(blocks.column(tangent, &column, from));
             push(

@@ -25,6 +25,7 @@ mod robot;
 mod scan;
 mod sizes;
 mod subject;
+mod tolerance;
 
 pub use experiment::{STEP_S as NEXT_DRIVE_STEP_S, next_drive};
 pub use likeness::{Likeness, alike_at};
@@ -35,12 +36,13 @@ pub use robot::diagnose;
 use rayon::prelude::*;
 
 use crate::effects::{Acting, Effect, When, is_rare};
-use judge::{Judged, NEVER_ADEQUATE, alike, beside_smoothing};
+use judge::{INDEPENDENT, Judged, NEVER_ADEQUATE, alike, beside_smoothing};
 use locate::{Spot, locate};
 use problem::{Effort, Fitted, Problem, Tangent};
 use scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use sizes::{Estimate, unknown_values, value_estimates};
 use subject::Subject;
+use tolerance::Built;
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -76,12 +78,16 @@ const BASELINE: Effort = Effort {
     evaluations: 40,
     ..POLISH
 };
+/// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
+const WORTH_A_FIT: f64 = 0.5;
 /// Leading effects that are fitted again at the leader's weights.
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
 const PAIR_ABOVE: f64 = 1.15;
 /// Mean square of the plain model below which a cause is weak: slow noise, which the weights do not have, matters beside it.
 const WEAK_BELOW: f64 = 2.0;
+/// Mean square of the plain model below which what capture and smoothing make of its own motion is taken out before a scan is judged.
+const SMOOTHED_BELOW: f64 = 4.0;
 /// Share of the largest surprise that a weak cause's own must have.
 const SURPRISES_TOO: f64 = 0.4;
 /// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
@@ -111,10 +117,21 @@ fn enough_held_out(samples: usize) -> Result<(), Error> {
 
 /// Doubts the plain model of `problem`. `watch` is told what is being done.
 fn doubt<S: Subject>(
+    problem: Problem<S>,
+    remarks: Vec<String>,
+    request: &Request,
+    watch: &(dyn Fn(&str) + Sync),
+) -> Result<Diagnosis, Error> {
+    chain(problem, remarks, request, watch, None)
+}
+
+/// The chain of a doubt; with `built` of a robot whose parts differ within their tolerances, from its plain fit on.
+fn chain<S: Subject>(
     mut problem: Problem<S>,
     mut remarks: Vec<String>,
     request: &Request,
     watch: &(dyn Fn(&str) + Sync),
+    built: Option<(Built, Fitted)>,
 ) -> Result<Diagnosis, Error> {
     let words = problem.train.words();
     let rare = |id: &str| S::CHAINS > 1 && is_rare(id);
@@ -123,13 +140,39 @@ fn doubt<S: Subject>(
         only => only.iter().any(|o| o == id),
     };
     watch("fitting the plain model");
-    let (mut plain, ordinary) = baseline(&mut problem)?;
+    let (built, mut plain, ordinary) = match built {
+        Some((built, plain)) => {
+            let ordinary = ordinary(&mut problem)?;
+            problem.weigh_if_believed(&plain, ordinary)?;
+            let plain = problem.fit(&[], &plain.state.eta, &plain.state.beta, BASELINE);
+            (Some(built), plain, ordinary)
+        }
+        None => {
+            let (plain, ordinary) = baseline(&mut problem)?;
+            (None, plain, ordinary)
+        }
+    };
     watch("scanning the catalogue");
-    let tangent = Tangent::new(&problem, &plain)?;
+    let mut tangent = Tangent::new(&problem, &plain)?;
     let mut groups = fingerprints(&problem, &plain, &wanted);
     let mut units = units(&problem, &plain)?;
-    let scanned = scan(&problem, &tangent, &groups, &units, &wanted);
-    let chance = chance::chance(&problem, &plain, &tangent, &groups, &units)?;
+    let mut scanned = scan(&problem, &tangent, &groups, &units, &wanted);
+    let mut chance = chance::chance(&problem, &plain, &tangent, &groups, &units)?;
+    let rate = request.false_alarm_rate;
+    let alarmed = |chance: &chance::Chance, plain: &Fitted| {
+        chance.largest >= chance.limit(rate) || never_adequate(plain, chance)
+    };
+    // What capture and smoothing make of the plain model's own motion does not shrink as recordings grow, but their evidence does.
+    let rows = plain.state.rows as f64;
+    if S::CHAINS > 1 && alarmed(&chance, &plain) && plain.cost() < SMOOTHED_BELOW * rows {
+        let (eta, beta) = (&plain.state.eta, &plain.state.beta);
+        if let Some(expected) = problem.train.expected_residual(eta, beta) {
+            tangent.take_out(&expected);
+            scanned = scan(&problem, &tangent, &groups, &units, &wanted);
+            chance = chance::chance(&problem, &plain, &tangent, &groups, &units)?;
+        }
+    }
+    let noise = chance.scale.max(1.0) * chance.colour.max(1.0);
     let named_by_rivals = rivals::named(&tangent, &groups, &scanned);
     let rival_models = if request.rivals {
         watch("fitting what simpler methods say");
@@ -227,13 +270,25 @@ fn doubt<S: Subject>(
     };
     weigh_down(&mut singles);
     singles.sort_by(|a, b| a.score.total_cmp(&b.score));
+    if S::CHAINS > 1 {
+        // what raises the error on what was not fitted is not named
+        singles.sort_by_key(|j| !holds_out(&plain, j));
+    }
     let drop = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
     let largest_drop = singles.iter().map(drop).fold(0.0, f64::max);
-    let rate = request.false_alarm_rate;
     let allowed = chance.fall(rate);
     let (surprise, limit) = (chance.largest, chance.limit(rate));
-    let adequate = (surprise < limit || largest_drop < allowed)
-        && plain.mean_square < NEVER_ADEQUATE * chance.scale.max(1.0);
+    let adequate =
+        (surprise < limit || largest_drop < allowed) && !never_adequate(&plain.fitted, &chance);
+    // A cause of a weak misfit must be supported, and matter.
+    let unsupported = |j: &Judged| {
+        S::CHAINS > 1
+            && !(j.score < plain.score - DECISIVE
+                && holds_out(&plain, j)
+                && plain.mean_square - j.mean_square > MATTERS)
+    };
+    let adequate =
+        adequate || (singles.first().is_some_and(unsupported) && plain.mean_square < WEAK_BELOW);
     // More than one
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
@@ -313,6 +368,15 @@ fn doubt<S: Subject>(
                 .iter()
                 .find(|p| joins::<S>(first, p, 3.0 * allowed))
                 .cloned();
+            // two that the recordings cannot tell apart are one, unless one alone leaves far more than noise
+            if let Some(p) = &pair
+                && !leaves_too_much(&problem, &plain, first)?
+            {
+                let same = alike(&problem, &first.fitted, 0, &groups);
+                if ids(p).any(|id| same.contains(&id)) {
+                    pair = None;
+                }
+            }
         }
     }
     if let (false, Some(named)) = (adequate, pair.as_mut().or(singles.first_mut())) {
@@ -328,11 +392,35 @@ fn doubt<S: Subject>(
     } else if untold && law::law(&problem, &plain.fitted)?.share < 1.0 - TELLS {
         remarks.push("Model and recordings differ by more than the noise that is read above the band of the signal, but no cause takes away 15 % of it on what was held out, and position, rate, direction, history and time predict less than 15 % of it: it is taken for noise within the band.".into());
         Verdict::Adequate
-    } else if !confirmed || leaves_too_much(&problem, &plain, &best)? {
+    } else if !confirmed || unsupported(&best) || leaves_too_much(&problem, &plain, &best)? {
         Verdict::Unexplained
     } else {
         Verdict::MissingPhysics
     };
+    // Parts that differ within their tolerances may do it better than any cause.
+    if verdict != Verdict::Adequate && built.is_none() {
+        watch("looking at tolerances");
+        let rows = INDEPENDENT * plain.fitted.state.rows as f64;
+        let causes = best.fitted.cost() / noise + best.fitted.free.len() as f64 * rows.ln();
+        let most = causes + WORTH_A_FIT * (plain.fitted.cost() / noise - causes).max(0.0);
+        let told = |problem: &mut Problem<S>, rounds: usize| {
+            Built::fit(problem, &plain.fitted, noise, most, rounds)
+        };
+        let as_built = told(&mut problem, tolerance::ROUNDS);
+        if let Ok(Some((built, fit))) = as_built
+            && built.likelihood(&fit, noise) < causes
+        {
+            if built.within(&fit) {
+                return chain(problem, remarks, request, watch, Some((built, fit)));
+            }
+            // Parts alone would have to be off by more than they can be: a cause acts on a robot whose parts differ.
+            Built::leave(&mut problem)?;
+            if let Some(built) = told(&mut problem, 1)? {
+                return chain(problem, remarks, request, watch, Some(built));
+            }
+        }
+        Built::leave(&mut problem)?;
+    }
     if verdict == Verdict::Unexplained && request.only.is_empty() {
         watch("trying rare causes");
         let explains = |r: &Judged| {
@@ -346,13 +434,28 @@ fn doubt<S: Subject>(
             verdict = Verdict::MissingPhysics;
         }
     }
+    if let (Verdict::MissingPhysics, true, Some(relevant)) =
+        (verdict, S::CHAINS > 1, request.relevant)
+    {
+        let taken = taken_away(&problem, &plain.fitted, &best.fitted)?;
+        if taken < relevant {
+            let names: Vec<&str> = ids(&best).collect();
+            remarks.push(format!(
+                "{} takes {} of error away: it may be there, but matters less than the {} that were asked for.",
+                names.join(" and "),
+                in_unit(taken, &words.unit),
+                in_unit(relevant, &words.unit)
+            ));
+            verdict = Verdict::Adequate;
+        }
+    }
     watch("judging");
     let in_model = verdict == Verdict::MissingPhysics;
     if in_model {
         remarks.extend(forms::others(&problem, &plain, &best));
     }
     let augmented = if in_model { &best } else { &plain };
-    let candidates = candidates(
+    let mut candidates = candidates(
         &problem,
         &plain,
         &singles,
@@ -361,6 +464,13 @@ fn doubt<S: Subject>(
         verdict,
         surprise / limit,
     );
+    if let Some(built) = &built {
+        for c in &mut candidates {
+            if let Some(times) = built.times(&c.acting) {
+                c.says += &format!("; {times:.1} times its tolerance");
+            }
+        }
+    }
     let groups_alike = if in_model {
         (0..best.fitted.effects.len())
             .filter_map(|own| {
@@ -410,6 +520,10 @@ fn doubt<S: Subject>(
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
     let confidence = confidence(verdict, surprise / limit, &plain, &best);
+    let departed = built
+        .as_ref()
+        .map_or_else(Vec::new, |b| b.departed(&augmented.fitted));
+    remarks.extend(tolerance::remark(&departed));
     let next_experiment = next_experiment(verdict, &groups_alike, &candidates, &words);
     let says = says(
         verdict,
@@ -418,6 +532,7 @@ fn doubt<S: Subject>(
         holdout_gain.as_ref(),
         &places,
         &words,
+        built.is_some(),
     );
     let values = problem
         .train
@@ -430,6 +545,7 @@ fn doubt<S: Subject>(
     Ok(Diagnosis {
         verdict,
         confidence,
+        probabilities: probabilities(verdict, confidence),
         places,
         candidates,
         groups: groups_alike,
@@ -449,6 +565,8 @@ fn doubt<S: Subject>(
         plain_holdout_mean_square: plain.holdout,
         law,
         traces,
+        departed,
+        built: built.as_ref().map_or(f64::NAN, |b| b.scale),
         remarks,
         says,
         rivals: named_by_rivals,
@@ -478,6 +596,11 @@ fn doubt<S: Subject>(
     })
 }
 
+/// Whether a plain fit leaves more than any noise does.
+fn never_adequate(plain: &Fitted, chance: &chance::Chance) -> bool {
+    plain.cost() >= NEVER_ADEQUATE * chance.scale.max(1.0) * plain.state.rows as f64
+}
+
 /// Mean square that a further cause could take away. The floor that a single coordinate promises is rough: what was held out counts too.
 fn left<S: Subject>(j: &Judged) -> f64 {
     match S::CHAINS {
@@ -485,6 +608,57 @@ fn left<S: Subject>(j: &Judged) -> f64 {
         _ => j.mean_square,
     }
 }
+
+/// Whether a cause does no worse than the plain model on what was not fitted, where there is such.
+fn holds_out(plain: &Judged, judged: &Judged) -> bool {
+    judged.holdout.is_nan() || judged.holdout < plain.holdout
+}
+
+/// Error that a model takes away from another's, as a root of the difference of squares: on the held-out recordings, where there are any.
+fn taken_away<S: Subject>(
+    problem: &Problem<S>,
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<f64, Error> {
+    let gain = match &problem.holdout {
+        Some(h) => {
+            let eta = |f: &Fitted| problem.holdout_eta(f);
+            gain(h, &problem.holdout_when, before, after, true, eta)?.0
+        }
+        None => {
+            let eta = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
+            gain(
+                &problem.train,
+                &problem.train_when,
+                before,
+                after,
+                false,
+                eta,
+            )?
+            .0
+        }
+    };
+    let squares = gain.before_v.powi(2) - gain.after_v.powi(2);
+    Ok(squares.max(0.0).sqrt())
+}
+
+/// Probabilities that nothing is left out, that it is in the catalogue, and that it is something else, from that of a verdict; the rest goes to
+/// the other two as [`BASE_RATES`] have it.
+fn probabilities(verdict: Verdict, confidence: f64) -> [f64; 3] {
+    let own = match verdict {
+        Verdict::Adequate => 0,
+        Verdict::MissingPhysics => 1,
+        Verdict::Unexplained => 2,
+    };
+    let others: f64 = (0..3).filter(|&i| i != own).map(|i| BASE_RATES[i]).sum();
+    [0, 1, 2].map(|i| match i == own {
+        true => confidence,
+        false => (1.0 - confidence) * BASE_RATES[i] / others,
+    })
+}
+
+/// How often nothing, a cause of the catalogue, and something else is left out, before anything was recorded.
+const BASE_RATES: [f64; 3] = [0.35, 0.5, 0.15];
 
 /// Share of what the plain model leaves on held-out recordings up to which another one foretells them.
 const FORETOLD: f64 = 0.5;
@@ -570,6 +744,9 @@ fn fits_better(base: &Judged, next: &Judged) -> bool {
 
 /// Mean square up to which what one cause leaves may be its form.
 const FORM_LEAVES: f64 = 2.25;
+/// Mean square (noise makes 1) that a cause must take away to matter: a seventh of the noise as an error. What smoothing and numerics leave of
+/// a right model is less, however long the recordings.
+const MATTERS: f64 = 0.02;
 /// Difference of the criterion that decides (Kass and Raftery 1995: very strong), and share to which a further cause must bring a mean
 /// square.
 const DECISIVE: f64 = 10.0;
@@ -597,8 +774,7 @@ fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
 /// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is believed; with that
 /// of an ordinary film ([`Problem::log_noise`]).
 fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, [f64; 2]), Error> {
-    problem.weigh(&problem.typical())?;
-    let ordinary = problem.log_noise();
+    let ordinary = ordinary(problem)?;
     let first = problem.several(BASELINE);
     if !first.cost().is_finite() {
         return Err(Error::Baseline(first.state.failure.unwrap_or_default()));
@@ -611,6 +787,12 @@ fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, [f64; 2]), 
         || problem.nominal(&[], BASELINE),
     );
     Ok((if a.cost() < b.cost() { a } else { b }, ordinary))
+}
+
+/// Weighs by the noise of an ordinary film, and says how much that is ([`Problem::log_noise`]).
+fn ordinary<S: Subject>(problem: &mut Problem<S>) -> Result<[f64; 2], Error> {
+    problem.weigh(&problem.typical())?;
+    Ok(problem.log_noise())
 }
 
 /// The most promising hypotheses, not too many of one effect.
@@ -1191,7 +1373,13 @@ fn says(
     holdout: Option<&Gain>,
     places: &[Place],
     words: &subject::Words,
+    as_built: bool,
 ) -> String {
+    let built = if as_built {
+        " for a robot whose parts differ within their tolerances"
+    } else {
+        ""
+    };
     let number = |x: f64| in_unit(x, &words.unit);
     let over = words.over;
     let on_new = holdout.map_or(String::new(), |h| {
@@ -1204,7 +1392,7 @@ fn says(
     });
     match verdict {
         Verdict::Adequate => format!(
-            "The plain model suffices: what it leaves, {}{over}, is what noise leaves, and no effect of the catalogue takes away more than chance would.",
+            "The plain model suffices{built}: what it leaves, {}{over}, is what noise leaves, and no effect of the catalogue takes away more than chance would.",
             number(train.before_v)
         ),
         Verdict::MissingPhysics => {
@@ -1218,8 +1406,17 @@ fn says(
             } else {
                 ""
             };
+            let certain = candidates
+                .iter()
+                .filter(|c| c.in_model)
+                .all(|c| c.probability >= NAMED);
+            let what = if certain {
+                "Left out"
+            } else {
+                "Something is left out, and no cause has odds above one half; most likely"
+            };
             format!(
-                "Left out: {}. With it the error{over} goes from {} to {}; noise alone makes {}.{on_new}{left}",
+                "{what}: {}. With it the error{over} goes from {} to {}; noise alone makes {}.{on_new}{left}",
                 named.join("; "),
                 number(train.before_v),
                 number(train.after_v),
@@ -1237,6 +1434,8 @@ fn says(
     }
 }
 
+/// Probability from which a cause is named as what is left out.
+const NAMED: f64 = 0.5;
 /// Error over the noise's, from which on a report says that something else acts as well.
 const STRUCTURE_LEFT: f64 = 1.5;
 

@@ -143,6 +143,21 @@ pub struct Traces {
     pub height_mm: Vec<f64>,
 }
 
+/// What the recordings say of a part that may differ from its drawing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Departed {
+    /// What may be off.
+    pub what: String,
+    /// By how much it is, most probably, in `unit`.
+    pub found: f64,
+    /// One standard deviation of what is built, in `unit`.
+    pub tolerance: f64,
+    /// Unit; `1` is a share.
+    pub unit: &'static str,
+    /// Whether the rig states the tolerance; else it is a default.
+    pub stated: bool,
+}
+
 /// A law over physical variables for what no cause explains: a hypothesis, never a name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Law {
@@ -172,6 +187,8 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// Its probability.
     pub confidence: f64,
+    /// Probabilities that nothing is left out, that it is in the catalogue, and that it is something else.
+    pub probabilities: [f64; 3],
     /// Where, most telling first.
     pub places: Vec<Place>,
     /// Causes, most probable first.
@@ -210,6 +227,10 @@ pub struct Diagnosis {
     pub law: Option<Law>,
     /// Voltages before and after.
     pub traces: Vec<Traces>,
+    /// What may differ from the drawing, and by how much it does; empty where the model as drawn suffices.
+    pub departed: Vec<Departed>,
+    /// What the defaults among those tolerances are multiplied by: how well this robot was built; NaN where the model as drawn suffices.
+    pub built: f64,
     /// What weakens the verdict, in words.
     pub remarks: Vec<String>,
     /// The verdict in one or two sentences.
@@ -304,6 +325,9 @@ pub struct Request {
     pub only: Vec<String>,
     /// Whether the models that simpler methods end with are built too.
     pub rivals: bool,
+    /// Error, in the unit of the rig's errors, that a cause of a robot must take away to matter; without, what must be taken away is a
+    /// share of the noise.
+    pub relevant: Option<f64>,
 }
 
 impl Default for Request {
@@ -312,6 +336,7 @@ impl Default for Request {
             false_alarm_rate: 0.02,
             only: Vec::new(),
             rivals: false,
+            relevant: None,
         }
     }
 }

@@ -431,6 +431,8 @@ pub(super) struct Tangent {
     prior_roots: DVector<f64>,
     /// Slope of half the sum of squares, priors included, in the scaled unknowns: zero where a fit has ended.
     slope: DVector<f64>,
+    /// Whether the residual is no longer that of the fit.
+    shifted: bool,
 }
 
 impl Tangent {
@@ -493,7 +495,15 @@ impl Tangent {
             inverse,
             prior_roots: DVector::from_iterator(size, ridge.iter().map(|r| r.sqrt())),
             slope,
+            shifted: false,
         })
+    }
+
+    /// Takes a part out of the residual that is known to be no fault of the model.
+    pub fn take_out(&mut self, known: &DVector<f64>) {
+        self.residual -= known;
+        self.slope -= self.columns.tr_mul(known);
+        self.shifted = true;
     }
 
     /// Coefficients with which the tangent space takes up a column, from the column's products with the columns here.
@@ -514,9 +524,18 @@ impl Tangent {
     /// The part of a'r that lies in the tangent space, from the product of a with the columns. At the fit's own residual there is none.
     pub fn hidden_product(&self, a: &DVector<f64>, r: &DVector<f64>) -> f64 {
         if std::ptr::eq(r, &self.residual) {
-            return 0.0;
+            return if self.shifted {
+                a.dot(&(&self.inverse * &self.slope))
+            } else {
+                0.0
+            };
         }
         a.dot(&(&self.inverse * self.columns.tr_mul(r)))
+    }
+
+    /// [`Tangent::absorbed`] of several columns.
+    pub fn absorb(&self, a: &DMatrix<f64>) -> DMatrix<f64> {
+        &self.inverse * a
     }
 
     /// a'b with the tangent space projected out, from the products of a and b with the columns.

@@ -5,12 +5,15 @@ use nalgebra::{DMatrix, DVector};
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
 use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
+use super::tolerance::{self, Tolerance};
 use super::{DRAWN, doubt};
 use crate::dataset::OffsetSource;
 use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
 use crate::film::Locked;
 use crate::model::{ForearmTorque, Parameters, Robot};
-use crate::residual::{ExpectedScore, OFFSET_REACH_S, RobotResidual, root_v};
+use crate::residual::{
+    Departure, DepartureTorques, ExpectedScore, OFFSET_REACH_S, RobotResidual, root_v,
+};
 use crate::simulate::predict_motions;
 
 /// Pairs of draws of the noise from which it is told how far estimates are off.
@@ -149,6 +152,14 @@ fn motions(residual: &RobotResidual, eta: &[f64], beta: &[f64]) -> Option<Vec<Ve
         &residual.effects(eta),
         &residual.series(),
     )
+}
+
+/// beta without what departs from the drawing: simulated robots are as drawn.
+fn as_drawn(residual: &RobotResidual, beta: &[f64]) -> Vec<f64> {
+    let mut beta = beta.to_vec();
+    let first = beta.len() - residual.layout().departures;
+    beta[first..].fill(0.0);
+    beta
 }
 
 impl Subject for RobotResidual<'_> {
@@ -381,13 +392,50 @@ impl Subject for RobotResidual<'_> {
     ) -> Result<Option<ExpectedScore>, Locked> {
         let (true_eta, true_beta) = truth.split_at(eta.len());
         let motions = motions(self, true_eta, true_beta);
+        let beta = &as_drawn(self, beta);
         RobotResidual::expected_score(self, motions.as_deref(), eta, beta, NOISE_PAIRS)
     }
 
     fn expected_residual(&self, eta: &[f64], beta: &[f64]) -> Option<DVector<f64>> {
         let motions = motions(self, eta, beta)?;
         // a film that such a track would lock tells nothing
+        let beta = &as_drawn(self, beta);
         RobotResidual::expected_residual(self, &motions, eta, beta, NOISE_PAIRS).ok()?
+    }
+
+    fn tolerances(&self) -> Vec<Tolerance> {
+        let robot = self.robot();
+        tolerance::of_robot(
+            &robot.tolerances,
+            robot.effector_kg,
+            self.datasets().count(),
+        )
+    }
+
+    fn departures(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        list: &[Tolerance],
+    ) -> Result<DepartureTorques, Locked> {
+        let list: Vec<Departure> = list.iter().map(|t| t.departure.clone()).collect();
+        RobotResidual::departures(self, eta, beta, &list)
+    }
+
+    fn departure_rows(&self, torques: &DepartureTorques) -> DMatrix<f64> {
+        RobotResidual::departure_rows(self, torques)
+    }
+
+    fn allow(&mut self, torques: &DepartureTorques, combine: &DMatrix<f64>) {
+        RobotResidual::allow(self, torques, combine);
+    }
+
+    fn rebuild(&mut self, base: Vec<Acting>) -> Result<(), Locked> {
+        RobotResidual::rebuild(self, base)
+    }
+
+    fn allowed(&self) -> usize {
+        self.layout().departures
     }
 
     fn carried(&self, plain: &[f64]) -> Vec<f64> {

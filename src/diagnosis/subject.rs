@@ -3,10 +3,11 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::RigKind;
+use super::tolerance::Tolerance;
 use crate::effects::{Acting, Effect, When};
 use crate::film::Locked;
 use crate::model::Parameters;
-use crate::residual::{ExpectedScore, SeparableResidual};
+use crate::residual::{DepartureTorques, ExpectedScore, SeparableResidual};
 
 /// Where a kept residual lies: voltage (or input), its rate, time s, height, rate, largest stretch (or swing) so far, angle (or
 /// position).
@@ -138,6 +139,33 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     /// The whitened residual that is left on average were the model true, by capture and smoothing; `None` where that is not known.
     fn expected_residual(&self, _eta: &[f64], _beta: &[f64]) -> Option<DVector<f64>> {
         None
+    }
+    /// What may be off in the rig as it is built, and by how much.
+    fn tolerances(&self) -> Vec<Tolerance> {
+        Vec::new()
+    }
+    /// What one tolerance each changes of the torque error, at a model with the effects at work.
+    fn departures(
+        &self,
+        _eta: &[f64],
+        _beta: &[f64],
+        _list: &[Tolerance],
+    ) -> Result<DepartureTorques, Locked> {
+        Ok(DepartureTorques::new())
+    }
+    /// The same as whitened columns.
+    fn departure_rows(&self, _torques: &DepartureTorques) -> DMatrix<f64> {
+        DMatrix::zeros(0, 0)
+    }
+    /// Lets the rig depart along combinations (columns) of tolerances: linear unknowns, the last of all.
+    fn allow(&mut self, _torques: &DepartureTorques, _combine: &DMatrix<f64>) {}
+    /// Takes the mechanism to be these effects beside its drawing.
+    fn rebuild(&mut self, _base: Vec<Acting>) -> Result<(), Locked> {
+        Ok(())
+    }
+    /// Number of such unknowns.
+    fn allowed(&self) -> usize {
+        0
     }
     /// The plain unknowns of these (held-out) recordings, from those of the fitted ones.
     fn carried(&self, plain: &[f64]) -> Vec<f64>;

@@ -10,6 +10,7 @@ mod actuator_mass;
 mod amplifier_deadband;
 mod amplifier_gain;
 mod amplifier_saturation;
+mod angle_error;
 mod backlash;
 mod clock_skew;
 mod command;
@@ -133,6 +134,7 @@ impl Reach {
     }
 }
 
+pub(crate) use angle_error::AngleError;
 pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
 pub(crate) use nonlinear_flow::flow;

@@ -23,7 +23,7 @@ pub use sample::{Electrode, HangingSample};
 
 use crate::film::Film;
 use crate::kinematics::{Chain, FourBar, Lozenge, Mechanism};
-use crate::recording::RobotRig;
+use crate::recording::{RobotRig, Stated};
 
 /// What the user knows of a robot: geometry and masses, SI.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +38,8 @@ pub struct Robot {
     pub effector_kg: f64,
     /// m_bc: point mass at each bicep tip, kg.
     pub bicep_tip_kg: f64,
+    /// Tolerances that the rig states.
+    pub tolerances: Vec<Stated>,
 }
 
 /// What a calibration finds: everything that a prediction needs beside the rig.
@@ -89,6 +91,7 @@ impl Robot {
             eps_r,
             effector_kg: rig.mass.m_g * 1e-3,
             bicep_tip_kg: rig.mass.m_bc_g * 1e-3,
+            tolerances: rig.tolerances.clone(),
         })
     }
 }

@@ -62,7 +62,7 @@ pub use opened::{open, was_opened};
 pub use optitrack_csv::OptitrackCsv;
 pub use oscilloscope::{Keysight, Rigol, RohdeSchwarz, Tektronix};
 pub use qualisys_tsv::QualisysTsv;
-pub use rig::{Actuator, Delta, FilmSampleRig, Rig, RobotFilm, RobotMass, RobotRig, Sam};
+pub use rig::{Actuator, Delta, FilmSampleRig, Rig, RobotFilm, RobotMass, RobotRig, Sam, Stated};
 pub use survey::{
     ColumnSurvey, Doubt, DoubtKind, GroupSurvey, MarkerSurvey, SectionSurvey, Survey, survey_file,
 };

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use toml::de::DeValue;
+
 use super::error::Error;
-use super::keys::{Document, Keys};
+use super::keys::{Document, Keys, Value as _};
 
 /// A rig file.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +31,19 @@ pub struct RobotRig {
     pub film: RobotFilm,
     /// `[mass]`.
     pub mass: RobotMass,
+    /// Tolerances that the file states.
+    pub tolerances: Vec<Stated>,
+}
+
+/// A tolerance that a rig file states: one standard deviation of what is built, in the unit of the key.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stated {
+    /// The key that carries it, or a key of `[tolerance]`.
+    pub key: &'static str,
+    /// The key's value; 1 for a key of `[tolerance]`.
+    pub value: f64,
+    /// The tolerance.
+    pub tolerance: f64,
 }
 
 /// `[delta]`: the parallel mechanism.
@@ -142,7 +157,16 @@ impl Rig {
 
     fn from_document(document: &Document) -> Result<Self, Error> {
         let root = document.parse()?;
-        let every: &[&str] = &["rig", "delta", "sam", "actuator", "sample", "film", "mass"];
+        let every: &[&str] = &[
+            "rig",
+            "delta",
+            "sam",
+            "actuator",
+            "sample",
+            "film",
+            "mass",
+            "tolerance",
+        ];
         let top = Keys::top(document, &root, every)?;
         let rig = top.need_table("rig", &["id", "kind"], "a rig file begins with [rig]")?;
         let kinds = [
@@ -155,7 +179,15 @@ impl Rig {
         let id = rig.need("id")?;
         match kind {
             RigKind::Robot => {
-                let known = &["rig", "delta", "sam", "actuator", "film", "mass"];
+                let known = &[
+                    "rig",
+                    "delta",
+                    "sam",
+                    "actuator",
+                    "film",
+                    "mass",
+                    "tolerance",
+                ];
                 let top = Keys::top(document, &root, known)?;
                 robot(&top, id).map(Rig::Robot)
             }
@@ -187,6 +219,66 @@ fn films(keys: &Keys<'_>) -> Result<u32, Error> {
     }
 }
 
+/// Keys of `[tolerance]`: what has no key of its own.
+const OTHER_TOLERANCES: &[&str] = &[
+    "film_modulus",
+    "amplifier_gain",
+    "frame_tilt_deg",
+    "marker_mm",
+    "clock_ms",
+];
+
+/// Reads `{ value = 30.0, tolerance = 0.05 }`, or a bare number.
+fn with_tolerance(value: &DeValue<'_>) -> Option<(f64, Option<f64>)> {
+    let Some(table) = value.as_table() else {
+        return f64::from_toml(value).map(|v| (v, None));
+    };
+    let of = |name: &str| {
+        let found = table.iter().find(|(k, _)| k.get_ref() == name)?;
+        f64::from_toml(found.1.get_ref())
+    };
+    let tolerance = of("tolerance").filter(|t| *t >= 0.0)?;
+    (table.len() == 2).then_some((of("value")?, Some(tolerance)))
+}
+
+impl Keys<'_> {
+    /// A number that may carry its tolerance.
+    fn within(&self, key: &'static str, tolerances: &mut Vec<Stated>) -> Result<f64, Error> {
+        const EXPECTED: &str =
+            "a finite number, or { value = ..., tolerance = ... } with a tolerance not below 0";
+        let found = self.get_with(key, EXPECTED, with_tolerance)?;
+        let (value, tolerance) =
+            found.ok_or_else(|| self.missing(key, &format!("add `{key} = ...`")))?;
+        tolerances.extend(tolerance.map(|tolerance| Stated {
+            key,
+            value,
+            tolerance,
+        }));
+        Ok(value)
+    }
+
+    fn positive_within(&self, key: &'static str, out: &mut Vec<Stated>) -> Result<f64, Error> {
+        let value = self.within(key, out)?;
+        if value <= 0.0 {
+            return Err(self
+                .bad(key, format!("found {value}"))
+                .expected("a number above 0")
+                .action("give the measured value in the unit that the key names"));
+        }
+        Ok(value)
+    }
+
+    fn not_negative_within(&self, key: &'static str, out: &mut Vec<Stated>) -> Result<f64, Error> {
+        let value = self.within(key, out)?;
+        if value < 0.0 {
+            return Err(self
+                .bad(key, format!("found {value}"))
+                .expected("a number not below 0"));
+        }
+        Ok(value)
+    }
+}
+
 fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
     const WHY: &str = "a robot's rig file has [delta], [sam], [actuator], [film] and [mass]";
     let keys = &[
@@ -197,40 +289,53 @@ fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
         "omega_deg",
         "alpha_deg",
     ];
+    let mut tolerances = Vec::new();
     let t = top.need_table("delta", keys, WHY)?;
     let delta = Delta {
-        l_ch_mm: t.need_positive("l_ch_mm")?,
-        l_end_mm: t.need_positive("l_end_mm")?,
-        q_mm: t.need_positive("q_mm")?,
-        n0_mm: t.need_positive("n0_mm")?,
-        omega_deg: t.need("omega_deg")?,
-        alpha_deg: t.need("alpha_deg")?,
+        l_ch_mm: t.positive_within("l_ch_mm", &mut tolerances)?,
+        l_end_mm: t.positive_within("l_end_mm", &mut tolerances)?,
+        q_mm: t.positive_within("q_mm", &mut tolerances)?,
+        n0_mm: t.positive_within("n0_mm", &mut tolerances)?,
+        omega_deg: t.within("omega_deg", &mut tolerances)?,
+        alpha_deg: t.within("alpha_deg", &mut tolerances)?,
     };
     let t = top.need_table("sam", &["a_mm", "b_mm", "c_mm", "d_mm"], WHY)?;
     let sam = Sam {
-        a_mm: t.need_positive("a_mm")?,
-        b_mm: t.need_positive("b_mm")?,
-        c_mm: t.need_positive("c_mm")?,
-        d_mm: t.need_positive("d_mm")?,
+        a_mm: t.positive_within("a_mm", &mut tolerances)?,
+        b_mm: t.positive_within("b_mm", &mut tolerances)?,
+        c_mm: t.positive_within("c_mm", &mut tolerances)?,
+        d_mm: t.positive_within("d_mm", &mut tolerances)?,
     };
     let t = top.need_table("actuator", &["l_dea_mm", "dea_offset_deg", "films"], WHY)?;
     let actuator = Actuator {
         l_dea_mm: t.need_positive("l_dea_mm")?,
-        dea_offset_deg: t.need("dea_offset_deg")?,
+        dea_offset_deg: t.within("dea_offset_deg", &mut tolerances)?,
         films: films(&t)?,
     };
     let t = top.need_table("film", &["L1_mm", "L2_mm", "L3_mm", "eps_r"], WHY)?;
     let film = RobotFilm {
         L1_mm: t.need_positive("L1_mm")?,
         L2_mm: t.need_positive("L2_mm")?,
-        L3_mm: t.need_positive("L3_mm")?,
+        L3_mm: t.positive_within("L3_mm", &mut tolerances)?,
         eps_r: t.positive("eps_r")?,
     };
     let t = top.need_table("mass", &["m_g", "m_bc_g"], WHY)?;
     let mass = RobotMass {
-        m_g: t.need_not_negative("m_g")?,
+        m_g: t.not_negative_within("m_g", &mut tolerances)?,
         m_bc_g: t.need_not_negative("m_bc_g")?,
     };
+    if let Some(t) = top.table("tolerance", OTHER_TOLERANCES)? {
+        for key in OTHER_TOLERANCES {
+            if t.has(key) {
+                let tolerance = t.need_not_negative(key)?;
+                tolerances.push(Stated {
+                    key,
+                    value: 1.0,
+                    tolerance,
+                });
+            }
+        }
+    }
     Ok(RobotRig {
         id,
         delta,
@@ -238,6 +343,7 @@ fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
         actuator,
         film,
         mass,
+        tolerances,
     })
 }
 

@@ -9,7 +9,7 @@ use super::json::{FindingJson, Named, Number, finite};
 use super::parameter_file::SeriesEntry;
 use super::provenance::Provenance;
 use crate::checks::{Finding, Grade};
-use crate::diagnosis::{Candidate, Diagnosis, Gain, Hidden, Law, Place, RivalModel};
+use crate::diagnosis::{Candidate, Departed, Diagnosis, Gain, Hidden, Law, Place, RivalModel};
 
 /// `diagnosis.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -55,6 +55,14 @@ pub struct DiagnosisJson {
     /// The models that simpler methods end with, where `--rivals` asked for them.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub rivals: Vec<RivalJson>,
+    /// Probabilities that nothing is left out, that it is a cause of the catalogue, and that it is something else.
+    pub probabilities: ProbabilitiesJson,
+    /// What may differ from the drawing, and by how much it does; empty where the model as drawn suffices.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub tolerances: Vec<ToleranceJson>,
+    /// What the defaults among the tolerances are multiplied by, from 0 to 1: how well this robot was built.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub tolerance_scale: Option<f64>,
     /// What weakens the verdict.
     pub remarks: Vec<String>,
     /// The recordings in the order in which they were made.
@@ -228,6 +236,44 @@ impl HiddenJson {
     }
 }
 
+/// What is left out: the three add up to 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ProbabilitiesJson {
+    /// Nothing.
+    pub nothing: Number,
+    /// A cause of the catalogue.
+    pub catalogue: Number,
+    /// Something else.
+    pub something_else: Number,
+}
+
+/// A part that may differ from the drawing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ToleranceJson {
+    /// What may be off.
+    pub what: String,
+    /// By how much it is, most probably.
+    pub found: Number,
+    /// One standard deviation of what is built.
+    pub tolerance: Number,
+    /// Unit of both; `1` is a share.
+    pub unit: String,
+    /// Whether the rig states it; else it is a default.
+    pub stated: bool,
+}
+
+impl ToleranceJson {
+    fn of(d: &Departed) -> Self {
+        ToleranceJson {
+            what: d.what.clone(),
+            found: finite(d.found),
+            tolerance: finite(d.tolerance),
+            unit: d.unit.into(),
+            stated: d.stated,
+        }
+    }
+}
+
 /// A law over physical variables: a hypothesis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LawJson {
@@ -387,6 +433,13 @@ impl DiagnosisJson {
             plain_mean_square: finite(d.plain_mean_square),
             plain_holdout_mean_square: finite(d.plain_holdout_mean_square),
             rivals: d.rival_models.iter().map(RivalJson::of).collect(),
+            probabilities: ProbabilitiesJson {
+                nothing: finite(d.probabilities[0]),
+                catalogue: finite(d.probabilities[1]),
+                something_else: finite(d.probabilities[2]),
+            },
+            tolerances: d.departed.iter().map(ToleranceJson::of).collect(),
+            tolerance_scale: finite(d.built),
             remarks: d.remarks.clone(),
             series,
             provenance,

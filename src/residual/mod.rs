@@ -16,7 +16,9 @@ mod sample;
 pub use coupon::{CouponLocked, CouponResidual};
 pub use decimate::Decimation;
 pub use normal::{Normal, SeparableResidual, Slope};
-pub use robot::{ExpectedScore, Layout, RobotResidual, VoltageError};
+pub use robot::{
+    Chains, Departure, DepartureTorques, ExpectedScore, Layout, RobotResidual, VoltageError,
+};
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
 pub use sample::{
     MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun, SampleTrouble,

@@ -42,6 +42,8 @@ pub struct Layout {
     pub branches: usize,
     /// Nodes of the forearm torque curve.
     pub nodes: usize,
+    /// Directions in which the robot as built may depart from its drawing: beta holds their sizes after the nodes.
+    pub departures: usize,
     /// Numbers of the recordings whose clock offset is free, in the order of their place in eta.
     pub free_offsets: Vec<usize>,
     /// Free values of effects (number of the effect, number of the value), in the order of their place in eta, after the offsets;
@@ -62,14 +64,38 @@ impl Layout {
 
     /// Length of beta.
     pub fn linear(&self) -> usize {
-        self.branches + 1 + self.nodes
+        self.branches + 1 + self.nodes + self.departures
     }
 }
 
 /// A number for each chain and frame.
-type Chains = [Vec<f64>; 3];
+pub type Chains = [Vec<f64>; 3];
 /// A number for each kept sample and chain.
 type Triples = Vec<[f64; 3]>;
+
+/// A way in which a robot as built may depart from its drawing, by as much as its tolerance.
+#[derive(Debug, Clone)]
+pub enum Departure {
+    /// An effect with these values, in every recording or in one.
+    Effect {
+        /// The effect at the size of the tolerance.
+        acting: Acting,
+        /// Number of the only recording, or all.
+        only: Option<usize>,
+    },
+    /// A spring of one actuator's film (0: the equilibrium spring, then the branches) is stiffer than the others' by this share.
+    Spring {
+        /// 0 to 2.
+        chain: usize,
+        /// Number of the spring.
+        spring: usize,
+        /// Share of its modulus.
+        share: f64,
+    },
+}
+
+/// Changes of the torque error that departures make, N m: for each recording, each departure (or direction of several).
+pub type DepartureTorques = Vec<Vec<Chains>>;
 
 /// One recording, worked out as far as it does not depend on the parameters.
 #[derive(Clone)]
@@ -99,6 +125,8 @@ struct Prepared<'a> {
     drawn: Arc<Vec<Option<Mechanics>>>,
     /// The recording about given values of effects that move the mechanism or the motion.
     linear: Option<Arc<Linear>>,
+    /// Torque of each direction of departure at the frames, N m, and filtered: kept sample, chain, direction.
+    departed: Arc<(Vec<Chains>, Vec<f64>)>,
     /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been worked out.
     torque_variance: Arc<Vec<[f64; 3]>>,
 }
@@ -133,6 +161,8 @@ pub struct RobotResidual<'a> {
     robot: &'a Robot,
     recordings: Vec<Prepared<'a>>,
     effects: Vec<Acting>,
+    /// What the mechanism and the reading of the motion are, as built, beside the drawing.
+    base: Vec<Acting>,
     replicates: usize,
     /// Whether the size of the noise is followed from place to place.
     by_place: bool,
@@ -334,10 +364,12 @@ impl<'a> RobotResidual<'a> {
             layout: Layout {
                 branches,
                 nodes,
+                departures: 0,
                 free_offsets,
                 free_values: Vec::new(),
             },
             effects: Vec::new(),
+            base: Vec::new(),
             replicates: REPLICATES,
             by_place: false,
             arch: Arch::new(),
@@ -365,6 +397,7 @@ impl<'a> RobotResidual<'a> {
                 ..self.layout.clone()
             },
             effects,
+            base: self.base.clone(),
             replicates: self.replicates,
             by_place: self.by_place,
             arch: self.arch,
@@ -381,6 +414,11 @@ impl<'a> RobotResidual<'a> {
             out[effect].values[value] = eta[first + place] * spread;
         }
         out
+    }
+
+    /// The robot as drawn.
+    pub fn robot(&self) -> &'a Robot {
+        self.robot
     }
 
     /// Where the parameters stand.
@@ -435,11 +473,13 @@ impl<'a> RobotResidual<'a> {
                 relaxation_time_s: eta[..n].iter().map(|t| t.exp()).collect(),
                 locking: 1.0 / eta[n],
             },
-            forearm: self.forearm.with_torques(&beta[n + 1..]),
+            forearm: self
+                .forearm
+                .with_torques(&beta[n + 1..n + 1 + self.layout.nodes]),
         }
     }
 
-    /// Columns of a row: springs, nodes, d/d ln T, d/d(1/J), d/d offset, d/d values, residual; padded.
+    /// Columns of a row: springs, nodes, departures, d/d ln T, d/d(1/J), d/d offset, d/d values, residual; padded.
     fn width(&self) -> usize {
         (self.last() + 1).next_multiple_of(PAD)
     }
@@ -447,7 +487,7 @@ impl<'a> RobotResidual<'a> {
     /// Column of the residual.
     fn last(&self) -> usize {
         let s = self.layout.branches + 1;
-        s + self.layout.nodes + (s - 1) + s + 1 + self.layout.free_values.len()
+        self.layout.linear() + (s - 1) + s + 1 + self.layout.free_values.len()
     }
 
     /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has three rows.
@@ -462,7 +502,7 @@ impl<'a> RobotResidual<'a> {
         let condition = self.condition(recording, eta, reference)?;
         let n = self.layout.branches;
         let springs = n + 1;
-        let nodes = self.layout.nodes;
+        let (nodes, departures) = (self.layout.nodes, self.layout.departures);
         let relaxation: Vec<f64> = eta[..n].iter().map(|t| t.exp()).collect();
         let shape = Shape {
             relaxation_time_s: &relaxation,
@@ -484,7 +524,8 @@ impl<'a> RobotResidual<'a> {
         let mut first = Vec::new();
         let mut rows = Vec::new();
         let mut next_kept = 0;
-        let (node_at, t_at) = (springs, springs + nodes);
+        let (node_at, departure_at) = (springs, springs + nodes);
+        let t_at = departure_at + departures;
         let per_reciprocal = -1.0 / eta[n]; // d ln J / d(1/J)
         let (j_at, offset_at) = (t_at + n, t_at + n + springs);
         let (value_at, last) = (offset_at + 1, self.last());
@@ -571,6 +612,8 @@ impl<'a> RobotResidual<'a> {
                     let at = (3 * kept + k) * nodes;
                     row[node_at..node_at + nodes]
                         .copy_from_slice(&condition.forearm[at..at + nodes]);
+                    let at = (3 * kept + k) * departures;
+                    row[departure_at..t_at].copy_from_slice(&r.departed.1[at..at + departures]);
                     row[offset_at] = -maxwell_slope[kept][k];
                     for (place, column) in condition.values.iter().enumerate() {
                         row[value_at + place] = column[kept][k];
@@ -622,7 +665,7 @@ impl<'a> RobotResidual<'a> {
     /// Column of a recording's rows for each column of the whole; `None` where it is zero.
     fn columns(&self, recording: usize) -> Vec<Option<usize>> {
         let s = self.layout.branches + 1;
-        let own = s + self.layout.nodes + (s - 1) + s;
+        let own = self.layout.linear() + (s - 1) + s;
         let offsets = self
             .layout
             .free_offsets
@@ -916,18 +959,48 @@ impl<'a> RobotResidual<'a> {
         if effects.iter().all(|a| a.effect.site() != Site::Motion) {
             return Ok(Cow::Borrowed(&r.mechanics));
         }
+        self.mechanics_anew(recording, effects).map(Cow::Owned)
+    }
+
+    /// The balance of a recording as built, with effects.
+    fn mechanics_anew(&self, recording: usize, effects: &[Acting]) -> Result<Mechanics, Locked> {
+        let r = &self.recordings[recording];
         let track = match &r.other_track {
             Some(track) => Cow::Borrowed(&**track),
             None => Cow::Owned(r.dataset.track()),
         };
-        Mechanics::with_effects(self.robot, &track, effects, r.dataset.pivot_m)
-            .map(Cow::Owned)
-            .map_err(|(sample, _)| Locked {
+        let all = [&self.base[..], effects].concat();
+        Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m).map_err(
+            |(sample, _)| Locked {
                 spring: 0,
                 invariant: f64::NAN,
                 locking: f64::NAN,
                 at_s: Some(r.dataset.time_s(sample)),
-            })
+            },
+        )
+    }
+
+    /// Takes the mechanism and the reading of the motion to be these effects beside the drawing, once and for all that follows.
+    ///
+    /// # Errors
+    /// [`Locked`] when the mechanism cannot follow.
+    pub fn rebuild(&mut self, base: Vec<Acting>) -> Result<(), Locked> {
+        self.base = base;
+        for number in 0..self.recordings.len() {
+            let mechanics = self.mechanics_anew(number, &[])?;
+            let (arch, curve) = (self.arch, &self.forearm);
+            let r = &mut self.recordings[number];
+            r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
+            r.forearm = forearm_columns(&mechanics, curve, &r.decimation, &r.centres, arch);
+            r.mechanics = Arc::new(mechanics);
+            if r.maxwell.is_some() {
+                r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
+            }
+        }
+        if self.by_place {
+            self.keep_drawn(self.replicates);
+        }
+        Ok(())
     }
 
     /// d(filtered residual)/d eta of every free value of an effect at a site that is `wanted`, by a forward difference of the side that
@@ -1105,6 +1178,130 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
+    /// What each of `list` changes of the torque error at the parameters, with the effects that are at work: recording by recording.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
+    pub fn departures(
+        &self,
+        eta: &[f64],
+        beta: &[f64],
+        list: &[Departure],
+    ) -> Result<DepartureTorques, Locked> {
+        let parameters = self.parameters(eta, beta);
+        let effects = self.effects(eta);
+        (0..self.recordings.len())
+            .map(|recording| {
+                let mechanics = self.mechanics_with(recording, &effects)?;
+                let offset = self.offset_s(recording, eta);
+                let none = || [(); 3].map(|()| vec![0.0; mechanics.samples()]);
+                let change = |departure: &Departure| {
+                    let mut out = match departure {
+                        Departure::Effect { only, .. } if only.is_some_and(|o| o != recording) => {
+                            return Ok(none());
+                        }
+                        Departure::Effect { acting, .. } => {
+                            let mut other = effects.clone();
+                            other.push(acting.clone());
+                            let own = (&*mechanics, &effects[..]);
+                            let number = effects.len();
+                            let base = &mut None;
+                            self.change(recording, &parameters, offset, own, &other, number, base)?
+                        }
+                        Departure::Spring {
+                            chain,
+                            spring,
+                            share,
+                        } => {
+                            let mut alone = parameters.clone();
+                            for (n, mu) in alone.film.mu_pa.iter_mut().enumerate() {
+                                *mu *= if n == *spring { *share } else { 0.0 };
+                            }
+                            let mut out = none();
+                            let torque = mechanics.film_torque_n_m(*chain, &alone)?;
+                            for (o, t) in out[*chain].iter_mut().zip(torque) {
+                                *o = t[0] + t[1];
+                            }
+                            out
+                        }
+                    };
+                    for (i, _) in &mechanics.unreachable {
+                        for chain in &mut out {
+                            chain[*i] = 0.0;
+                        }
+                    }
+                    Ok(out)
+                };
+                list.par_iter().map(change).collect()
+            })
+            .collect()
+    }
+
+    /// The columns of [`RobotResidual::departures`] in whitened residuals, row by row as in [`RobotResidual::design`].
+    pub fn departure_rows(&self, torques: &[Vec<Chains>]) -> DMatrix<f64> {
+        let count = torques.first().map_or(0, Vec::len);
+        let mut out = DMatrix::zeros(self.rows(), count);
+        let mut from = 0;
+        for (r, own) in self.recordings.iter().zip(torques) {
+            for (j, torque) in own.iter().enumerate() {
+                let mut rows = r.filtered(torque);
+                r.whiten(&mut rows);
+                out.view_mut((from, j), (rows.len(), 1))
+                    .copy_from_slice(&rows);
+            }
+            from += 3 * r.centres.len();
+        }
+        out
+    }
+
+    /// Lets the robot depart along these combinations (columns) of departures: one linear unknown each, after the forearm's nodes. With none
+    /// it is as drawn.
+    pub fn allow(&mut self, torques: &[Vec<Chains>], combine: &DMatrix<f64>) {
+        let directions = combine.ncols();
+        self.layout.departures = directions;
+        for (number, r) in self.recordings.iter_mut().enumerate() {
+            if directions == 0 {
+                r.departed = Arc::default();
+                continue;
+            }
+            let own = &torques[number];
+            let each: Vec<Chains> = (0..directions)
+                .into_par_iter()
+                .map(|d| {
+                    [0, 1, 2].map(|k| {
+                        let mut sum = vec![0.0; own.first().map_or(0, |o| o[k].len())];
+                        for (j, torque) in own.iter().enumerate() {
+                            let share = combine[(j, d)];
+                            for (s, t) in sum.iter_mut().zip(&torque[k]) {
+                                *s += share * t;
+                            }
+                        }
+                        sum
+                    })
+                })
+                .collect();
+            let mut rows = vec![0.0; 3 * r.centres.len() * directions];
+            for (d, torque) in each.iter().enumerate() {
+                for (at, x) in r.filtered(torque).into_iter().enumerate() {
+                    rows[at * directions + d] = x;
+                }
+            }
+            r.departed = Arc::new((each, rows));
+        }
+    }
+
+    /// Adds what the departures of `beta` change of a torque error.
+    fn depart(&self, recording: usize, beta: &[f64], error: &mut Chains) {
+        let sizes = &beta[self.layout.linear() - self.layout.departures..];
+        for (torque, size) in self.recordings[recording].departed.0.iter().zip(sizes) {
+            for (chain, torque) in error.iter_mut().zip(torque) {
+                for (e, t) in chain.iter_mut().zip(torque) {
+                    *e += size * t;
+                }
+            }
+        }
+    }
+
     /// The fingerprint of `effect` with the values `v` on each actuator alone. Only for effects whose change stays in its own chain.
     ///
     /// # Errors
@@ -1195,7 +1392,8 @@ impl<'a> RobotResidual<'a> {
         let mechanics = self.mechanics_with(recording, &effects)?;
         let offset = self.offset_s(recording, eta);
         let parameters = self.parameters(eta, beta);
-        let error = self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+        let mut error = self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+        self.depart(recording, beta, &mut error);
         Ok(self.filtered(recording, &error))
     }
 
@@ -1256,7 +1454,8 @@ impl<'a> RobotResidual<'a> {
         let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + number as u64);
         generator.set_stream(recording as u64);
         let track = r.dataset.drawn_track(&mut generator);
-        Mechanics::with_effects(self.robot, &track, effects, r.dataset.pivot_m).ok()
+        let all = [&self.base[..], effects].concat();
+        Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m).ok()
     }
 
     /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the noise is of second
@@ -1550,6 +1749,7 @@ impl<'a> RobotResidual<'a> {
             .into_par_iter()
             .map(|m| {
                 let mut other = self.clone();
+                other.base.clear(); // simulated robots are as drawn
                 let times = if m % 2 == 0 { 1.0 } else { -1.0 };
                 for (number, r) in other.recordings.iter_mut().enumerate() {
                     let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_c011 + m as u64 / 2);
@@ -1604,7 +1804,8 @@ impl<'a> RobotResidual<'a> {
         let effects = self.effects(eta);
         let mechanics = self.mechanics_with(recording, &effects)?;
         // One path with and without effects, so that an effect that is off changes no bit.
-        let (needed, _) = self.sides(recording, &mechanics, &parameters, offset, &effects)?;
+        let (mut needed, _) = self.sides(recording, &mechanics, &parameters, offset, &effects)?;
+        self.depart(recording, beta, &mut needed);
         let half = [0, 1, 2].map(|k| mechanics.half_capacitance_slope(k, r.when, &effects));
         let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, offset, &effects));
         let mut predicted: Vec<[f64; 3]> = (0..mechanics.samples())
@@ -1758,6 +1959,7 @@ fn prepare<'a>(
         whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
         robust: vec![1.0; kept],
         errors: Arc::default(),
+        departed: Arc::default(),
         torque_variance: Arc::default(),
     };
     if !free {

@@ -40,6 +40,7 @@ pub fn render_diagnosis(d: &Diagnosis, made_of: &Provenance) -> String {
         candidates(d),
         rivals(d),
         law(d),
+        tolerances(d),
         hidden(d),
         Some(provenance::of(made_of)),
     ]
@@ -898,6 +899,48 @@ fn brought_out_by(rig: RigKind, id: &str) -> &'static str {
         RigKind::Robot => by_id(id).map_or("", |e| e.brought_out_by()),
         _ => crate::effects::line::by_id(id).map_or("", |e| e.brought_out_by()),
     }
+}
+
+/// Departures from the drawing that are shown, largest first.
+const DEPARTURES: usize = 12;
+
+fn tolerances(d: &Diagnosis) -> Option<Section> {
+    if d.departed.is_empty() {
+        return None;
+    }
+    let mut table = Table::new(
+        "Parts as they are built, most probably, beside what their tolerances allow (one standard deviation).",
+        [
+            vec![Cell::text("part")],
+            ["differs by", "tolerance", "times its tolerance"]
+                .map(Cell::number)
+                .to_vec(),
+            vec![Cell::text("from")],
+        ]
+        .concat(),
+    );
+    let mut sorted: Vec<_> = d.departed.iter().collect();
+    let times = |p: &crate::diagnosis::Departed| (p.found / p.tolerance).abs();
+    sorted.sort_by(|a, b| times(b).total_cmp(&times(a)));
+    for p in sorted.into_iter().take(DEPARTURES) {
+        let size = |x: f64| match p.unit {
+            "1" => format!("{} %", number::significant(100.0 * x, 2)),
+            unit => format!("{} {unit}", number::significant(x, 2)),
+        };
+        table.row(vec![
+            Cell::text(&p.what),
+            Cell::number(size(p.found)),
+            Cell::number(size(p.tolerance)),
+            Cell::number(number::significant(times(p), 2)),
+            Cell::text(if p.stated { "rig.toml" } else { "default" }),
+        ]);
+    }
+    let context = context! {
+        table => table.html(),
+        scale => number::significant(100.0 * d.built, 2),
+    };
+    let template = "<p>No robot is exactly its drawing. Parts that differ within their tolerances are taken as they are and are no cause. Where the rig states none, the defaults count at {{ scale }} %: as well as this robot was built, told from the recordings.</p>\n{{ table }}\n";
+    Some(Section::new("tolerances", "As built", template, context))
 }
 
 fn hidden(d: &Diagnosis) -> Option<Section> {

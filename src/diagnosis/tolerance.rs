@@ -1,0 +1,665 @@
+//! How robots are built: parts that differ within their tolerances are no cause.
+//!
+//! Each tolerance is one column of the linearised residual, the change that one standard deviation of it makes, and has a normal prior.
+//! Those that the rig states are taken as stated. The others are defaults of good workshop practice, and how well this robot was built is
+//! told from the recordings: all defaults are multiplied by one scale between 0 and 1, that of largest marginal likelihood
+//!
+//! ```text
+//! -2 ln L(scale) = r'r - g'D (I + D G D)^-1 D g + ln det(I + D G D),     D = scale times tolerances
+//! ```
+//!
+//! where G and g are the products of the columns with each other and with the residual, the plain model's tangent space projected out
+//! (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the columns are worked out again about the mechanism and the
+//! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
+//! that is far off, where all others are as drawn, is a cause; many that are off a little are not.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use super::BASELINE;
+use super::outcome::Departed;
+use super::problem::{Fitted, Problem, Tangent};
+use super::subject::Subject;
+use crate::effects::{Acting, AngleError, Site, by_id};
+use crate::film::Locked;
+use crate::fit::separable::{Prior, Unknown};
+use crate::recording::Stated;
+use crate::residual::{Departure, DepartureTorques};
+
+/// Default tolerances, one standard deviation each. Films: two cut from one roll and pre-stretched by hand. Links: 0.1 mm of 50 mm, printed or
+/// milled. Angles: 0.2 mm over a part of 60 mm. Gain: data sheets of high-voltage amplifiers and their dividers. Marker: a glued sphere.
+const FILM: f64 = 0.03;
+const LINK: f64 = 0.002;
+const ANGLE_DEG: f64 = 0.2;
+const GAIN: f64 = 0.005;
+const MASS: f64 = 0.01;
+const TILT_DEG: f64 = 0.2;
+const MARKER_MM: f64 = 0.1;
+const CLOCK_MS: f64 = 1.0;
+
+/// Links as `link_length_error` numbers them, with their keys in the rig.
+const LINKS: [(&str, &str); 8] = [
+    ("l_ch", "l_ch_mm"),
+    ("l_end", "l_end_mm"),
+    ("q", "q_mm"),
+    ("n0", "n0_mm"),
+    ("a", "a_mm"),
+    ("b", "b_mm"),
+    ("c", "c_mm"),
+    ("d", "d_mm"),
+];
+/// Steps of the scale, each by this factor, from 1 down to the last.
+const SCALE_STEP: f64 = 0.7;
+const LEAST_SCALE: f64 = 0.003;
+/// A direction in which one standard deviation changes the sum of squares by less is left out: its prior is all that is known of it.
+const VISIBLE: f64 = 0.25;
+/// A departure may go as far as this many tolerances.
+const FARTHEST: f64 = 1e3;
+
+/// One tolerance.
+#[derive(Clone)]
+pub(super) struct Tolerance {
+    /// What may be off.
+    pub what: String,
+    /// The tolerance, in `unit`.
+    pub tolerance: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Whether the rig states it.
+    pub stated: bool,
+    /// What it changes.
+    pub departure: Departure,
+}
+
+/// The tolerances of a robot with this end effector on so many recordings.
+pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -> Vec<Tolerance> {
+    let find = |key: &str| stated.iter().find(|s| s.key == key);
+    // tolerance in the key's unit, and whether it is stated
+    let of = |key: &str, default: f64| find(key).map_or((default, false), |s| (s.tolerance, true));
+    let share = |key: &str, default: f64| {
+        find(key).map_or((default, false), |s| (s.tolerance / s.value, true))
+    };
+    let mut out = Vec::new();
+    let mut add = |what: String,
+                   (tolerance, stated): (f64, bool),
+                   unit: &'static str,
+                   departure: Departure| {
+        if tolerance > 0.0 {
+            out.push(Tolerance {
+                what,
+                tolerance,
+                unit,
+                stated,
+                departure,
+            });
+        }
+    };
+    let effect = |id: &str, values: Vec<f64>, on: [bool; 3]| Departure::Effect {
+        acting: Acting {
+            effect: by_id(id).expect("in the catalogue"),
+            values,
+            on,
+        },
+        only: None,
+    };
+    for k in 0..3 {
+        let on = [0, 1, 2].map(|j| j == k);
+        let of_actuator = |what: &str| format!("{what} of actuator {}", k + 1);
+        let film = share("L3_mm", FILM);
+        let values = vec![1.0 + film.0];
+        add(
+            of_actuator("film thickness"),
+            film,
+            "1",
+            effect("actuator_asymmetry", values, on),
+        );
+        let modulus = of("film_modulus", FILM);
+        for spring in 0..=super::problem::BRANCHES {
+            let name = match spring {
+                0 => of_actuator("equilibrium modulus"),
+                n => of_actuator(&format!("modulus of branch {n}")),
+            };
+            let departure = Departure::Spring {
+                chain: k,
+                spring,
+                share: modulus.0,
+            };
+            add(name, modulus, "1", departure);
+        }
+        let gain = of("amplifier_gain", GAIN);
+        add(
+            of_actuator("amplifier gain"),
+            gain,
+            "1",
+            effect("amplifier_gain", vec![gain.0, 0.0], on),
+        );
+        for (number, (name, key)) in LINKS.iter().enumerate() {
+            let link = share(key, LINK);
+            add(
+                of_actuator(&format!("link {name}")),
+                link,
+                "1",
+                effect("link_length_error", vec![number as f64, link.0], on),
+            );
+        }
+        let (omega, alpha) = (of("omega_deg", ANGLE_DEG), of("alpha_deg", 0.0));
+        let input = (omega.0.hypot(alpha.0), omega.1 || alpha.1);
+        let angles = [
+            ("angle omega + alpha", input),
+            ("angle dea_offset", of("dea_offset_deg", ANGLE_DEG)),
+        ];
+        for (number, (name, angle)) in angles.into_iter().enumerate() {
+            let departure = Departure::Effect {
+                acting: Acting {
+                    effect: &AngleError,
+                    values: vec![number as f64, angle.0.to_radians()],
+                    on,
+                },
+                only: None,
+            };
+            add(of_actuator(name), angle, "deg", departure);
+        }
+    }
+    let all = [true; 3];
+    let mass = share("m_g", MASS);
+    add(
+        "mass of the end effector".into(),
+        mass,
+        "1",
+        effect(
+            "payload_change",
+            vec![mass.0 * effector_kg, -1e6, -1.0],
+            all,
+        ),
+    );
+    let tilt = of("frame_tilt_deg", TILT_DEG);
+    let marker = of("marker_mm", MARKER_MM);
+    for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
+        let along = |size: f64| {
+            let mut v = vec![0.0; 3];
+            v[i] = size;
+            v
+        };
+        add(
+            format!("capture axes, rotation about {axis}"),
+            tilt,
+            "deg",
+            effect("frame_tilt", along(tilt.0.to_radians()), all),
+        );
+        add(
+            format!("end-effector marker, {axis}"),
+            marker,
+            "mm",
+            effect("marker_offset", along(marker.0 * 1e-3), all),
+        );
+    }
+    let clock = of("clock_ms", CLOCK_MS);
+    for recording in 0..recordings {
+        let departure = Departure::Effect {
+            acting: Acting {
+                effect: by_id("time_offset").expect("in the catalogue"),
+                values: vec![clock.0 * 1e-3],
+                on: all,
+            },
+            only: Some(recording),
+        };
+        let what = format!("clocks of recording {}", recording + 1);
+        add(what, clock, "ms", departure);
+    }
+    out
+}
+
+/// Products of all departures at a fitted model, everything projected out that a refit could absorb.
+struct Spread<'a> {
+    list: &'a [Tolerance],
+    gram: DMatrix<f64>,
+    score: DVector<f64>,
+    /// Sum of squares with priors at the tangent's minimum, over the noise.
+    base: f64,
+}
+
+impl<'a> Spread<'a> {
+    /// `noise` is the variance of the noise over the one that the weights promise.
+    fn new(
+        list: &'a [Tolerance],
+        rows: &DMatrix<f64>,
+        tangent: &Tangent,
+        cost: f64,
+        noise: f64,
+        mean: &DVector<f64>,
+    ) -> Self {
+        let along = tangent.columns.tr_mul(rows);
+        let absorbed = tangent.absorb(&along);
+        let hidden = absorbed.tr_mul(tangent.slope());
+        let rest = tangent.slope().dot(&tangent.absorbed(tangent.slope()));
+        let gram = (rows.tr_mul(rows) - along.tr_mul(&absorbed)) / noise;
+        let score = (rows.tr_mul(&tangent.residual) - hidden) / noise;
+        // what the mechanism has of them already lies beside the drawing, which is where the priors are centred
+        let back = &gram * mean;
+        Spread {
+            list,
+            base: (cost - rest) / noise + 2.0 * mean.dot(&score) + mean.dot(&back),
+            score: score + back,
+            gram,
+        }
+    }
+
+    fn sizes(&self, scale: f64) -> DVector<f64> {
+        DVector::from_iterator(
+            self.list.len(),
+            self.list.iter().map(|t| if t.stated { 1.0 } else { scale }),
+        )
+    }
+
+    /// D G D.
+    fn scaled(&self, scale: f64) -> DMatrix<f64> {
+        let d = self.sizes(scale);
+        DMatrix::from_fn(d.len(), d.len(), |i, j| d[i] * self.gram[(i, j)] * d[j])
+    }
+
+    /// -2 ln L at a scale, but for a constant; and the logarithm of the determinant in it.
+    fn at(&self, scale: f64) -> (f64, f64) {
+        let mut a = self.scaled(scale);
+        for i in 0..a.nrows() {
+            a[(i, i)] += 1.0;
+        }
+        let b = self.sizes(scale).component_mul(&self.score);
+        let Some(c) = a.cholesky() else {
+            return (f64::INFINITY, 0.0);
+        };
+        let log_det = 2.0 * c.l_dirty().diagonal().iter().map(|x| x.ln()).sum::<f64>();
+        (self.base - b.dot(&c.solve(&b)) + log_det, log_det)
+    }
+
+    /// The scale of largest likelihood.
+    fn best(&self) -> f64 {
+        let mut best = (0.0, self.at(0.0).0);
+        let mut scale = 1.0;
+        while scale >= LEAST_SCALE {
+            let value = self.at(scale).0;
+            if value < best.1 {
+                best = (scale, value);
+            }
+            scale *= SCALE_STEP;
+        }
+        best.0
+    }
+
+    /// Directions (columns, in tolerances) that the recordings can see at a scale, each with a normal prior of standard deviation 1; and the
+    /// priors' means, where those of the tolerances are `mean`.
+    fn directions(&self, scale: f64, mean: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
+        let eigen = SymmetricEigen::new(self.scaled(scale));
+        let seen: Vec<usize> = (0..self.list.len())
+            .filter(|&i| eigen.eigenvalues[i] > VISIBLE)
+            .collect();
+        let d = self.sizes(scale);
+        let combine = DMatrix::from_fn(d.len(), seen.len(), |i, j| {
+            d[i] * eigen.eigenvectors[(i, seen[j])]
+        });
+        let own = |j: &usize| {
+            let along = |i: usize| eigen.eigenvectors[(i, *j)] * mean[i] / d[i];
+            (0..d.len()).filter(|&i| d[i] > 0.0).map(along).sum()
+        };
+        (combine, seen.iter().map(own).collect())
+    }
+}
+
+/// How a robot may depart from its drawing in a problem.
+pub(super) struct Built {
+    /// The tolerances.
+    pub list: Vec<Tolerance>,
+    /// The scale of those that the rig does not state.
+    pub scale: f64,
+    /// -2 ln L there, as the linear theory has it.
+    promised: f64,
+    /// What the priors cost: ln det(I + D G D).
+    pub log_det: f64,
+    /// Combinations of tolerances that are unknowns, and the means of their priors.
+    combine: DMatrix<f64>,
+    means: Vec<f64>,
+    /// What the mechanism has of each tolerance already.
+    base: DVector<f64>,
+    train: DepartureTorques,
+    holdout: DepartureTorques,
+}
+
+/// The columns of all tolerances at a fitted plain model.
+fn columns<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    list: &[Tolerance],
+) -> Result<(DepartureTorques, DepartureTorques), Locked> {
+    let (eta, beta) = (&plain.state.eta, &plain.state.beta);
+    let train = problem.train.departures(eta, beta, list)?;
+    let holdout = match (&problem.holdout, problem.holdout_eta(plain)) {
+        (Some(h), Some(eta)) => {
+            // what belongs to one recording belongs to none of those that were held out
+            let mut own = list.to_vec();
+            for t in &mut own {
+                if let Departure::Effect { only, .. } = &mut t.departure
+                    && only.is_some()
+                {
+                    *only = Some(usize::MAX);
+                }
+            }
+            h.departures(&eta, beta, &own)?
+        }
+        _ => DepartureTorques::new(),
+    };
+    Ok((train, holdout))
+}
+
+impl Built {
+    /// What the tolerances of the rig make of a fitted plain model, in whose problem none are allowed yet: the scale that explains most, and what
+    /// the problem needs to have them in its tangent. `noise` is the variance of the noise over the one that the weights promise,
+    /// `base` what the mechanism has of each tolerance already (none yet where it is `None`).
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    fn tell<S: Subject>(
+        problem: &Problem<S>,
+        plain: &Fitted,
+        noise: f64,
+        base: Option<DVector<f64>>,
+    ) -> Result<Built, Locked> {
+        let list = problem.train.tolerances();
+        let base = base.unwrap_or_else(|| DVector::zeros(list.len()));
+        let tangent = Tangent::new(problem, plain)?;
+        let (train, holdout) = columns(problem, plain, &list)?;
+        let rows = problem.train.departure_rows(&train);
+        let mean = -&base;
+        let spread = Spread::new(&list, &rows, &tangent, plain.cost(), noise, &mean);
+        let scale = spread.best();
+        let (combine, means) = spread.directions(scale, &mean);
+        let (likelihood, log_det) = spread.at(scale);
+        Ok(Built {
+            scale,
+            promised: likelihood,
+            log_det,
+            combine,
+            means,
+            base,
+            train,
+            holdout,
+            list,
+        })
+    }
+
+    /// Lets the parts of a robot differ within their tolerances, and fits the plain model with them, from the fit `plain` without. What the fit
+    /// finds is taken for the mechanism, and told again about there, until it was told `rounds` times. `None` where a rig has no tolerances or recordings see none of them, or where
+    /// linear theory leaves more than `most` of -2 ln L.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch, or such a mechanism cannot follow.
+    pub fn fit<S: Subject>(
+        problem: &mut Problem<S>,
+        plain: &Fitted,
+        noise: f64,
+        most: f64,
+        rounds: usize,
+    ) -> Result<Option<(Built, Fitted)>, Locked> {
+        if problem.train.tolerances().is_empty() {
+            return Ok(None);
+        }
+        let mut built = Built::tell(problem, plain, noise, None)?;
+        let mut fitted = plain.clone();
+        let effort = BASELINE;
+        for round in 1.. {
+            if built.combine.ncols() == 0 || built.promised > most {
+                return Ok(None);
+            }
+            built.enter(problem);
+            let warm = problem.fit(&[], &fitted.state.eta, &fitted.state.beta, effort);
+            let cold = problem.nominal(&[], effort);
+            fitted = if warm.cost() < cold.cost() {
+                warm
+            } else {
+                cold
+            };
+            if round == rounds {
+                break;
+            }
+            let base = built.settle(problem, &fitted)?;
+            fitted.state.beta.truncate(problem.linear.len());
+            fitted = problem.fit(&[], &fitted.state.eta, &fitted.state.beta, effort);
+            built = Built::tell(problem, &fitted, noise, Some(base))?;
+        }
+        Ok(Some((built, fitted)))
+    }
+
+    /// Puts the tolerances into a problem.
+    fn enter<S: Subject>(&self, problem: &mut Problem<S>) {
+        problem.train.allow(&self.train, &self.combine);
+        if let Some(h) = &mut problem.holdout {
+            h.allow(&self.holdout, &self.combine);
+        }
+        problem
+            .linear
+            .extend(self.means.iter().map(|&mean| Unknown {
+                prior: Some(Prior { mean, sd: 1.0 }),
+                ..Unknown::free(0.0, -FARTHEST, FARTHEST)
+            }));
+    }
+
+    /// Takes all tolerances out of a problem, and the mechanism to be as drawn.
+    ///
+    /// # Errors
+    /// [`Locked`] when the mechanism cannot follow.
+    pub fn leave<S: Subject>(problem: &mut Problem<S>) -> Result<(), Locked> {
+        Built::rebuild(problem, Vec::new())
+    }
+
+    fn rebuild<S: Subject>(problem: &mut Problem<S>, acts: Vec<Acting>) -> Result<(), Locked> {
+        let none = DMatrix::zeros(0, 0);
+        let as_drawn = problem.linear.len() - problem.train.allowed();
+        problem.linear.truncate(as_drawn);
+        problem.train.allow(&Vec::new(), &none);
+        problem.train.rebuild(acts.clone())?;
+        if let Some(h) = &mut problem.holdout {
+            h.allow(&Vec::new(), &none);
+            h.rebuild(acts)?;
+        }
+        Ok(())
+    }
+
+    /// Departures in tolerances that a fit makes.
+    fn found(&self, fitted: &Fitted) -> DVector<f64> {
+        let beta = &fitted.state.beta;
+        let sizes = &beta[beta.len() - self.combine.ncols()..];
+        &self.combine * DVector::from_column_slice(sizes) + &self.base
+    }
+
+    /// Departures over what the scale makes of the tolerances; 0 of those that are as drawn.
+    fn strained(&self, fitted: &Fitted) -> Vec<f64> {
+        let size = |t: &Tolerance| if t.stated { 1.0 } else { self.scale };
+        let found = self.found(fitted);
+        let strain = |(t, x): (&Tolerance, &f64)| if size(t) > 0.0 { x / size(t) } else { 0.0 };
+        self.list.iter().zip(found.iter()).map(strain).collect()
+    }
+
+    /// Whether all departures of a fit are within what tolerances are.
+    pub fn within(&self, fitted: &Fitted) -> bool {
+        self.strained(fitted).iter().all(|x| x.abs() < WITHIN)
+    }
+
+    /// -2 ln L of a fit of the plain model with departures. Those that the mechanism has in directions that the recordings no longer see have
+    /// their price too.
+    pub fn likelihood(&self, fitted: &Fitted, noise: f64) -> f64 {
+        let beta = &fitted.state.beta;
+        let sizes = &beta[beta.len() - self.means.len()..];
+        let paid: f64 = sizes
+            .iter()
+            .zip(&self.means)
+            .map(|(c, m)| (c - m).powi(2))
+            .sum();
+        let whole: f64 = self.strained(fitted).iter().map(|x| x * x).sum();
+        fitted.cost() / noise + self.log_det + (whole - paid).max(0.0)
+    }
+
+    /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives the departures that the mechanism
+    /// then has.
+    fn settle<S: Subject>(
+        &self,
+        problem: &mut Problem<S>,
+        fitted: &Fitted,
+    ) -> Result<DVector<f64>, Locked> {
+        let mut found = self.found(fitted);
+        let mut acts = Vec::new();
+        for (t, size) in self.list.iter().zip(found.iter_mut()) {
+            match &t.departure {
+                Departure::Effect { acting, .. } if acting.effect.site() == Site::Motion => {
+                    let mut own = acting.clone();
+                    for (v, q) in own.values.iter_mut().zip(acting.effect.parameters()) {
+                        if q.size {
+                            *v = q.off + *size * (*v - q.off);
+                        }
+                    }
+                    acts.push(own);
+                }
+                _ => *size = 0.0,
+            }
+        }
+        Built::rebuild(problem, acts)?;
+        Ok(found)
+    }
+
+    /// What a fit makes of each tolerance.
+    pub fn departed(&self, fitted: &Fitted) -> Vec<Departed> {
+        self.list
+            .iter()
+            .zip(self.found(fitted).iter())
+            .map(|(t, found)| Departed {
+                what: t.what.clone(),
+                found: found * t.tolerance,
+                tolerance: t.tolerance,
+                unit: t.unit,
+                stated: t.stated,
+            })
+            .collect()
+    }
+
+    /// How many times its tolerance a cause is, where it is of the kind of one.
+    pub fn times(&self, acting: &Acting) -> Option<f64> {
+        let q = acting.effect.parameters();
+        let word = (!acting.effect.variants().is_empty()).then(|| acting.values[0]);
+        let mut squares = 0.0;
+        for t in &self.list {
+            let Departure::Effect { acting: own, .. } = &t.departure else {
+                continue;
+            };
+            let same = own.effect.id() == acting.effect.id()
+                && (0..3).all(|k| !own.on[k] || acting.on[k])
+                && word.is_none_or(|w| own.values[0] == w);
+            if !same || own.effect.id() == "payload_change" {
+                continue;
+            }
+            let by: f64 = (0..q.len())
+                .filter(|&i| q[i].size && own.values[i] != q[i].off)
+                .map(|i| ((acting.values[i] - q[i].off) / (own.values[i] - q[i].off)).powi(2))
+                .sum();
+            // the axes of a vector add up; actuators and recordings say the same again
+            squares = match acting.effect.parameters().len() {
+                3 => squares + by,
+                _ => f64::max(squares, by),
+            };
+        }
+        (squares > 0.0).then(|| squares.sqrt())
+    }
+}
+
+/// What is said of departures: the largest of them.
+pub(super) fn remark(departed: &[Departed]) -> Option<String> {
+    let size = |d: &&Departed| (d.found / d.tolerance).abs();
+    let largest = departed.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
+    if size(&largest) < WORTH_SAYING {
+        return None;
+    }
+    let (found, unit) = match largest.unit {
+        "1" => (100.0 * largest.found, "%"),
+        unit => (largest.found, unit),
+    };
+    Some(format!(
+        "Parts may differ from the drawing within their tolerances, and do: {} by {found:+.2} {unit}, {:.1} times its tolerance, most. Such differences are no cause.",
+        largest.what,
+        size(&largest)
+    ))
+}
+
+/// Departure, in tolerances, that is worth a word.
+const WORTH_SAYING: f64 = 0.05;
+/// Times that departures are told, each about the mechanism and the film of the last.
+pub(super) const ROUNDS: usize = 3;
+/// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest exceeds it in one robot of 200.
+const WITHIN: f64 = 4.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spread(list: &[Tolerance], score: Vec<f64>) -> Spread<'_> {
+        let n = score.len();
+        Spread {
+            list,
+            gram: DMatrix::identity(n, n) * 1e4,
+            score: DVector::from_vec(score),
+            base: 0.0,
+        }
+    }
+
+    #[test]
+    fn the_scale_is_that_of_the_departures() {
+        let list: Vec<Tolerance> = of_robot(&[], 6e-3, 3).into_iter().take(40).collect();
+        // 40 directions seen to 1 % of a tolerance: all off by 0.2 of theirs, or none
+        let off = spread(
+            &list,
+            (0..40)
+                .map(|i| if i % 2 == 0 { 2e3 } else { -2e3 })
+                .collect(),
+        );
+        let scale = off.best();
+        assert!((0.14..0.3).contains(&scale), "{scale}");
+        assert_eq!(spread(&list, vec![0.0; 40]).best(), 0.0);
+    }
+
+    #[test]
+    fn what_is_stated_is_not_scaled() {
+        let stated = [Stated {
+            key: "q_mm",
+            value: 50.0,
+            tolerance: 0.5,
+        }];
+        let list = of_robot(&stated, 6e-3, 1);
+        let own: Vec<&Tolerance> = list.iter().filter(|t| t.stated).collect();
+        assert_eq!(own.len(), 3);
+        assert!(own.iter().all(|t| (t.tolerance - 0.01).abs() < 1e-12));
+        let spread = spread(&list, vec![0.0; list.len()]);
+        let sum = 3.0 + 0.1 * (list.len() - 3) as f64;
+        assert!((spread.sizes(0.1).sum() - sum).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_cause_is_told_in_its_tolerances() {
+        let built = Built {
+            list: of_robot(&[], 6e-3, 2),
+            scale: 1.0,
+            promised: 0.0,
+            log_det: 0.0,
+            combine: DMatrix::zeros(0, 0),
+            means: Vec::new(),
+            base: DVector::zeros(0),
+            train: Vec::new(),
+            holdout: Vec::new(),
+        };
+        let acting = Acting {
+            effect: by_id("link_length_error").unwrap(),
+            values: vec![7.0, 0.016],
+            on: [false, true, false],
+        };
+        assert!((built.times(&acting).unwrap() - 8.0).abs() < 1e-9);
+        let tilt = Acting {
+            effect: by_id("frame_tilt").unwrap(),
+            values: vec![0.3f64.to_radians(), 0.4f64.to_radians(), 0.0],
+            on: [true; 3],
+        };
+        assert!((built.times(&tilt).unwrap() - 2.5).abs() < 1e-9);
+    }
+}

@@ -403,21 +403,12 @@ fn chain<S: Subject>(
         let rows = INDEPENDENT * plain.fitted.state.rows as f64;
         let causes = best.fitted.cost() / noise + best.fitted.free.len() as f64 * rows.ln();
         let most = causes + WORTH_A_FIT * (plain.fitted.cost() / noise - causes).max(0.0);
-        let told = |problem: &mut Problem<S>, rounds: usize| {
-            Built::fit(problem, &plain.fitted, noise, most, rounds)
-        };
-        let as_built = told(&mut problem, tolerance::ROUNDS);
+        let as_built = Built::fit(&mut problem, &plain.fitted, noise, most);
         if let Ok(Some((built, fit))) = as_built
-            && built.likelihood(&fit, noise) < causes
+            && built.likelihood(&fit, noise) < causes - allowed / noise
+            && built.within(&fit)
         {
-            if built.within(&fit) {
-                return chain(problem, remarks, request, watch, Some((built, fit)));
-            }
-            // Parts alone would have to be off by more than they can be: a cause acts on a robot whose parts differ.
-            Built::leave(&mut problem)?;
-            if let Some(built) = told(&mut problem, 1)? {
-                return chain(problem, remarks, request, watch, Some(built));
-            }
+            return chain(problem, remarks, request, watch, Some((built, fit)));
         }
         Built::leave(&mut problem)?;
     }

@@ -11,7 +11,8 @@
 //! where G and g are the products of the columns with each other and with the residual, the plain model's tangent space projected out
 //! (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the columns are worked out again about the mechanism and the
 //! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
-//! that is far off, where all others are as drawn, is a cause; many that are off a little are not.
+//! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts are believed where they are likelier
+//! by more than chance makes of a scan, and none is off by more than four of its tolerances.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -385,7 +386,7 @@ impl Built {
     }
 
     /// Lets the parts of a robot differ within their tolerances, and fits the plain model with them, from the fit `plain` without. What the fit
-    /// finds is taken for the mechanism, and told again about there, until it was told `rounds` times. `None` where a rig has no tolerances or recordings see none of them, or where
+    /// finds is taken for the mechanism, and told again about there. `None` where a rig has no tolerances or recordings see none of them, or where
     /// linear theory leaves more than `most` of -2 ln L.
     ///
     /// # Errors
@@ -395,7 +396,6 @@ impl Built {
         plain: &Fitted,
         noise: f64,
         most: f64,
-        rounds: usize,
     ) -> Result<Option<(Built, Fitted)>, Locked> {
         if problem.train.tolerances().is_empty() {
             return Ok(None);
@@ -415,7 +415,7 @@ impl Built {
             } else {
                 cold
             };
-            if round == rounds {
+            if round == ROUNDS {
                 break;
             }
             let base = built.settle(problem, &fitted)?;
@@ -587,7 +587,7 @@ pub(super) fn remark(departed: &[Departed]) -> Option<String> {
 /// Departure, in tolerances, that is worth a word.
 const WORTH_SAYING: f64 = 0.05;
 /// Times that departures are told, each about the mechanism and the film of the last.
-pub(super) const ROUNDS: usize = 3;
+const ROUNDS: usize = 3;
 /// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest exceeds it in one robot of 200.
 const WITHIN: f64 = 4.0;
 

@@ -286,7 +286,8 @@ fn of_plan(
         ledger.end()?;
         return Ok((trials, pieces));
     }
-    if a.own_form || a.built || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot") {
+    if a.own_form || a.built || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot")
+    {
         return Err(
             "--own-form, --built, --drive and --rigs robot do not go with single coordinates: prove these apart"
                 .into(),

@@ -88,6 +88,8 @@ const PAIR_ABOVE: f64 = 1.15;
 const WEAK_BELOW: f64 = 2.0;
 /// Mean square of the plain model below which what capture and smoothing make of its own motion is taken out before a scan is judged.
 const SMOOTHED_BELOW: f64 = 4.0;
+/// Mean square of the plain model below which no cause is named where nothing was held out: weights are no better known than by a quarter.
+const UNCONFIRMED_BELOW: f64 = 1.25;
 /// Share of the largest surprise that a weak cause's own must have.
 const SURPRISES_TOO: f64 = 0.4;
 /// Score differences of this size make odds of e to 1 in probabilities: textbook forms are wrong in detail, so scores say less than
@@ -280,10 +282,13 @@ fn chain<S: Subject>(
     let (surprise, limit) = (chance.largest, chance.limit(rate));
     let adequate =
         (surprise < limit || largest_drop < allowed) && !never_adequate(&plain.fitted, &chance);
-    // A cause of a weak misfit must be supported, and matter.
+    // A cause of a weak misfit must be supported, and matter; and nothing confirms one where nothing was held out.
+    let unconfirmed =
+        problem.holdout.is_none() && plain.mean_square < UNCONFIRMED_BELOW * chance.scale.max(1.0);
     let unsupported = |j: &Judged| {
         S::CHAINS > 1
-            && !(j.score < plain.score - DECISIVE
+            && !(!unconfirmed
+                && j.score < plain.score - DECISIVE
                 && holds_out(&plain, j)
                 && plain.mean_square - j.mean_square > MATTERS)
     };

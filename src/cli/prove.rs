@@ -12,7 +12,7 @@ use super::resume::{Pieces, Run};
 use super::{Failure, Talk, diagnose, load};
 use super::{series, stop};
 use crate::cases::line::{self, Rig};
-use crate::cases::{DriveSet, Truth, generate, generate_built, plan};
+use crate::cases::{Case, DriveSet, Spec, Truth, generate, generate_built, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
 use crate::proof::{
     StandsOut, Trial, compare, own_form, run as run_own, score, stands_out, trial, trial_lines,
@@ -59,6 +59,9 @@ pub(super) struct Arguments {
     #[arg(short, long, default_value = "out/prove")]
     output: PathBuf,
 }
+
+/// How a case of the robot is made.
+type Make = fn(&Spec) -> Result<Case, String>;
 
 /// The files of a case with their paths, and its answer's name and text.
 type Files = (Vec<(String, Vec<u8>)>, String, String);
@@ -264,7 +267,7 @@ fn of_plan(
         for spec in &mut specs {
             spec.drive = a.drive;
         }
-        let (make, form): (fn(&_) -> _, _) = match (a.own_form, a.built) {
+        let (make, form): (Make, &str) = match (a.own_form, a.built) {
             (true, _) => (own_form, ", own form"),
             (_, true) => (generate_built, ", as built"),
             _ => (generate, ""),

@@ -236,7 +236,7 @@ impl HiddenJson {
     }
 }
 
-/// What is left out: the three add up to 1.
+/// What is left out: the three add up to 1; null where no physics was looked at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProbabilitiesJson {
     /// Nothing.
@@ -399,6 +399,13 @@ impl DiagnosisJson {
             plain_mean_square: None,
             plain_holdout_mean_square: None,
             rivals: Vec::new(),
+            probabilities: ProbabilitiesJson {
+                nothing: None,
+                catalogue: None,
+                something_else: None,
+            },
+            tolerances: Vec::new(),
+            tolerance_scale: None,
             remarks: Vec::new(),
             series: Vec::new(),
             provenance,

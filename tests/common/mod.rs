@@ -104,6 +104,7 @@ pub fn robot(rig: &Value) -> deacal::model::Robot {
         eps_r: number(&rig["eps_r"]),
         effector_kg: number(&rig["m_g"]) * 1e-3,
         bicep_tip_kg: number(&rig["m_bc_g"]) * 1e-3,
+        tolerances: Vec::new(),
     }
 }
 

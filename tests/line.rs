@@ -485,6 +485,164 @@ fn a_fitted_axis_predicts_other_recordings_and_an_augmented_one_better() {
     assert!(error.contains("gain_N"), "{error}");
 }
 
+/// A slide of known mass with dry friction in the catalogue's own form, driven to and fro at one speed, its force cell as the input.
+fn dry_slide(friction_n: f64, seed: u64) -> String {
+    let mut generator = ChaCha12Rng::seed_from_u64(seed);
+    let (step, period, speed, turn) = (0.005, 8.0, 0.01, 0.15);
+    let mut out = String::from("t_s,x_m,u_N\n");
+    let (mut x, mut z, mut v_before) = (0.0, 0.0, speed);
+    for i in 0..9000 {
+        let t = f64::from(i) * step;
+        // the speed turns about within `turn`
+        let phase = (t + 0.25 * period) % period;
+        let edge = |at: f64| ((phase - at) / turn).tanh();
+        let v = speed * (edge(0.0) - edge(0.5 * period) + edge(period));
+        let dx = v * step;
+        x += dx;
+        z += (dx.signum() - z) * (1.0 - (-dx.abs() / 2e-4).exp());
+        let force = 2.0 * (v - v_before) / step + friction_n * z + 30.0;
+        v_before = v;
+        let mut noise = || -> f64 { StandardNormal.sample(&mut generator) };
+        let (shown, u) = (x + 2e-6 * noise(), force + 0.02 * noise());
+        writeln!(out, "{t:.4},{shown:.8},{u:.5}").unwrap();
+    }
+    out
+}
+
+const DRY: &str = "[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"u_N\"\nunits = { time = \"s\", position = \"m\", input = \"N\" }\nmass_kg = 2.0\ndamping = \"estimate\"\nstiffness = \"estimate\"\ninput_gain = 1.0\n";
+
+/// A ceiling below everything that was measured leaves nothing to explain, and so explains nothing.
+#[test]
+fn friction_at_one_speed_is_not_a_ceiling() {
+    let dir = tempfile::tempdir().unwrap();
+    let make = |id: &str, friction: f64, seed: u64| {
+        line(dir.path(), id, "axis", DRY, &dry_slide(friction, seed))
+    };
+    let (a, b, c) = (make("a", 5.0, 1), make("b", 5.0, 2), make("c", 5.0, 3));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let named: Vec<&str> = d
+        .candidates
+        .iter()
+        .filter(|c| c.in_model)
+        .map(|c| c.acting.effect.id())
+        .collect();
+    assert_eq!(named, ["joint_friction"], "{}", d.says);
+    let force = &d.candidates[0].values[0];
+    assert!((force.value / 5.0 - 1.0).abs() < 0.03, "{force:?}");
+    let held = d.holdout.unwrap();
+    assert!(held.after_v < 0.2 * held.before_v, "{held:?}");
+    let (a, b, c) = (make("a0", 0.0, 1), make("b0", 0.0, 2), make("c0", 0.0, 3));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
+}
+
+/// What is predicted is worked out from everything else: a tone in the measured input moves no bit of it, whatever the drive.
+#[test]
+fn a_prediction_reads_nothing_of_what_it_predicts() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    let with_tone: String = SLIDE
+        .csv()
+        .lines()
+        .enumerate()
+        .map(|(i, l)| {
+            let c: Vec<&str> = l.split(',').collect();
+            match c[2].parse::<f64>() {
+                Ok(u) => format!(
+                    "{},{},{:.6}\n",
+                    c[0],
+                    c[1],
+                    u + 0.5 * (0.07 * i as f64).sin()
+                ),
+                Err(_) => format!("{l}\n"),
+            }
+        })
+        .collect();
+    let own = line(dir.path(), "own", "axis", &table, &SLIDE.csv());
+    let other = line(dir.path(), "tone", "axis", &table, &with_tone);
+    let fit = calibrate_lines(std::slice::from_ref(&own), &LineRequest::default()).unwrap();
+    for effect in CATALOGUE {
+        let start: Option<Vec<f64>> =
+            with_view(|view| effect.near(view).into_iter().flatten().next());
+        let (Some(mut values), true) = (
+            start,
+            effect.kinds().contains(&deacal::effects::line::Kind::Axis),
+        ) else {
+            continue;
+        };
+        // states in time constants of this slide
+        for (v, q) in values.iter_mut().zip(effect.parameters()) {
+            if q.unit == "s" {
+                *v = 0.01;
+            }
+        }
+        let model = LineModel {
+            values: fit.values.clone(),
+            effects: vec![Acting {
+                effect: *effect,
+                values,
+                on: [true; 3],
+            }],
+            ..LineModel::default()
+        };
+        let [a, b] = [&own, &other].map(|l| predict_line(l, &model).unwrap().0);
+        let mut told = 0;
+        for (x, y) in a.predicted.iter().zip(&b.predicted) {
+            assert_eq!(x.to_bits(), y.to_bits(), "{}", effect.id());
+            told += usize::from(x.is_finite());
+        }
+        // a ceiling far below the input tells little
+        assert!(told > 300, "{}: {told}", effect.id());
+        let moved = a
+            .measured
+            .iter()
+            .zip(&b.measured)
+            .any(|(x, y)| (x - y).abs() > 0.1);
+        assert!(moved, "{}", effect.id());
+    }
+}
+
+/// Drives are taken back: the input that a drive was given comes out of what it made of it.
+#[test]
+fn a_drive_is_undone() {
+    use deacal::effects::line::Undone;
+    with_view(|view| {
+        for (id, values) in [
+            ("amplifier_saturation", vec![0.6]),
+            ("amplifier_deadband", vec![0.1]),
+            ("x_drive_power", vec![1.7]),
+            ("x_drive_lag", vec![0.03]),
+            ("x_drive_second_order", vec![0.02, 0.7]),
+        ] {
+            let effect = deacal::effects::line::by_id(id).unwrap();
+            let mut made = terms(view);
+            let given = made.input.clone();
+            effect.line(&values, view, &mut made);
+            let told = vec![true; given.len()];
+            let mut undone = Undone {
+                step_s: view.step_s,
+                input: made.input,
+                told,
+            };
+            effect.undo(&values, &mut undone);
+            let mut count = 0;
+            for i in 30..given.len() - 1 {
+                if undone.told[i] {
+                    count += 1;
+                    assert!(
+                        (undone.input[i] - given[i]).abs() < 0.02,
+                        "{id} {i}: {} {}",
+                        undone.input[i],
+                        given[i]
+                    );
+                }
+            }
+            assert!(count > 200, "{id}: {count}");
+        }
+    });
+}
+
 #[test]
 fn bad_input_of_one_coordinate_is_told() {
     let dir = tempfile::tempdir().unwrap();

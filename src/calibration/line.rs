@@ -231,13 +231,14 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
         .lines()
         .enumerate()
         .map(|(number, line)| {
-            let (asked, measured) = residual.sides(number, eta, beta)?;
+            let (asked, measured) = residual.stated(number, eta, beta)?;
             let (time, xi, _) = residual.course(number);
             let kept = residual.kept(number);
             let errors: Vec<f64> = asked
                 .iter()
                 .zip(&measured)
-                .map(|(a, m)| (a - m) / factor)
+                .map(|(a, m)| a - m)
+                .filter(|e| e.is_finite())
                 .collect();
             let n = errors.len();
             Ok(LineFit {
@@ -251,8 +252,8 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
                     .iter()
                     .map(|&c| scales.rest + scales.coordinate * xi[c])
                     .collect(),
-                measured: measured.iter().map(|m| m / factor).collect(),
-                predicted: asked.iter().map(|a| a / factor).collect(),
+                measured,
+                predicted: asked,
                 notes: line.notes.clone(),
             })
         })

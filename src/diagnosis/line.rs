@@ -2,9 +2,9 @@
 
 use nalgebra::DMatrix;
 
-use super::doubt;
 use super::outcome::*;
 use super::problem::Problem;
+use super::single::doubt;
 use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
 use crate::dataset::line::{Line, Measured, interpolate};
 use crate::effects::line::{CATALOGUE, Kind};
@@ -17,8 +17,7 @@ use crate::residual::{OFFSET_REACH_S, correlation_length};
 
 /// Branches of a coupon's plain model.
 pub const COUPON_BRANCHES: usize = 6;
-/// Stretches into which a recording is cut where none is held out, and the fewest samples for that.
-const BLOCKS: usize = 12;
+/// Fewest samples of which a quarter is left out where no recording is.
 const FEWEST_FOR_BLOCKS: usize = 100;
 /// What is known of a linear unknown of a coupon, over the largest stress: nothing but its order.
 const MODULUS_SD: f64 = 3.0;
@@ -73,13 +72,13 @@ pub fn diagnose_lines(
     }
     let mut held_out = holdout;
     if held.is_none() && own.rows() >= FEWEST_FOR_BLOCKS {
-        let block = |i: usize, n: usize| (BLOCKS * i / n) % 3 == 1;
-        held = Some(own.only(block));
-        own = own.only(|i, n| !block(i, n));
+        let last = |i: usize, n: usize| 4 * i >= 3 * n;
+        held = Some(own.only(last));
+        own = own.only(|i, n| !last(i, n));
         held_out = train;
-        remarks.push(format!(
-            "No recording was held out: of {BLOCKS} stretches of each recording every third was left out of the fits instead, with its history known. That is a weaker test than another recording."
-        ));
+        remarks.push("No recording was held out: the last quarter of each was left out of fits and choices instead, with its history known. That is a weaker test than another recording.".into());
+    } else if held.is_none() {
+        remarks.push("No recording was held out, and these are too short to leave a part out: nothing tells how the model does on others.".into());
     }
     let problem = Problem {
         holdout: held,
@@ -236,6 +235,7 @@ impl Subject for LineResidual<'_> {
             basis: "all",
             over: "",
             directed: "coordinate",
+            moving: 0.5,
             rich,
             repeat: "The same test again, then at another rate and another amplitude: what repeats with position, direction, rate or time says what it depends on.",
         }
@@ -335,10 +335,9 @@ impl Subject for LineResidual<'_> {
                 } else {
                     xi[c] - xi[c.saturating_sub(1)]
                 };
-                // the direction is told apart by a rate above 100 of its unit: here by its sign
                 [[
                     drive,
-                    going.signum() * 1e3,
+                    going.signum(),
                     time[c],
                     position,
                     v,
@@ -477,23 +476,19 @@ impl Subject for LineResidual<'_> {
     }
 
     fn errors(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Errors, Locked> {
-        let (asked, measured) = self.sides(recording, eta, beta)?;
-        let gain = self.gain();
-        let sd = (self.noise(recording) / gain).abs();
+        let (asked, measured) = self.stated(recording, eta, beta)?;
+        let sd = (self.noise(recording) / self.gain()).abs();
         let scales = self.scales();
         let (time, xi, _) = self.course(recording);
         let kept = self.kept(recording);
         let three = |v: f64| [v, f64::NAN, f64::NAN];
+        let error: Vec<f64> = asked.iter().zip(&measured).map(|(a, m)| a - m).collect();
         Ok(Errors {
             time_s: kept.iter().map(|&c| time[c]).collect(),
-            command: measured.iter().map(|m| three(m / gain)).collect(),
-            error: asked
-                .iter()
-                .zip(&measured)
-                .map(|(a, m)| three((a - m) / gain))
-                .collect(),
+            counts: error.iter().map(|e| e.is_finite()).collect(),
+            command: measured.into_iter().map(three).collect(),
+            error: error.into_iter().map(three).collect(),
             sd: vec![three(sd); kept.len()],
-            counts: vec![true; kept.len()],
             basis: vec![[true, false, false]; kept.len()],
             height: kept
                 .iter()

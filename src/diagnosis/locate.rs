@@ -3,7 +3,7 @@
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::outcome::Place;
-use super::subject::{At, Coordinate, Whereabouts};
+use super::subject::{At, Coordinate, Whereabouts, Words};
 use crate::effects::Acting;
 
 /// One kept residual of one actuator.
@@ -57,7 +57,7 @@ pub(super) fn locate(
     entries: &[Whereabouts],
     coordinates: &[Coordinate],
     chains: usize,
-    directed: &'static str,
+    words: &Words,
     named: &[Acting],
 ) -> Vec<Place> {
     let excess = |s: &Spot| s.before - s.after;
@@ -102,7 +102,7 @@ pub(super) fn locate(
             let (e, c) = share(&*inside);
             let mut p = place.0;
             (p.share_of_excess, p.share_of_samples) = (e, c);
-            p.p_value = p_value(ratio_of(&*inside).max(0.25 * total));
+            p.p_value = p_value(ratio_of(&*inside));
             push(&mut found, f64::INFINITY, p);
         }
     }
@@ -124,7 +124,8 @@ pub(super) fn locate(
         let Some((a, b, ratio)) = best_run(&mean, &count) else {
             continue;
         };
-        let round = |x: f64| (x * rounding).round() / rounding;
+        // no -0
+        let round = |x: f64| (x * rounding).round() / rounding + 0.0;
         let range = [round(edge(a)), round(edge(b + 1))];
         if range[0] >= range[1] {
             continue; // all at one value
@@ -145,9 +146,9 @@ pub(super) fn locate(
                 share_of_samples: c,
                 p_value: p_value(ratio),
                 says: format!(
-                    "{:.0} % of the excess lies at a {} of {} to {} {unit}, where {:.0} % of the samples are",
+                    "{:.0} % of the excess lies at {} {says} of {} to {} {unit}, where {:.0} % of the samples are",
                     100.0 * e,
-                    says,
+                    article(says),
                     range[0],
                     range[1],
                     100.0 * c
@@ -174,8 +175,9 @@ pub(super) fn locate(
             ),
         );
     }
+    let (directed, moving) = (words.directed, words.moving);
     for (value, sign) in [("rising", 1.0), ("falling", -1.0)] {
-        let inside = move |s: &Spot| s.at[1] * sign > 100.0;
+        let inside = move |s: &Spot| s.at[1] * sign > moving;
         let ratio = ratio_of(&inside);
         let (e, c) = share(&inside);
         push(
@@ -213,10 +215,22 @@ pub(super) fn locate(
             );
         }
     }
-    found.retain(|f| f.0 > 0.0);
+    found.retain(|f| f.0 > 0.0 && (f.0.is_infinite() || f.1.share_of_excess > SHOWN));
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.truncate(8);
     found.into_iter().map(|f| f.1).collect()
+}
+
+/// Share of the excess from which a place is worth a sentence.
+const SHOWN: f64 = 0.02;
+
+/// The article before a word.
+fn article(word: &str) -> &'static str {
+    if word.starts_with(['a', 'e', 'i', 'o', 'u']) {
+        "an"
+    } else {
+        "a"
+    }
 }
 
 /// A place that is a word: what holds `e` of the excess and `c` of the samples lies `here`.
@@ -385,6 +399,18 @@ fn own_places(acting: &Acting, entries: &[Whereabouts], spots: &[Spot]) -> Vec<(
 mod tests {
     use super::*;
 
+    fn words(directed: &'static str, moving: f64) -> Words {
+        Words {
+            unit: String::new(),
+            basis: "all",
+            over: "",
+            directed,
+            moving,
+            rich: "",
+            repeat: "",
+        }
+    }
+
     fn spots(chains: usize) -> Vec<Spot> {
         (0..200)
             .map(|i| {
@@ -416,7 +442,14 @@ mod tests {
         };
         let named = std::slice::from_ref(&saturation);
         let coordinates = std::slice::from_ref(&coordinate);
-        let one = locate(&spots(1), &[], coordinates, 1, "coordinate", named);
+        let one = locate(
+            &spots(1),
+            &[],
+            coordinates,
+            1,
+            &words("coordinate", 0.5),
+            named,
+        );
         assert!(!one.is_empty());
         assert!(one.iter().all(|p| p.unit == "MV^2"), "{one:?}");
         // of a robot the same entry has volts
@@ -425,7 +458,7 @@ mod tests {
             values: vec![3600.0],
             on: [true; 3],
         };
-        let three = locate(&spots(3), &[], &[], 3, "voltage", &[robot]);
+        let three = locate(&spots(3), &[], &[], 3, &words("voltage", 100.0), &[robot]);
         assert_eq!(three[0].range, Some([3600.0, 3980.0]));
         assert_eq!(three[0].unit, "V");
     }
@@ -434,9 +467,9 @@ mod tests {
     fn a_direction_is_told_of_what_is_driven() {
         let mut all = spots(1);
         for s in &mut all {
-            s.at[1] = if s.before > 1.0 { 1e3 } else { -1e3 };
+            s.at[1] = if s.before > 1.0 { 1.0 } else { -1.0 };
         }
-        let found = locate(&all, &[], &[], 1, "coordinate", &[]);
+        let found = locate(&all, &[], &[], 1, &words("coordinate", 0.5), &[]);
         let place = found.iter().find(|p| p.dimension == "direction").unwrap();
         assert_eq!(
             place.says,

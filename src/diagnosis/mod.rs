@@ -9,6 +9,7 @@
 //!
 //! Residuals are torques: linear in the squared voltage, without a special case near 0 V.
 
+mod blocks;
 mod chance;
 mod experiment;
 mod forms;
@@ -23,6 +24,7 @@ mod rewhiten;
 mod rivals;
 mod robot;
 mod scan;
+mod single;
 mod sizes;
 mod subject;
 mod tolerance;
@@ -485,7 +487,7 @@ fn chain<S: Subject>(
         &problem.train.whereabouts(),
         &problem.train.coordinates(),
         S::CHAINS,
-        words.directed,
+        &words,
         named,
     );
     let law = (verdict == Verdict::Unexplained)

@@ -187,6 +187,7 @@ impl Subject for RobotResidual<'_> {
             basis: "above_1kV",
             over: " above 1 kV",
             directed: "voltage",
+            moving: 100.0,
             rich: "To see what could hide here: three rates, holds, a staircase with repeats, a known payload on and off, and poses off the axis.",
             repeat: "The same drive again, then one actuator at a time, with and without a known payload: what repeats with voltage, pose, direction or time says what it depends on.",
         }

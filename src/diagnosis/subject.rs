@@ -59,6 +59,8 @@ pub(super) struct Words {
     pub over: &'static str,
     /// What rises and falls, for places of one direction.
     pub directed: &'static str,
+    /// Its rate, per second, above which it counts as rising or falling.
+    pub moving: f64,
     /// What to record to see what could hide.
     pub rich: &'static str,
     /// What to record where nothing explains what is left.

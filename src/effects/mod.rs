@@ -357,6 +357,20 @@ pub trait Effect: Sync + Send {
     }
     /// Changes what is asked of, or given to, a single coordinate ([`mod@line`]).
     fn line(&self, _v: &[f64], _view: &line::View, _terms: &mut line::Terms) {}
+    /// Whether it acts on the input of a single coordinate.
+    fn drives(&self) -> bool {
+        false
+    }
+    /// Share of an input of frequency `f_hz` that it passes on, on a single coordinate.
+    fn passes(&self, _v: &[f64], _f_hz: f64) -> f64 {
+        1.0
+    }
+    /// Whether what it makes of the input of a single coordinate depends on earlier samples.
+    fn lags(&self) -> bool {
+        false
+    }
+    /// Takes back what [`Effect::line`] makes of the input of a single coordinate.
+    fn undo(&self, _v: &[f64], _undone: &mut line::Undone) {}
     /// Adds the torque that acts on theta_DEA, N m, positive where it opens the lozenge.
     fn torque(&self, _v: &[f64], _along: &Along, _torque_n_m: &mut [f64]) {}
     /// Whether [`Effect::slack`] does something.

@@ -25,7 +25,7 @@ use super::coupon::stretch_history;
 use super::{Normal, SeparableResidual, Slope};
 use crate::dataset::Coupon;
 use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate_rising};
-use crate::effects::line::{Kind, Terms, View};
+use crate::effects::line::{Kind, Terms, Undone, View};
 use crate::effects::{Acting, When};
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::film::{Film, Locked};
@@ -80,6 +80,9 @@ pub enum Plain {
         branches: usize,
     },
 }
+
+/// Flexible columns of each site, by its name.
+pub type Sites = Vec<(&'static str, DMatrix<f64>)>;
 
 /// One recording, worked out as far as it does not depend on the parameters.
 #[derive(Clone)]
@@ -196,6 +199,12 @@ const EDGE_S: f64 = 0.3;
 const EDGE_SHARE: f64 = 0.05;
 /// Kept samples of a recording of an axis, about: more say little more and cost as much.
 const MOST_ROWS: usize = 6000;
+/// Least step of the input, over its largest value, over which the slope of a drive is taken, and slope below which the input is not told.
+const SECANT: f64 = 1e-4;
+const FLAT: f64 = 0.05;
+/// Blocks over all recordings, about, and the fewest rows of one.
+const BLOCKS: usize = 12;
+const FEWEST_ROWS: usize = 10;
 /// Step of a difference of a nonlinear unknown.
 const STEP: f64 = 1e-4;
 
@@ -696,8 +705,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// What effects make of a recording.
-    fn terms(&self, number: usize, effects: &[Acting], elastic: &[f64]) -> Terms {
+    /// What effects make of a recording whose input is `more` larger (over its largest value).
+    fn terms(&self, number: usize, effects: &[Acting], elastic: &[f64], more: f64) -> Terms {
         let p = &self.parts[number];
         let n = p.xi.len();
         let (input, input_step_s) = match &p.line.measured {
@@ -705,7 +714,10 @@ impl<'a> LineResidual<'a> {
                 let step = (a.input_time_s[a.input.len() - 1] - a.input_time_s[0])
                     / (a.input.len().max(2) - 1) as f64;
                 (
-                    a.input.iter().map(|u| u / self.scales.input).collect(),
+                    a.input
+                        .iter()
+                        .map(|u| u / self.scales.input + more)
+                        .collect(),
                     step,
                 )
             }
@@ -727,17 +739,66 @@ impl<'a> LineResidual<'a> {
         terms
     }
 
-    /// Whether only the input sets the scale of the forces.
-    fn scale_open(&self, number: usize) -> bool {
-        match (&*self.plain, &self.parts[number].line.measured) {
-            (
-                Plain::Axis {
-                    known, over_gain, ..
-                },
-                Measured::Axis(a),
-            ) => *over_gain || (a.load.is_empty() && known[1..].iter().all(|k| *k == 0.0)),
-            _ => false,
+    /// Mean logarithm, over the kept samples of all recordings, of the slope of what `effects` make of the input by the input: the Jacobian
+    /// by which a residual in what acts is told as one of the input that was stated (Box and Cox 1964). Without it a cause that maps much
+    /// of the input to one value, or makes it small, would earn by shrinking what it is weighed against. 0 without such causes.
+    ///
+    /// The slope is a secant over more than the input's noise. What passes frequencies unevenly counts with the mean logarithm of what it
+    /// passes in the band. Where the input is not told (a ceiling says "at least"), its density is even over the untold range.
+    #[must_use]
+    pub fn log_slope(&self, effects: &[Acting]) -> f64 {
+        let drives: Vec<Acting> = effects
+            .iter()
+            .filter(|a| a.effect.drives())
+            .cloned()
+            .collect();
+        if self.kind != Kind::Axis || drives.is_empty() {
+            return 0.0;
         }
+        let bends = drives.iter().any(|a| !a.effect.lags());
+        let (mut slopes, mut flat): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+        let mut noise = 0.0_f64;
+        let (mut passed, mut rows) = (0.0, 0.0);
+        for (number, p) in self.parts.iter().enumerate() {
+            let Measured::Axis(axis) = &p.line.measured else {
+                continue;
+            };
+            rows += p.kept.len() as f64;
+            if bends {
+                let step = (0.5 * axis.input_noise / self.scales.input).max(SECANT);
+                let [up, down] = [step, -step].map(|d| self.terms(number, &drives, &[], d));
+                let own = p.kept.iter().map(|&c| p.time_s[c] + up.shift_s);
+                let at = |u: &[f64]| -> Vec<f64> {
+                    interpolate_rising(&axis.input_time_s, u, own.clone()).collect()
+                };
+                let (above, below, stated) = (at(&up.input), at(&down.input), at(&axis.input));
+                for (i, &c) in p.kept.iter().enumerate() {
+                    let slope = (above[i] - below[i]) / (2.0 * step) * up.gain[c];
+                    if slope.abs() < FLAT {
+                        flat.push(stated[i].abs() / self.scales.input);
+                    } else {
+                        slopes.push(slope.abs());
+                    }
+                }
+            }
+            let own = self.noise(number) / (self.gain().abs() * self.scales.input);
+            noise = noise.max(own);
+            let points = 32;
+            let at = |i: usize| 1.15 * axis.band_hz * (i as f64 + 0.5) / points as f64;
+            // what rings up earns nothing by it
+            let of = |i: usize| -> f64 {
+                let each = drives.iter().map(|a| a.effect.passes(&a.values, at(i)));
+                each.product::<f64>().min(1.0).ln()
+            };
+            passed += p.kept.len() as f64 * (0..points).map(of).sum::<f64>() / points as f64;
+        }
+        // Even over the range that is not told, against a normal density of the noise; and there no residual shows how large that is.
+        let range = flat.iter().fold(0.0_f64, |m, u| m.max(*u))
+            - flat.iter().fold(f64::INFINITY, |m, u| m.min(*u));
+        let even = TAU.sqrt() * noise / range.max(SECANT);
+        let untold = even.clamp(1e-6, (-0.5_f64).exp()).ln();
+        let told: f64 = slopes.iter().map(|s| s.min(1.0 / SECANT).ln()).sum();
+        (told + untold * flat.len() as f64 + passed) / f64::max(rows, 1.0)
     }
 
     /// A recording as effects see it.
@@ -785,24 +846,26 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// Columns of beta and the constant side of a recording at its kept places: r = B beta - d, N, N m or Pa.
+    /// Columns of beta and the constant side of a recording at its kept places: r = B beta - d, N, N m or Pa; of an axis also d without
+    /// what the input makes.
     fn rows_of(
         &self,
         number: usize,
         eta: &[f64],
         beta: &[f64],
         effects: &[Acting],
-    ) -> Result<(DMatrix<f64>, DVector<f64>), Locked> {
+    ) -> Result<(DMatrix<f64>, DVector<f64>, Vec<f64>), Locked> {
         let p = &self.parts[number];
         let elastic = if effects.iter().any(|a| a.effect.sees_elastic()) {
             self.elastic(number, beta)
         } else {
             vec![0.0; p.xi.len()]
         };
-        let terms = self.terms(number, effects, &elastic);
+        let terms = self.terms(number, effects, &elastic, 0.0);
         let s = &self.scales;
         let mut b = DMatrix::zeros(p.kept.len(), self.linear());
         let mut d = DVector::zeros(p.kept.len());
+        let mut rest = Vec::new();
         match &*self.plain {
             Plain::Bench(curve) => {
                 let mut basis = vec![0.0; self.linear()];
@@ -820,7 +883,7 @@ impl<'a> LineResidual<'a> {
                 over_gain,
             } => {
                 let Measured::Axis(axis) = &p.line.measured else {
-                    return Ok((b, d));
+                    return Ok((b, d, rest));
                 };
                 let kernel = p.kernel.as_ref().expect("an axis has one");
                 let filtered = |values: &[f64]| -> Vec<f64> {
@@ -840,13 +903,6 @@ impl<'a> LineResidual<'a> {
                     let offset = self.offset_s(number, eta) + terms.shift_s;
                     let mut u = shifted(p.line, axis, &terms.input, s.input, offset);
                     u.iter_mut().zip(&terms.gain).for_each(|(u, g)| *u *= g);
-                    // A drive that an effect makes small would make any error small where nothing else sets the scale of the forces:
-                    // as large as before then, and the gain is that of this drive.
-                    if !whole && self.scale_open(number) {
-                        let own = spread(&shifted(p.line, axis, &axis.input, 1.0, offset));
-                        let factor = own / spread(&u).max(f64::MIN_POSITIVE);
-                        u.iter_mut().for_each(|u| *u *= factor);
-                    }
                     filtered(&u)
                 };
                 let plain_spring = terms.xi == *p.xi && terms.factor.iter().all(|f| f[0] == 1.0);
@@ -880,10 +936,9 @@ impl<'a> LineResidual<'a> {
                             AxisTerm::Gain => known_side,
                         };
                     }
-                    d[row] = known[0] * input[row] - s.force * force[row];
-                    if !over_gain {
-                        d[row] -= known_side;
-                    }
+                    let known_side = if *over_gain { 0.0 } else { known_side };
+                    rest.push(-s.force * force[row] - known_side);
+                    d[row] = known[0] * input[row] + rest[row];
                 }
             }
             Plain::Coupon { branches } => {
@@ -896,7 +951,7 @@ impl<'a> LineResidual<'a> {
                 }
             }
         }
-        Ok((b, d))
+        Ok((b, d, rest))
     }
 
     /// Nominal stress per modulus of each spring at the nodes of a coupon's grid.
@@ -949,7 +1004,7 @@ impl<'a> LineResidual<'a> {
         }))
     }
 
-    /// Unweighted residual at every kept place of every recording.
+    /// Whitened residual at every kept place of every recording, as one of the stated input ([`Self::log_slope`]).
     fn residual(
         &self,
         eta: &[f64],
@@ -957,16 +1012,18 @@ impl<'a> LineResidual<'a> {
         effects: &[Acting],
     ) -> Result<DVector<f64>, Locked> {
         let beta_v = DVector::from_column_slice(beta);
+        let stated = (-self.log_slope(effects)).exp();
         let mut out = Vec::with_capacity(self.rows());
         for number in 0..self.parts.len() {
-            let (b, d) = self.rows_of(number, eta, beta, effects)?;
+            let (b, d, _) = self.rows_of(number, eta, beta, effects)?;
             let r = b * &beta_v - d;
-            out.extend(r.iter().zip(&self.parts[number].weight).map(|(r, w)| r * w));
+            let weight = &self.parts[number].weight;
+            out.extend(r.iter().zip(weight).map(|(r, w)| stated * r * w));
         }
         Ok(DVector::from_vec(out))
     }
 
-    /// The whitened design: d r/d eta, B, residual.
+    /// The whitened design: d r/d eta, B, residual; of an axis as a residual of the stated input ([`Self::log_slope`]).
     ///
     /// # Errors
     /// [`Locked`] when a coupon's film is past its locking stretch.
@@ -974,12 +1031,14 @@ impl<'a> LineResidual<'a> {
         let (nonlinear, linear) = (eta.len(), beta.len());
         let mut out = DMatrix::zeros(self.rows(), nonlinear + linear + 1);
         let effects = self.effects(eta);
+        let stated = (-self.log_slope(&effects)).exp();
         let beta_v = DVector::from_column_slice(beta);
         let mut from = 0;
         for number in 0..self.parts.len() {
-            let (b, d) = self.rows_of(number, eta, beta, &effects)?;
+            let (b, d, _) = self.rows_of(number, eta, beta, &effects)?;
             let r = &b * &beta_v - d;
             for (i, w) in self.parts[number].weight.iter().enumerate() {
+                let w = stated * w;
                 for j in 0..linear {
                     out[(from + i, nonlinear + j)] = w * b[(i, j)];
                 }
@@ -1081,6 +1140,282 @@ impl<'a> LineResidual<'a> {
             .collect()
     }
 
+    /// Names of the constants of an axis that are linear unknowns, in their order: the beginnings of names in [`Self::values`].
+    #[must_use]
+    pub fn constants(&self) -> Vec<&'static str> {
+        let turns = self
+            .lines()
+            .any(|l| matches!(&l.measured, Measured::Axis(a) if a.turns));
+        let names = axis_names(turns);
+        match &*self.plain {
+            Plain::Axis { terms, .. } => terms
+                .iter()
+                .map(|t| match t {
+                    AxisTerm::Gain => names[0],
+                    AxisTerm::Mass => names[1],
+                    AxisTerm::Damping => names[2],
+                    AxisTerm::Stiffness => names[3],
+                    AxisTerm::Bias => names[4],
+                })
+                .collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// What white noise of position and of the measured quantity makes of the residual at a frequency in cycles a kept row, as densities that
+    /// have the mean 1 over the band.
+    #[must_use]
+    pub fn noise_shape(&self, beta: &[f64], cycles: f64) -> [f64; 2] {
+        let (
+            Plain::Axis {
+                terms,
+                known,
+                over_gain,
+            },
+            Some(p),
+        ) = (&*self.plain, self.parts.first())
+        else {
+            return [1.0; 2];
+        };
+        let Measured::Axis(axis) = &p.line.measured else {
+            return [1.0; 2];
+        };
+        let [m, c, k] = plant(terms, known, *over_gain, beta);
+        let every = match p.kept.windows(2).map(|w| w[1] - w[0]).min() {
+            Some(e) => e as f64 * p.line.step_s,
+            None => return [1.0; 2],
+        };
+        let density = |f: f64| {
+            let w = TAU * f / every;
+            if axis.velocity {
+                (m * w).hypot(c).powi(2)
+            } else {
+                (k - m * w * w).hypot(c * w).powi(2)
+            }
+        };
+        let points = 64;
+        let at = |i: usize| density(0.5 * (i as f64 + 0.5) / points as f64);
+        let mean = (0..points).map(at).sum::<f64>() / points as f64;
+        [(density(cycles) / mean).max(1e-6), 1.0]
+    }
+
+    /// Stretches of rows to be left out one at a time: about twelve over all recordings, at least two of each, of a whole cycle or more
+    /// where there are four. First rows, and one past the last.
+    #[must_use]
+    pub fn blocks(&self) -> Vec<usize> {
+        let wanted = BLOCKS.div_ceil(self.parts.len()).max(2);
+        let mut edges = vec![0];
+        for p in &self.parts {
+            let kept: Vec<f64> = p.kept.iter().map(|&c| p.xi[c]).collect();
+            let mean = kept.iter().sum::<f64>() / kept.len().max(1) as f64;
+            let crossings = kept
+                .windows(2)
+                .filter(|w| (w[0] - mean) * (w[1] - mean) < 0.0)
+                .count();
+            let cycles = crossings / 2;
+            let count = if cycles >= 4 {
+                wanted.min(cycles)
+            } else {
+                wanted
+            };
+            let count = count.min(kept.len() / FEWEST_ROWS).max(1);
+            let first = edges[edges.len() - 1];
+            edges.extend((1..=count).map(|i| first + i * kept.len() / count));
+        }
+        edges.dedup();
+        edges
+    }
+
+    /// Flexible columns by the site where physics might act, whitened at the kept places: what a force, a drive or a reading could be that
+    /// depends on position, rate, direction, history, input or time in whatever way. Hat functions in position, rate and input,
+    /// ripples in position, states of sliding over three distances, Debye lags over five times, waves along the recording.
+    ///
+    /// # Errors
+    /// [`Locked`] when a coupon's film is past its locking stretch.
+    pub fn sites(&self, eta: &[f64], beta: &[f64]) -> Result<Sites, Locked> {
+        let mut out: Vec<(&'static str, Vec<Vec<f64>>)> = Vec::new();
+        for number in 0..self.parts.len() {
+            for (place, (site, columns)) in
+                self.sites_of(number, eta, beta)?.into_iter().enumerate()
+            {
+                if number == 0 {
+                    out.push((site, vec![Vec::new(); columns.len()]));
+                }
+                for (sum, own) in out[place].1.iter_mut().zip(columns) {
+                    sum.extend(own);
+                }
+            }
+        }
+        let rows = self.rows();
+        Ok(out
+            .into_iter()
+            .map(|(site, columns)| {
+                (
+                    site,
+                    DMatrix::from_iterator(rows, columns.len(), columns.into_iter().flatten()),
+                )
+            })
+            .collect())
+    }
+
+    /// Columns of each site of one recording.
+    fn sites_of(
+        &self,
+        number: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<(&'static str, Vec<Vec<f64>>)>, Locked> {
+        let p = &self.parts[number];
+        let n = p.xi.len();
+        let speed = largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE);
+        let way: Vec<f64> = (0..n)
+            .map(|i| {
+                let going = p.xi[i] - p.xi[i.saturating_sub(1)];
+                if p.line.timed {
+                    (p.rate[i] / (0.02 * speed)).tanh()
+                } else {
+                    going.signum()
+                }
+            })
+            .collect();
+        let hats = |values: &[f64], low: f64, high: f64, count: usize| -> Vec<Vec<f64>> {
+            let step = (high - low) / (count - 1) as f64;
+            (0..count)
+                .map(|k| {
+                    let centre = low + step * k as f64;
+                    let hat = |v: &f64| (1.0 - ((v - centre) / step).abs()).max(0.0);
+                    values.iter().map(hat).collect()
+                })
+                .collect()
+        };
+        let times =
+            |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
+        // rates are told apart near zero as well as at their largest
+        let rate: Vec<f64> = p
+            .rate
+            .iter()
+            .map(|r| (r / speed).signum() * (r / speed).abs().sqrt())
+            .collect();
+        let mut position = hats(&p.xi, -1.0, 1.0, 13);
+        for k in 1..=8 {
+            for shift in [0.0, 0.25] {
+                let wave = |x: &f64| (TAU * (0.5 * f64::from(k + 2) * x + shift)).sin();
+                position.push(p.xi.iter().map(wave).collect());
+            }
+        }
+        let mut friction: Vec<Vec<f64>> = Vec::new();
+        for presliding in [0.005, 0.03, 0.2] {
+            let z = crate::effects::line::sliding(&p.xi, presliding);
+            friction.push(times(&z, &p.xi));
+            friction.push(times(&z, &p.xi.iter().map(|x| x.abs()).collect::<Vec<_>>()));
+            friction.push(z);
+        }
+        let mut out = Vec::new();
+        let mut history: Vec<Vec<f64>> = Vec::new();
+        let mut so_far = 0.0_f64;
+        let most: Vec<f64> =
+            p.xi.iter()
+                .map(|x| {
+                    so_far = so_far.max(x.abs());
+                    so_far
+                })
+                .collect();
+        history.push(times(&most, &p.xi));
+        history.push(most);
+        if p.line.timed {
+            let span = (p.time_s[n - 1] - p.time_s[0]).max(f64::MIN_POSITIVE);
+            let lagged = |values: &[f64], lag_s: f64| -> Vec<f64> {
+                let mut q = values[0];
+                (0..n)
+                    .map(|i| {
+                        let h = p.time_s[i] - p.time_s[i.saturating_sub(1)];
+                        q += (1.0 - (-h / lag_s).exp()) * (values[i] - q);
+                        q
+                    })
+                    .collect()
+            };
+            for share in [0.002, 0.01, 0.05, 0.2] {
+                history.push(lagged(&p.xi, share * span));
+                history.push(lagged(
+                    &p.xi.iter().map(|x| x * x.abs()).collect::<Vec<_>>(),
+                    share * span,
+                ));
+            }
+            friction.push(way.clone());
+            friction.push(times(&way, &p.xi));
+            friction.extend(hats(&rate, -1.0, 1.0, 11));
+            friction.push(times(
+                &p.rate,
+                &p.xi.iter().map(|x| x / speed).collect::<Vec<_>>(),
+            ));
+            friction.push(times(
+                &p.rate,
+                &p.xi.iter().map(|x| x * x / speed).collect::<Vec<_>>(),
+            ));
+            let acceleration: Vec<f64> = (0..n)
+                .map(|i| {
+                    let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+                    (p.rate[b] - p.rate[a]) / (p.time_s[b] - p.time_s[a]).max(f64::MIN_POSITIVE)
+                })
+                .collect();
+            let inertia = vec![times(&acceleration, &p.xi), times(&p.rate, &p.rate)];
+            let waves: Vec<Vec<f64>> = (1..=6)
+                .map(|k| {
+                    let wave =
+                        |t: &f64| (0.5 * TAU * f64::from(k) * (t - p.time_s[0]) / span).cos();
+                    p.time_s.iter().map(wave).collect()
+                })
+                .collect();
+            let mut slow: Vec<Vec<f64>> = waves.iter().take(3).map(|w| times(w, &p.xi)).collect();
+            slow.extend(waves);
+            out.push(("inertia", inertia));
+            out.push(("series", slow));
+        }
+        out.insert(0, ("position", position));
+        out.insert(1, ("friction", friction));
+        out.insert(2, ("history", history));
+        let white = |column: Vec<f64>| -> Vec<f64> {
+            let at = |&c: &usize| p.kernel.as_ref().map_or(column[c], |k| k.at(0, &column, c));
+            let kept = p.kept.iter().map(at);
+            kept.zip(&p.weight)
+                .map(|(v, w)| self.scales.force * w * v)
+                .collect()
+        };
+        let mut out: Vec<(&'static str, Vec<Vec<f64>>)> = out
+            .into_iter()
+            .map(|(site, columns)| (site, columns.into_iter().map(white).collect()))
+            .collect();
+        if let Measured::Axis(_) = &p.line.measured {
+            // in what the model needs, not in what was measured: columns of that would explain it by itself
+            let effects = self.effects(eta);
+            let (b, _, rest) = self.rows_of(number, eta, beta, &effects)?;
+            let needed = b * DVector::from_column_slice(beta) - DVector::from_vec(rest);
+            let size = self.gain() * self.scales.input;
+            let u: Vec<f64> = needed.iter().map(|n| n / size).collect();
+            let mut electrical = hats(&u, -1.2, 1.2, 13);
+            for rows in [1.0_f64, 3.0, 10.0, 30.0, 100.0] {
+                let mut q = u.first().copied().unwrap_or(0.0);
+                let lagged = u.iter().map(|u| {
+                    q += (1.0 - (-1.0 / rows).exp()) * (u - q);
+                    q
+                });
+                electrical.push(lagged.collect());
+            }
+            let xi: Vec<f64> = p.kept.iter().map(|&c| p.xi[c]).collect();
+            electrical.push(times(&u, &xi));
+            electrical.push(times(&times(&u, &xi), &xi));
+            let white = |column: Vec<f64>| -> Vec<f64> {
+                column
+                    .iter()
+                    .zip(&p.weight)
+                    .map(|(v, w)| self.scales.force * w * v)
+                    .collect()
+            };
+            out.push(("electrical", electrical.into_iter().map(white).collect()));
+        }
+        Ok(out)
+    }
+
     /// Kept places of a recording.
     #[must_use]
     pub fn kept(&self, number: usize) -> &[usize] {
@@ -1106,42 +1441,73 @@ impl<'a> LineResidual<'a> {
         &self.parts[number].weight
     }
 
-    /// Force at the kept places of a recording: what the model asks for, and what was measured (for an axis gain times input plus load).
+    /// The stated quantity at the kept places of a recording, predicted from everything else and as measured: torque of a bench, stress of
+    /// a coupon, input of an axis in its unit (low-passed as the balance is, the model's drive causes taken back). NaN where the model does
+    /// not tell it: a ceiling says no more than "at least". A prediction reads nothing of what it predicts.
     ///
     /// # Errors
     /// [`Locked`] when a coupon's film is past its locking stretch.
-    pub fn sides(
+    pub fn stated(
         &self,
         number: usize,
         eta: &[f64],
         beta: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), Locked> {
         let effects = self.effects(eta);
-        let (b, d) = self.rows_of(number, eta, beta, &effects)?;
-        let r = &b * DVector::from_column_slice(beta) - d;
         let p = &self.parts[number];
-        let measured: Vec<f64> = match (&*self.plain, &p.line.measured) {
-            (
-                Plain::Axis {
-                    known, over_gain, ..
-                },
-                Measured::Axis(a),
-            ) => {
-                let kernel = p.kernel.as_ref().expect("an axis has one");
-                let u = shifted(p.line, a, &a.input, 1.0, self.offset_s(number, eta));
-                p.kept
-                    .iter()
-                    .zip(&p.base.load)
-                    .map(|(&c, load)| {
-                        let load = if *over_gain { 0.0 } else { *load };
-                        known[0] * kernel.at(0, &u, c) + load
-                    })
-                    .collect()
-            }
-            _ => p.measured.to_vec(),
+        let Measured::Axis(axis) = &p.line.measured else {
+            let (b, d, _) = self.rows_of(number, eta, beta, &effects)?;
+            let r = &b * DVector::from_column_slice(beta) - d;
+            let asked = r.iter().zip(p.measured.iter()).map(|(r, m)| r + m);
+            return Ok((asked.collect(), p.measured.to_vec()));
         };
-        let asked = r.iter().zip(&measured).map(|(r, m)| r + m).collect();
-        Ok((asked, measured))
+        // derivatives need every sample
+        let dense = effects.iter().any(|a| a.effect.lags()).then(|| {
+            let mut whole = self.clone();
+            whole.parts[number] = Part {
+                when: p.when,
+                weight: Vec::new(),
+                ..part(p.line, number, &self.scales, true)
+            };
+            whole
+        });
+        let own = dense.as_ref().unwrap_or(self);
+        let kept = &own.parts[number].kept;
+        let (b, _, rest) = own.rows_of(number, eta, beta, &effects)?;
+        let needed = &b * DVector::from_column_slice(beta) - DVector::from_vec(rest);
+        let per_input = self.gain() * self.scales.input;
+        let elastic = if effects.iter().any(|a| a.effect.sees_elastic()) {
+            self.elastic(number, beta)
+        } else {
+            vec![0.0; p.xi.len()]
+        };
+        let terms = self.terms(number, &effects, &elastic, 0.0);
+        let mut undone = Undone {
+            step_s: p.line.step_s,
+            input: (0..kept.len())
+                .map(|i| needed[i] / per_input / terms.gain[kept[i]])
+                .collect(),
+            told: vec![true; kept.len()],
+        };
+        if dense.is_some() {
+            // a neighbour across a gap is none
+            for i in 1..kept.len() {
+                undone.told[i] &= kept[i] == kept[i - 1] + 1;
+            }
+        }
+        for a in effects.iter().rev() {
+            a.effect.undo(&a.values, &mut undone);
+        }
+        let at = |c: usize| kept.binary_search(&c).ok().filter(|&i| undone.told[i]);
+        let asked = p.kept.iter().map(|&c| {
+            let input = at(c).map_or(f64::NAN, |i| undone.input[i]);
+            self.scales.input * input
+        });
+        let offset = self.offset_s(number, eta) + terms.shift_s;
+        let u = shifted(p.line, axis, &axis.input, 1.0, offset);
+        let kernel = p.kernel.as_ref().expect("an axis has one");
+        let measured = p.kept.iter().map(|&c| kernel.at(0, &u, c));
+        Ok((asked.collect(), measured.collect()))
     }
 
     /// What an error of the balance is divided by to be one of the input; 1 where it is no axis.
@@ -1199,13 +1565,6 @@ fn axis_names(turns: bool) -> [&'static str; 5] {
     }
 }
 
-/// Standard deviation.
-fn spread(values: &[f64]) -> f64 {
-    let n = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
-}
-
 /// One over the gain, where that is to be found.
 fn inverse_gain(terms: &[AxisTerm], over_gain: bool, beta: &[f64]) -> f64 {
     let free = terms.iter().position(|t| *t == AxisTerm::Gain);
@@ -1220,6 +1579,20 @@ fn shifted(line: &Line, axis: &AxisLine, input: &[f64], scale: f64, offset: f64)
         .collect()
 }
 
+/// Mass, damping, stiffness of an axis at a model, in the unit of its balance.
+fn plant(terms: &[AxisTerm], known: &[f64; 4], over_gain: bool, beta: &[f64]) -> [f64; 3] {
+    let inverse = inverse_gain(terms, over_gain, beta);
+    let of = |term: AxisTerm, known: f64| {
+        let place = terms.iter().position(|t| *t == term);
+        place.map_or(inverse * known, |i| beta[i])
+    };
+    [
+        of(AxisTerm::Mass, known[1]),
+        of(AxisTerm::Damping, known[2]),
+        of(AxisTerm::Stiffness, known[3]),
+    ]
+}
+
 /// Noise of the residual of an axis, in its unit.
 fn axis_noise(
     p: &Part,
@@ -1229,16 +1602,7 @@ fn axis_noise(
     axis: &AxisLine,
     beta: &[f64],
 ) -> f64 {
-    let inverse = inverse_gain(terms, over_gain, beta);
-    let of = |term: AxisTerm, known: f64| {
-        let place = terms.iter().position(|t| *t == term);
-        place.map_or(inverse * known, |i| beta[i])
-    };
-    let (m, c, k) = (
-        of(AxisTerm::Mass, known[1]),
-        of(AxisTerm::Damping, known[2]),
-        of(AxisTerm::Stiffness, known[3]),
-    );
+    let [m, c, k] = plant(terms, known, over_gain, beta);
     let kernel = p.kernel.as_ref().expect("an axis has one");
     let up = usize::from(!axis.velocity);
     let position: f64 = (0..kernel.taps[0].len())

@@ -36,4 +36,25 @@ impl Effect for Deadband {
             *u *= super::super::soft_step((u.abs() - v[0]) / w);
         }
     }
+    fn drives(&self) -> bool {
+        true
+    }
+    fn undo(&self, v: &[f64], undone: &mut super::Undone) {
+        let w = 0.05 * v[0] + 1e-9;
+        let made = |u: f64| u * super::super::soft_step((u - v[0]) / w);
+        for (u, told) in undone.input.iter_mut().zip(&mut undone.told) {
+            // rising from 0, and within the threshold of its own value
+            let (mut low, mut high) = (0.0, u.abs() + v[0] + 20.0 * w);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if made(middle) < u.abs() {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            *told &= low >= v[0];
+            *u = u.signum() * low;
+        }
+    }
 }

@@ -44,4 +44,16 @@ impl Effect for DriveLag {
             *x = u;
         }
     }
+    fn drives(&self) -> bool {
+        true
+    }
+    fn passes(&self, v: &[f64], f_hz: f64) -> f64 {
+        1.0 / (std::f64::consts::TAU * f_hz * v[0]).hypot(1.0)
+    }
+    fn lags(&self) -> bool {
+        true
+    }
+    fn undo(&self, v: &[f64], undone: &mut super::Undone) {
+        undone.add_derivatives(v[0], 0.0);
+    }
 }

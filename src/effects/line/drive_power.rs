@@ -45,4 +45,12 @@ impl Effect for DrivePower {
             *u = u.signum() * u.abs().powf(v[0]);
         }
     }
+    fn drives(&self) -> bool {
+        true
+    }
+    fn undo(&self, v: &[f64], undone: &mut super::Undone) {
+        for u in &mut undone.input {
+            *u = u.signum() * u.abs().powf(1.0 / v[0]);
+        }
+    }
 }

@@ -54,4 +54,17 @@ impl Effect for DriveSecondOrder {
             *u = q;
         }
     }
+    fn drives(&self) -> bool {
+        true
+    }
+    fn passes(&self, v: &[f64], f_hz: f64) -> f64 {
+        let w = std::f64::consts::TAU * f_hz * v[0];
+        1.0 / (1.0 - w * w).hypot(2.0 * v[1] * w).max(f64::MIN_POSITIVE)
+    }
+    fn lags(&self) -> bool {
+        true
+    }
+    fn undo(&self, v: &[f64], undone: &mut super::Undone) {
+        undone.add_derivatives(2.0 * v[1] * v[0], v[0] * v[0]);
+    }
 }

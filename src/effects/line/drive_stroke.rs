@@ -37,4 +37,7 @@ impl Effect for DriveStroke {
             }
         }
     }
+    fn drives(&self) -> bool {
+        true
+    }
 }

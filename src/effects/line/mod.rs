@@ -85,6 +85,36 @@ pub struct Terms {
     pub shift_s: f64,
 }
 
+/// The input that a cause was given, worked out backwards from what it made of it.
+#[derive(Debug)]
+pub struct Undone {
+    /// Distance of the samples, s.
+    pub step_s: f64,
+    /// The input over its largest value.
+    pub input: Vec<f64>,
+    /// Whether what the cause made of it tells the input: a ceiling says no more than "at least".
+    pub told: Vec<bool>,
+}
+
+impl Undone {
+    /// Adds `first` times the derivative and `second` times the second one, s and s^2, by central differences; samples without both
+    /// neighbours are not told.
+    fn add_derivatives(&mut self, first: f64, second: f64) {
+        let n = self.input.len();
+        let before = self.input.clone();
+        let known = self.told.clone();
+        let h = self.step_s;
+        for i in 0..n {
+            if i == 0 || i + 1 >= n || !(known[i - 1] && known[i] && known[i + 1]) {
+                self.told[i] = false;
+                continue;
+            }
+            let (a, b, c) = (before[i - 1], before[i], before[i + 1]);
+            self.input[i] += first * (c - a) / (2.0 * h) + second * (c - 2.0 * b + a) / (h * h);
+        }
+    }
+}
+
 /// A cause on a single coordinate.
 pub trait LineEffect: Effect {
     /// Where it makes sense.
@@ -129,7 +159,7 @@ pub fn by_id(id: &str) -> Option<&'static dyn LineEffect> {
 }
 
 /// The state of sliding along a course, from -1 to 1: it follows the direction over the distance `presliding`.
-fn sliding(xi: &[f64], presliding: f64) -> Vec<f64> {
+pub(crate) fn sliding(xi: &[f64], presliding: f64) -> Vec<f64> {
     let mut z = 0.0;
     let mut before = xi.first().copied().unwrap_or(0.0);
     xi.iter()

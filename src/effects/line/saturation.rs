@@ -5,6 +5,9 @@ use super::{Kind, LineEffect, Terms, View};
 
 pub struct Saturation;
 
+/// Share of the bend's full height from which on the slope is below a twentieth: there it says "at least".
+const SAYS_NOTHING: f64 = 0.95;
+
 impl LineEffect for Saturation {
     fn kinds(&self) -> &'static [Kind] {
         &[Kind::Axis]
@@ -44,6 +47,21 @@ impl Effect for Saturation {
         let w = 0.02 * v[0];
         for u in &mut terms.input {
             *u = u.signum() * (u.abs() - w * super::super::soft_plus((u.abs() - v[0]) / w));
+        }
+    }
+    fn drives(&self) -> bool {
+        true
+    }
+    fn undo(&self, v: &[f64], undone: &mut super::Undone) {
+        let w = 0.02 * v[0];
+        for (u, told) in undone.input.iter_mut().zip(&mut undone.told) {
+            let q = ((u.abs() - v[0]) / w).exp();
+            if q > SAYS_NOTHING {
+                *told = false;
+                *u = u.signum() * v[0];
+            } else {
+                *u = u.signum() * (u.abs() - w * (1.0 - q).ln());
+            }
         }
     }
 }

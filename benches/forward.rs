@@ -55,6 +55,7 @@ fn robot() -> (Robot, Parameters) {
             eps_r: 2.8,
             effector_kg: 6e-3,
             bicep_tip_kg: 0.96e-3,
+            tolerances: Vec::new(),
         },
         Parameters {
             film: film(1.0),

@@ -203,6 +203,7 @@ fn recording(duration_s: f64) -> (Robot, Dataset, Film) {
         eps_r: 2.8,
         effector_kg: 6e-3,
         bicep_tip_kg: 0.96e-3,
+        tolerances: Vec::new(),
     };
     let film = Film {
         mu_pa: vec![1120e3, 220e3, 120e3, 55e3, 45e3, 35e3, 30e3],

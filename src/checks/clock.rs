@@ -65,7 +65,7 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
         (1.0 / 60.0, "minutes", "put the voltage's time into seconds"),
     ] {
         let share = voltage_s / (ratio * motion_s);
-        if (0.5..2.0).contains(&share) && (ratio > 10.0 || ratio < 0.1) {
+        if (0.5..2.0).contains(&share) && !(0.1..=10.0).contains(&ratio) {
             found.add(
                 "rate",
                 Grade::Wrong,

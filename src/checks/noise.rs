@@ -80,7 +80,7 @@ fn quantum(values: &[f64]) -> Option<f64> {
         .fold(f64::INFINITY, f64::min);
     let whole = |v: &f64| {
         let r = v / smallest;
-        (r - r.round()).abs() < 1e-3 * r.abs().max(1.0).min(10.0)
+        (r - r.round()).abs() < 1e-3 * r.abs().clamp(1.0, 10.0)
     };
     let finite = || values.iter().filter(|v| v.is_finite());
     (smallest.is_finite() && finite().count() > 50 && finite().all(whole)).then_some(smallest)

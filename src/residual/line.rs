@@ -81,6 +81,12 @@ pub enum Plain {
     },
 }
 
+/// Columns of beta, the constant side, and that side without what the input makes.
+type Rows = (DMatrix<f64>, DVector<f64>, Vec<f64>);
+
+/// Columns of each site, by its name.
+type Columns = Vec<(&'static str, Vec<Vec<f64>>)>;
+
 /// Flexible columns of each site, by its name.
 pub type Sites = Vec<(&'static str, DMatrix<f64>)>;
 
@@ -854,7 +860,7 @@ impl<'a> LineResidual<'a> {
         eta: &[f64],
         beta: &[f64],
         effects: &[Acting],
-    ) -> Result<(DMatrix<f64>, DVector<f64>, Vec<f64>), Locked> {
+    ) -> Result<Rows, Locked> {
         let p = &self.parts[number];
         let elastic = if effects.iter().any(|a| a.effect.sees_elastic()) {
             self.elastic(number, beta)
@@ -1233,7 +1239,7 @@ impl<'a> LineResidual<'a> {
     /// # Errors
     /// [`Locked`] when a coupon's film is past its locking stretch.
     pub fn sites(&self, eta: &[f64], beta: &[f64]) -> Result<Sites, Locked> {
-        let mut out: Vec<(&'static str, Vec<Vec<f64>>)> = Vec::new();
+        let mut out: Columns = Vec::new();
         for number in 0..self.parts.len() {
             for (place, (site, columns)) in
                 self.sites_of(number, eta, beta)?.into_iter().enumerate()
@@ -1259,12 +1265,7 @@ impl<'a> LineResidual<'a> {
     }
 
     /// Columns of each site of one recording.
-    fn sites_of(
-        &self,
-        number: usize,
-        eta: &[f64],
-        beta: &[f64],
-    ) -> Result<Vec<(&'static str, Vec<Vec<f64>>)>, Locked> {
+    fn sites_of(&self, number: usize, eta: &[f64], beta: &[f64]) -> Result<Columns, Locked> {
         let p = &self.parts[number];
         let n = p.xi.len();
         let speed = largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE);
@@ -1381,7 +1382,7 @@ impl<'a> LineResidual<'a> {
                 .map(|(v, w)| self.scales.force * w * v)
                 .collect()
         };
-        let mut out: Vec<(&'static str, Vec<Vec<f64>>)> = out
+        let mut out: Columns = out
             .into_iter()
             .map(|(site, columns)| (site, columns.into_iter().map(white).collect()))
             .collect();

@@ -236,7 +236,7 @@ fn nothing_is_written_onto_what_was_read_or_made_by_others() {
     assert!(room.refused(&predict).contains("changed"));
     room.done(&[&predict[..], &["--force"]].concat());
     assert_ne!(fs::read(room.path("v.csv")).unwrap(), b"mine");
-    assert_eq!(room.leftovers(), [PathBuf::new(); 0]);
+    assert_eq!(room.leftovers(), Vec::<PathBuf>::new());
 }
 
 #[test]
@@ -664,7 +664,7 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
                 room.files("out").as_ref() == Some(wanted),
                 "{name}: kill {i}: other bytes"
             );
-            assert_eq!(room.leftovers(), [PathBuf::new(); 0], "{name}: kill {i}");
+            assert_eq!(room.leftovers(), Vec::<PathBuf>::new(), "{name}: kill {i}");
         }
     }
     eprintln!("{count} kills: {tally:?}");
@@ -717,7 +717,7 @@ fn stops(count: usize, jobs: &[&str], seed: u64) -> Vec<f64> {
             .unwrap();
         assert_eq!(ended.code(), Some(code), "{}: {text}", job.0);
         assert!(text.contains("stopped by"), "{}: {text}", job.0);
-        assert_eq!(room.leftovers(), [PathBuf::new(); 0], "{}", job.0);
+        assert_eq!(room.leftovers(), Vec::<PathBuf>::new(), "{}", job.0);
         if job.0 != "prove" && text.contains("nothing was written") {
             assert!(!room.path("out").exists(), "{}", job.0);
         }

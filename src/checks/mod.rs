@@ -5,7 +5,7 @@
 //! model; the most it does is a linear regression of a few columns. It fires where the evidence for a mistake is larger than what
 //! the strongest left-out physics could make (the limits stand with each check, and how they were come by), and it changes nothing.
 //!
-//! A new check is a file with `pub(super) fn check(view: &View, found: &mut Findings)` and a line in [`CHECKS`].
+//! A new check is a file with `pub(super) fn check(view: &View, found: &mut Findings)` and a line in `CHECKS`.
 
 mod axis;
 mod base;

@@ -371,15 +371,16 @@ pub(super) fn doubt(
         let shape = |f| problem.train.noise_shape(&m.fitted.state.beta, f);
         Ok(m.raw > STRUCTURE && is_structured(residual.as_slice(), &bench.blocks, shape))
     };
+    // What leaves more than half of what noise does not make says too little.
+    let halves = |m: &Model| (m.raw - 1.0).max(0.0) <= 0.5 * (plain.raw - 1.0).max(1e-9);
     let verdict = match &named {
         Some((m, _))
-            if significant && nothing < 0.5 && !(beaten(m) && unlisted(left_to_reach(m)) > 0.5) =>
+            if significant
+                && nothing < 0.5
+                && halves(m)
+                && unlisted(left_to_reach(m)) <= 0.5 =>
         {
-            if structured(m)? && m.raw > 0.5 * plain.raw {
-                Verdict::Unexplained
-            } else {
-                Verdict::MissingPhysics
-            }
+            Verdict::MissingPhysics
         }
         _ if beaten(&plain) || (named.is_some() && significant) => Verdict::Unexplained,
         _ if structured(&plain)? => Verdict::Unexplained,

@@ -375,10 +375,7 @@ pub(super) fn doubt(
     let halves = |m: &Model| (m.raw - 1.0).max(0.0) <= 0.5 * (plain.raw - 1.0).max(1e-9);
     let verdict = match &named {
         Some((m, _))
-            if significant
-                && nothing < 0.5
-                && halves(m)
-                && unlisted(left_to_reach(m)) <= 0.5 =>
+            if significant && nothing < 0.5 && halves(m) && unlisted(left_to_reach(m)) <= 0.5 =>
         {
             Verdict::MissingPhysics
         }

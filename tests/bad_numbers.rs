@@ -431,6 +431,15 @@ fn what_cannot_be_is_refused_with_its_place() {
             change(dir.path());
             let out = run(dir.path(), arguments);
             let error = String::from_utf8_lossy(&out.stderr).into_owned();
+            // a diagnosis may say instead what has to be mended first; in either case it names no physics
+            if arguments.starts_with("diagnose") && out.status.code() == Some(0) {
+                let json = std::fs::read_to_string(dir.path().join("out/diagnosis.json")).unwrap();
+                let told: serde_json::Value = serde_json::from_str(&json).unwrap();
+                assert_eq!(told["verdict"], "recording", "{json}");
+                let candidates = told["candidates"].as_array().map(Vec::len);
+                assert_eq!(candidates, Some(0), "{json}");
+                return;
+            }
             assert_eq!(
                 out.status.code(),
                 Some(1),
@@ -444,23 +453,12 @@ fn what_cannot_be_is_refused_with_its_place() {
         };
     let nothing = |_: &std::path::Path| ();
     for frames in [50, 100] {
-        // too little to judge, or first something to mend: in either case no physics
-        let dir = tempfile::tempdir().unwrap();
-        bench::lay(dir.path(), frames);
-        let out = run(dir.path(), "diagnose symmetric -o out");
-        let error = String::from_utf8_lossy(&out.stderr).into_owned();
-        if out.status.code() == Some(0) {
-            let json = std::fs::read_to_string(dir.path().join("out/diagnosis.json")).unwrap();
-            let verdict: serde_json::Value = serde_json::from_str(&json).unwrap();
-            assert_eq!(verdict["verdict"], "recording", "{json}");
-            assert_eq!(
-                verdict["candidates"].as_array().map(Vec::len),
-                Some(0),
-                "{json}"
-            );
-        } else {
-            assert!(error.contains("independent samples"), "{error}");
-        }
+        refused(
+            frames,
+            &nothing,
+            "diagnose symmetric -o out",
+            &["independent samples", "record longer"],
+        );
         refused(
             frames,
             &nothing,

@@ -493,6 +493,54 @@ fn what_cannot_be_is_refused_with_its_place() {
             refused(300, &stated, command, &["rate is", "check rate_hz"]);
         }
     }
+    let replaced = |file: &'static str, from: &'static str, to: &'static str| {
+        move |dir: &std::path::Path| {
+            let text = std::fs::read_to_string(dir.join(file)).unwrap();
+            assert!(text.contains(from), "{file}: {from}");
+            std::fs::write(dir.join(file), text.replacen(from, to, 1)).unwrap();
+        }
+    };
+    for (from, to, key) in [
+        ("[2.5, ", "[-1e300, ", "base_position_mm"),
+        ("-4.0]", "1e300]", "end_effector_offset_mm"),
+        (
+            "rotation_deg = [0.0",
+            "rotation_deg = [1e19",
+            "rotation_deg",
+        ),
+    ] {
+        let stated = replaced("symmetric/recording.toml", from, to);
+        for command in [
+            "import symmetric -o out",
+            "fit film symmetric -o out",
+            "validate symmetric --params parameters.toml -o out",
+        ] {
+            refused(
+                300,
+                &stated,
+                command,
+                &["line 1", key, "numbers within 1e6"],
+            );
+        }
+    }
+    let torque = replaced("parameters.toml", "9.620080324007091e-5", "1e160");
+    refused(
+        300,
+        &torque,
+        "validate symmetric --params parameters.toml -o out",
+        &["1e160 N m", "torque_N_m"],
+    );
+    // a gain that makes nothing of the input, and of its noise: nothing to hold an error against
+    let dir = tempfile::tempdir().unwrap();
+    bench::lay(dir.path(), 300);
+    replaced(
+        "axis/recording.toml",
+        "input_gain = 1.0",
+        "input_gain = 1e-300",
+    )(dir.path());
+    let said = run(dir.path(), "fit axis axis -o out");
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(said.contains("no noise to hold it against"), "{said}");
     let axis = |dir: &std::path::Path| cell(&dir.join("axis/data.csv"), 99, 1, "1e300");
     for command in ["fit axis axis -o out", "diagnose axis -o out"] {
         refused(300, &axis, command, &["coordinate of sample 99", "1e300"]);
@@ -612,7 +660,7 @@ fn spoiled_numbers_end_in_a_sentence() {
 /// The long form: `DEACAL_MUTATIONS=2000 cargo test --release --test bad_numbers -- --ignored --nocapture`, from
 /// `DEACAL_MUTATIONS_FROM` on.
 #[test]
-#[ignore = "an hour on two cores"]
+#[ignore = "some minutes on two cores"]
 fn two_thousand_spoiled_numbers_end_in_a_sentence() {
     let number =
         |name: &str, otherwise: u64| std::env::var(name).map_or(otherwise, |v| v.parse().unwrap());

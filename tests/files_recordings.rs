@@ -596,6 +596,10 @@ fn plans_read_back_to_the_same_bits() {
             skew_std_error_ppm: None,
             middle_s: 30.0,
         }),
+        stretches: offset_s.map(|_| deacal::dataset::StretchPlan {
+            count: 60,
+            length_s: 59.9,
+        }),
     };
     let plans = vec![plan("a", None), plan("day/b", Some(-0.1))];
     let text = plan_to_toml(&plans);

@@ -7,9 +7,10 @@ mod common;
 
 use std::ops::ControlFlow;
 
+use common::recordings::{film, recording as long_recording};
 use common::{golden, parameters, robot};
 use deacal::calibration::{Request, Stage, calibrate_robot};
-use deacal::dataset::{Dataset, Parts, Voltage};
+use deacal::dataset::{Dataset, Parts, StretchPlan, Voltage, stretches};
 use deacal::film::InitialState;
 use deacal::model::{Parameters, Robot};
 use deacal::residual::{RobotResidual, SeparableResidual};
@@ -262,4 +263,111 @@ fn scores_of_a_simulated_recording_have_the_mean_that_its_model_says() {
             "unknown {i}: variance {ratio} of the true one"
         );
     }
+}
+
+/// A long recording that is compared in stretches: the film has gone through all of it, to the bit.
+#[test]
+fn stretches_of_a_recording_have_the_films_whole_history() {
+    let robot = robot(&golden("inverse_dynamics")["rig"]);
+    let mut generator = ChaCha12Rng::seed_from_u64(31);
+    let film = film(&mut generator);
+    let mut whole = long_recording(&robot, &film, &mut generator, 90.0, Some(0.0));
+    assert_eq!(
+        stretches(&[&whole]),
+        [None],
+        "a short recording is taken whole"
+    );
+    let beta: Vec<f64> = film.mu_pa.iter().copied().chain([0.0; 7]).collect();
+    let mut eta: Vec<f64> = film.relaxation_time_s.iter().map(|t| t.ln()).collect();
+    eta.push(1.0 / film.locking);
+    for initial in [InitialState::Relaxed, InitialState::Virgin] {
+        whole.initial = initial;
+        let plan = StretchPlan {
+            count: 4,
+            length_s: 8.0,
+        };
+        let part = whole.in_stretches(plan);
+        assert_eq!((part.samples(), part.plan.stretches), (3200, Some(plan)));
+        assert_eq!(part.length_s(), whole.length_s());
+        let error = |d: &Dataset| {
+            let forearm = deacal::model::ForearmTorque::zero();
+            let residual = RobotResidual::new(&robot, &[d], film.branches(), &forearm).unwrap();
+            (
+                residual.voltage_error(0, &eta, &beta).unwrap(),
+                residual.rows(),
+            )
+        };
+        let ((of_whole, _), (of_part, rows)) = (error(&whole), error(&part));
+        let mut counted = 0;
+        for i in 0..part.samples() {
+            let at = ((part.time_s(i) - whole.start_s) / whole.step_s).round() as usize;
+            assert_eq!(part.time_s(i), whole.time_s(at));
+            assert_eq!(part.measured_m[i], whole.measured_m[at]);
+            let squared = |e: &deacal::residual::VoltageError, i: usize| e.predicted_squared_v2[i];
+            assert_eq!(
+                squared(&of_part, i),
+                squared(&of_whole, at),
+                "{initial:?} {i}"
+            );
+            for k in 0..3 {
+                let apart = of_part.command_v[i][k] - of_whole.command_v[at][k];
+                assert!(apart.abs() < 1e-6, "{i}: {apart} V");
+            }
+            counted += usize::from(of_part.counts[i]);
+        }
+        // all but 0.3 s at both ends of the recording and the first frame of the three further stretches
+        assert_eq!(counted, 3200 - 60 - 3);
+        // four stretches of 93 windows: none reaches over a seam
+        assert!((4 * 3 * 88..=4 * 3 * 93).contains(&rows), "{rows}");
+    }
+}
+
+/// Times far longer than a stretch are found from stretches: they show in what the film remembers.
+#[test]
+fn times_longer_than_a_stretch_are_found_from_stretches() {
+    let robot = robot(&golden("inverse_dynamics")["rig"]);
+    let mut generator = ChaCha12Rng::seed_from_u64(32);
+    let film = film(&mut generator);
+    let whole = long_recording(&robot, &film, &mut generator, 800.0, Some(0.0));
+    let part = whole.in_stretches(StretchPlan {
+        count: 10,
+        length_s: 20.0,
+    });
+    let request = Request {
+        starts: 1,
+        ..Request::new(Stage::Film)
+    };
+    let fit = |d: &Dataset| {
+        let watch = |_: &deacal::fit::separable::State| ControlFlow::Continue(());
+        calibrate_robot(&robot, &[d], &request, &watch).unwrap()
+    };
+    let o = fit(&part);
+    assert!(
+        o.total.rmse_v < 1.25 * o.total.noise_floor_v,
+        "{}",
+        o.verdict
+    );
+    let mut found = 0;
+    for (i, truth) in film.relaxation_time_s.iter().enumerate() {
+        let e = o
+            .estimates
+            .iter()
+            .find(|e| e.name == format!("T_{}", i + 1))
+            .unwrap();
+        println!(
+            "{} {:.4} +- {:.4} s, true {truth:.4} s: {}",
+            e.name, e.value, e.std_error, e.says
+        );
+        assert!(
+            (e.value / truth).ln().abs() < 4.0 * e.std_error / e.value,
+            "{e:?} {truth}"
+        );
+        found += usize::from(e.identifiable);
+    }
+    let slowest = o.estimates.iter().find(|e| e.name == "T_6").unwrap();
+    assert!(
+        slowest.identifiable && slowest.value > 5.0 * 20.0,
+        "{slowest:?}"
+    );
+    assert!(found >= 5, "{found} of 6 are determined");
 }

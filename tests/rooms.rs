@@ -87,7 +87,7 @@ const ROOMS: &[Room] = &[
             ("film", ANY),
             ("recording", ANY),
             ("dataset", &["Track", "Voltage", "OFFSET_SEARCH_S"]),
-            ("model", &["Mechanics", "Robot"]),
+            ("model", &["Mechanics", "Parameters", "Robot"]),
         ]),
         NO_FILES,
         "a check looks at what was recorded and at what is stated; it fits nothing and changes nothing",

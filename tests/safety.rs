@@ -841,3 +841,110 @@ fn the_long_campaigns() {
     }
     kills(many_kills, &names, 13);
 }
+
+/// Largest memory of a run, kB, as the kernel counts it.
+#[cfg(target_os = "linux")]
+fn peak_kb(room: &Room, arguments: &[&str]) -> f64 {
+    let mut child = room
+        .command(arguments)
+        .env("RAYON_NUM_THREADS", "2")
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak = 0.0_f64;
+    let ended = loop {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let own = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+        let kb = own.and_then(|l| l.trim().trim_end_matches(" kB").parse::<f64>().ok());
+        peak = peak.max(kb.unwrap_or(0.0));
+        match child.try_wait().unwrap() {
+            Some(ended) => break ended,
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    let mut said = String::new();
+    child
+        .stderr
+        .take()
+        .unwrap()
+        .read_to_string(&mut said)
+        .unwrap();
+    assert!(ended.success(), "{arguments:?}: {said}");
+    peak
+}
+
+/// Twelve hours at 100 Hz are 4.32 million frames: in 2 GB each may take 463 bytes. A plan makes a fit compare stretches of recordings
+/// that it could hold whole, as it does by itself with longer ones.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_grows_by_less_than_twelve_hours_in_two_gigabytes() {
+    const BYTES_A_FRAME: f64 = 463.0;
+    let room = Room::new();
+    let axis = "  { order = 4, cutoff_hz = 3.0, noise_mm = 0.03 },\n";
+    let plan = format!(
+        "[[recording]]\nrecording = \"long\"\noffset_s = 0.0\nstretches = {{ count = 10, length_s = 30.0 }}\nsmoothing = [\n{}]\n",
+        axis.repeat(3)
+    );
+    fs::write(room.path("plan.toml"), plan).unwrap();
+    let lengths_s = ["1000", "4000"];
+    for length_s in lengths_s {
+        room.done(&[
+            "simulate",
+            "--rig",
+            "rig.toml",
+            "--params",
+            "p.toml",
+            "--drive",
+            "multisine:peak_V=3000,hz=0.1/0.27/0.7",
+            "--duration",
+            length_s,
+            "--drive-rate",
+            "200",
+            "--noise",
+            "0.03",
+            "--id",
+            "long",
+            "-o",
+            &format!("long{length_s}"),
+        ]);
+    }
+    let more = 100.0 * 3000.0;
+    let growth = |arguments: &dyn Fn(&str) -> Vec<String>| {
+        let [short, long] = lengths_s.map(|l| {
+            let arguments = arguments(l);
+            peak_kb(
+                &room,
+                &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+            )
+        });
+        println!(
+            "{}: {short:.0} kB and {long:.0} kB",
+            arguments("").join(" ")
+        );
+        1024.0 * (long - short) / more
+    };
+    let words = |text: String| text.split(' ').map(str::to_owned).collect();
+    let fit = growth(&|l| {
+        words(format!(
+            "fit film long{l} --plan plan.toml --branches 1 --starts 1 -q -o fit{l}"
+        ))
+    });
+    let import = growth(&|l| words(format!("import long{l} -q -o import{l}")));
+    let file = growth(&|l| {
+        words(format!(
+            "import long{l}/motion.csv long{l}/voltage.csv -q -o file{l}"
+        ))
+    });
+    println!("bytes a frame: fit film {fit:.0}, import REC {import:.0}, import FILE {file:.0}");
+    assert!(
+        fit < BYTES_A_FRAME && import < BYTES_A_FRAME && file < 10.0,
+        "{fit} {import} {file}"
+    );
+    // what the fit says of it
+    let json = fs::read_to_string(room.path("fit4000/fit.json")).unwrap();
+    assert!(
+        json.contains("1.11 h are more than a fit holds") && json.contains("10 stretches of 30 s")
+    );
+}

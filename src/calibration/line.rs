@@ -107,6 +107,8 @@ impl LineOutcome {
     }
 }
 
+/// Share of the error below which noise is none: what rounding leaves of exact numbers.
+const SEEN: f64 = 1e-12;
 /// Error over noise up to which a plain model fits.
 const FITS: f64 = 1.5;
 /// Heavier, stiffer or stronger than any laboratory axis: more likely a wrong unit.
@@ -292,7 +294,12 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
             out.unit
         )));
     }
-    out.verdict = if rmse < FITS * noise {
+    out.verdict = if noise <= SEEN * rmse {
+        format!(
+            "The error of the {what} is {rmse:.3e} {} rms over {n} samples; the recordings show no noise to hold it against.",
+            out.unit
+        )
+    } else if rmse < FITS * noise {
         format!(
             "The model fits: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}.",
             out.unit

@@ -437,10 +437,7 @@ pub fn calibrate_robot(
     }
     let order = rising(&state.eta[..branches], &list, split);
     let mut estimates = estimates(&list, &state, &uncertainty, &ends, &resting, &order, split);
-    let longest_s = datasets
-        .iter()
-        .map(|d| d.step_s * d.samples() as f64)
-        .fold(0.0, f64::max);
+    let longest_s = datasets.iter().map(|d| d.length_s()).fold(0.0, f64::max);
     doubt_slow_branches(&mut estimates, longest_s);
     let parameters = sorted_parameters(&residual, &state, &order[..branches]);
     let stage = request.stage;
@@ -1093,6 +1090,9 @@ fn assemble(
     let ratio = total.rmse_v / total.noise_floor_v;
     let verdict = if total.samples == 0 {
         "No sample has a command above 1 kV: the fit cannot be judged in volts.".to_string()
+    } else if !total.noise_floor_v.is_finite() {
+        "The fit cannot be judged: with these parameters the motion's noise moves the voltages beyond all numbers; check the parameters."
+            .to_string()
     } else if !ratio.is_finite() {
         "The fit cannot be judged: at the poses of the motion its noise moves no voltage at all; check the rig's lengths and angles."
             .to_string()

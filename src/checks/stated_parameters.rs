@@ -2,16 +2,20 @@
 
 use super::view::short;
 use super::{Finding, Grade};
-use crate::film::Film;
+use crate::model::Parameters;
 
 /// Moduli of springs that a film has, Pa, all of them together: gels from 1 kPa, rubbers to 100 MPa.
 const MODULUS_PA: [f64; 2] = [500.0, 3e8];
 /// Smallest J: (lambda_1^2 + ... - 3) at which a film locks; below, none could be stretched as it is for an actuator.
 const LOCKING: f64 = 0.1;
 
-/// What cannot be about a film's numbers; `name` is the file's.
+/// Largest torque of a forearm's hinges, N m: five orders above those of the robots that this is for.
+const TORQUE_N_M: f64 = 100.0;
+
+/// What cannot be about the numbers of film and forearm; `name` is the file's.
 #[must_use]
-pub fn check_parameters(name: &str, film: &Film) -> Vec<Finding> {
+pub fn check_parameters(name: &str, parameters: &Parameters) -> Vec<Finding> {
+    let film = &parameters.film;
     let mut out = Vec::new();
     let mut add = |says: String, remedy: &str| {
         out.push(Finding {
@@ -41,6 +45,19 @@ pub fn check_parameters(name: &str, film: &Film) -> Vec<Finding> {
                 film.locking
             ),
             "state the locking constant J of Gent's law, 1 to 1000",
+        );
+    }
+    if let Some(torque) = parameters
+        .forearm
+        .torque_n_m
+        .iter()
+        .find(|t| t.abs() > TORQUE_N_M)
+    {
+        add(
+            format!(
+                "{name}: {torque:e} N m is among torque_N_m, and no forearm's hinge has more than {TORQUE_N_M} N m"
+            ),
+            "state the spring-back torque in N m",
         );
     }
     for (i, t) in film.relaxation_time_s.iter().enumerate() {

@@ -349,6 +349,10 @@ fn out_of_reach(view: &View<'_>, glance: &Glance, found: &mut Findings) {
     ways.sort_by(|a, b| a.left.total_cmp(&b.left));
     let positions = glance.positions_m(|v| v);
     let at = super::view::middle(&positions).map_or([f64::NAN; 3], |p| p.map(|v| 1e3 * v));
+    // what no laboratory has is refused with its place, not with a guess at the axes
+    if !at.iter().all(|v| v.abs() < LARGEST_MM) {
+        return;
+    }
     let why = glance
         .robot
         .mechanism
@@ -376,6 +380,9 @@ fn out_of_reach(view: &View<'_>, glance: &Glance, found: &mut Findings) {
         ),
     }
 }
+
+/// Largest distance in a laboratory, mm.
+const LARGEST_MM: f64 = 1e9;
 
 fn rotation(w: Vec3) -> Rotation3<f64> {
     Rotation3::from_scaled_axis(Vector3::from(w))

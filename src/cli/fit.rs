@@ -161,8 +161,9 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
     let findings = load::findings(&recordings, &progress, talk);
     let provenance = Provenance::of(command, &recordings);
-    let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
+    let mut datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     drop(recordings);
+    let cut = load::cut_all(&mut datasets);
     let request = Request {
         branches: a.common.branches.into(),
         start: file.as_ref().map(ParameterFile::parameters).transpose()?,
@@ -176,6 +177,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     let refs: Vec<_> = datasets.iter().collect();
     let mut outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
+    outcome.remarks.extend(cut);
     progress.step("writing");
     let mut fit = FitJson::new(&outcome, provenance.clone());
     fit.findings = FindingJson::of(&findings);

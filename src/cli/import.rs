@@ -192,20 +192,26 @@ fn one(
     };
     // A free clock offset is found by fitting the film along with it.
     let mut fitted: Option<Outcome> = None;
+    let mut error_s = None;
     if let (OffsetSource::Free, Some(Rig::Robot(rig)), false) =
         (dataset.offset_source, &recording.rig, wrong)
     {
         progress.step(format!("estimating the clock offset of {id}"));
         let robot = Robot::from_rig(rig, None)?;
-        let outcome = calibrate_robot(&robot, &[&dataset], &Request::new(Stage::Robot), &|s| {
+        let cut = load::cut(&dataset);
+        if let Some((_, said)) = &cut {
+            lines.push(format!(
+                "  ! {said}; without a prediction for every frame none is written"
+            ));
+        }
+        let taken = cut.as_ref().map_or(&dataset, |c| &c.0);
+        let outcome = calibrate_robot(&robot, &[taken], &Request::new(Stage::Robot), &|s| {
             progress.watch(s)
         })?;
         dataset.offset_s = outcome.recordings[0].offset_s;
-        fitted = Some(outcome);
+        error_s = outcome.recordings[0].offset_std_error_s;
+        fitted = cut.is_none().then_some(outcome);
     }
-    let error_s = fitted
-        .as_ref()
-        .and_then(|f| f.recordings[0].offset_std_error_s);
     let n = dataset.samples();
     let gaps = dataset.gaps();
     lines.push(format!(

@@ -8,7 +8,7 @@ use super::progress::Progress;
 use super::{Failure, Talk};
 use crate::checks::{Finding, Grade, check_all, check_parameters};
 use crate::dataset::line::Line;
-use crate::dataset::{Dataset, HangingDataset, Plan};
+use crate::dataset::{Dataset, HangingDataset, Plan, StretchPlan, stretches};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
 use crate::report::output::settle;
@@ -145,6 +145,37 @@ pub(super) fn datasets(
     Ok(all)
 }
 
+/// Cuts the recordings that are longer than a fit holds into stretches, and says so.
+pub(super) fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
+    let plans = stretches(&datasets.iter().collect::<Vec<_>>());
+    let mut remarks = Vec::new();
+    for (d, plan) in datasets.iter_mut().zip(plans) {
+        if let Some(plan) = plan {
+            let (cut, said) = cut_as(d, plan);
+            remarks.push(format!("{}: {said}.", d.id));
+            *d = cut;
+        }
+    }
+    remarks
+}
+
+/// A recording alone in stretches, where it is longer than a fit holds, and what to say of it.
+pub(super) fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
+    let plan = stretches(&[dataset]).remove(0)?;
+    Some(cut_as(dataset, plan))
+}
+
+fn cut_as(dataset: &Dataset, plan: StretchPlan) -> (Dataset, String) {
+    let said = format!(
+        "{:.2} h are more than a fit holds, so it compares {} stretches of {:.0} s, spread evenly over the recording; the film's history \
+         runs through all of it",
+        dataset.length_s() / 3600.0,
+        plan.count,
+        plan.length_s
+    );
+    (dataset.in_stretches(plan), said)
+}
+
 /// Recordings of a bench, an axis or coupons, in SI units with their noise.
 pub(super) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>, Failure> {
     progress.step("measuring noise and bandwidth");
@@ -229,7 +260,7 @@ pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     whole(path)?;
     let file = ParameterFile::read(path)?;
     if let Ok(parameters) = file.parameters()
-        && let Some(wrong) = check_parameters(&path.display().to_string(), &parameters.film).first()
+        && let Some(wrong) = check_parameters(&path.display().to_string(), &parameters).first()
     {
         return Err(wrong.line().into());
     }

@@ -15,6 +15,7 @@
 use nalgebra::{DMatrix, DVector};
 use rand::{Rng, RngExt};
 
+use super::stretches::Stretch;
 use super::{Track, Voltage};
 use crate::kinematics::Vec3;
 
@@ -122,6 +123,31 @@ fn differentiate(track: &mut Track, (start, length): (usize, usize)) {
 }
 
 impl Bridges {
+    /// What of the gaps lies within some stretches, with the errors there.
+    pub(super) fn stretches(&self, stretches: &[Stretch]) -> Option<Self> {
+        let mut gaps = Vec::new();
+        for s in stretches {
+            for &(start, length) in &self.gaps {
+                let (a, b) = (start.max(s.first), (start + length).min(s.first + s.length));
+                if a < b {
+                    gaps.push((s.at + a - s.first, b - a));
+                }
+            }
+        }
+        let error_m = (self.seen.iter().zip(&self.error_m))
+            .filter(|(i, _)| stretches.iter().any(|s| s.frames().contains(i)))
+            .map(|(_, e)| *e)
+            .collect();
+        let seen = (self.seen.iter())
+            .filter_map(|i| Stretch::place(stretches, *i))
+            .collect();
+        (!gaps.is_empty()).then_some(Bridges {
+            gaps,
+            seen,
+            error_m,
+        })
+    }
+
     /// Bridges the `gaps` (first frame and length) of a smoothed track, read with the clock offset already in `start_s`; `None` without
     /// any.
     pub(super) fn over(

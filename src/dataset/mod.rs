@@ -10,6 +10,7 @@ mod plan;
 mod robot;
 mod sample;
 pub mod smoother;
+mod stretches;
 mod sync;
 mod voltage;
 
@@ -18,8 +19,9 @@ pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
 pub use cycles::{Cycles, cycles};
-pub use plan::{Plan, SmoothingPlan, SyncPlan};
+pub use plan::{Plan, SmoothingPlan, StretchPlan, SyncPlan};
 pub use sample::{HangingDataset, HangingParts};
+pub use stretches::{Between, stretches};
 pub use sync::{Clocks, Event};
 pub use voltage::Voltage;
 
@@ -30,6 +32,7 @@ use crate::film::InitialState;
 use crate::kinematics::Vec3;
 use gap::Bridges;
 use smoother::{SmoothedAxis, smooth_axis};
+use stretches::Part;
 
 /// Motion of the end effector's centre at equal distances in time, SI, world axes.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,7 +78,7 @@ pub struct Dataset {
     /// Samples whose motion can be used: captured, or in a gap that the smoother bridges.
     pub usable: Vec<bool>,
     /// Samples about a gap that the smoother cannot bridge: beside it derivatives rest on one side, and after it what the film went
-    /// through is not known. Neither a fit nor an error counts them.
+    /// through is not known; and the first of each further stretch. Neither a fit nor an error counts them.
     pub film_unknown: Vec<bool>,
     /// Payload at each frame, kg.
     pub payload_kg: Vec<f64>,
@@ -99,6 +102,8 @@ pub struct Dataset {
     pub notes: Vec<String>,
     /// The gaps that the smoother cannot bridge.
     bridges: Option<Bridges>,
+    /// Which frames these are, where they are not all.
+    part: Option<Part>,
 }
 
 /// What a dataset is made of, on the motion clock, SI and world axes.
@@ -226,17 +231,19 @@ impl Dataset {
                 OffsetSource::Free => None,
             },
             sync: plan.and_then(|p| p.sync.clone()),
+            stretches: plan.and_then(|p| p.stretches),
         };
         let mut axes = axes;
-        let mut bridged_track = track_of(&axes, parts.step_s, &parts.payload_kg, parts.initial);
-        let bridges = Bridges::over(
-            long,
-            &observed,
-            &parts.voltage,
-            parts.start_s + offset_s,
-            &mut bridged_track,
-        );
-        if bridges.is_some() {
+        let mut bridges = None;
+        if !long.is_empty() {
+            let mut bridged_track = track_of(&axes, parts.step_s, &parts.payload_kg, parts.initial);
+            bridges = Bridges::over(
+                long,
+                &observed,
+                &parts.voltage,
+                parts.start_s + offset_s,
+                &mut bridged_track,
+            );
             for (k, axis) in axes.iter_mut().enumerate() {
                 let of = |list: &[Vec3]| list.iter().map(|v| v[k]).collect();
                 axis.position = of(&bridged_track.position_m);
@@ -251,6 +258,7 @@ impl Dataset {
             measured_m: parts.measured_m,
             axes,
             bridges,
+            part: None,
             usable,
             film_unknown,
             payload_kg: parts.payload_kg,
@@ -284,7 +292,7 @@ impl Dataset {
 
     /// Time of a frame on the motion clock, s.
     pub fn time_s(&self, sample: usize) -> f64 {
-        self.start_s + self.step_s * sample as f64
+        self.start_s + self.step_s * self.frame(sample) as f64
     }
 
     /// Whether the frame was captured (not in a gap).

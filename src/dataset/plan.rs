@@ -26,6 +26,19 @@ pub struct Plan {
     /// How the offset was found, where not by a fit or by statement; and the skew of the clocks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sync: Option<SyncPlan>,
+    /// The stretches that a fit compares, where it does not hold the whole recording.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stretches: Option<StretchPlan>,
+}
+
+/// Stretches of a long recording, evenly spread: the first begins with it, the last ends with it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StretchPlan {
+    /// Their number.
+    pub count: usize,
+    /// Length of each, s.
+    pub length_s: f64,
 }
 
 /// What offset and skew of the clocks were told from.

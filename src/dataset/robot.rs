@@ -1,5 +1,7 @@
 //! From a robot recording as the instruments wrote it to a dataset: SI, world axes, equidistant frames.
 
+use std::borrow::Cow;
+
 use nalgebra::{Rotation3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
@@ -56,24 +58,24 @@ impl Dataset {
         let mut notes = Vec::new();
         let world = world_frame(motion, stated, &mut notes);
         let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
-        let mut measured_m: Vec<Vec3> = seen.iter().map(world).collect();
+        let mut measured_m: Vec<Vec3> = seen.into_iter().map(|p| world(&p)).collect();
         possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
         // a base marker on a clock of its own says nothing of the noise at these frames
         let base = motion
             .base
             .as_ref()
             .filter(|b| b.xyz.len() == motion.end_effector.xyz.len());
-        let mut still = base.map_or_else(Vec::new, |b| b.xyz.clone());
+        let mut still = base.map_or_else(Cow::default, |b| Cow::Borrowed(&b.xyz[..]));
         if let Some(filter) = super::colour::filtered(&super::about_the_mean(&still), step_s) {
             // Nothing of the motion is above the corner that the filter left; what it took of the noise would be missed by every weight.
             let mut generator = ChaCha12Rng::seed_from_u64(UNFILTERED);
-            let unit = motion.unit.to_si;
+            let (unit, frames) = (motion.unit.to_si, measured_m.len());
             for k in 0..3 {
-                let mut missing = || filter.missing(seen.len(), step_s, &mut generator);
+                let mut missing = || filter.missing(frames, step_s, &mut generator);
                 for (m, n) in measured_m.iter_mut().zip(missing()) {
                     m[k] += unit * n;
                 }
-                for (b, n) in still.iter_mut().zip(missing()) {
+                for (b, n) in still.to_mut().iter_mut().zip(missing()) {
                     b[k] += n;
                 }
             }

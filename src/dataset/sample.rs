@@ -289,6 +289,7 @@ impl HangingDataset {
     pub fn plan(&self, axis: &SmoothedAxis) -> Plan {
         Plan {
             sync: None,
+            stretches: None,
             recording: self.id.clone(),
             smoothing: vec![SmoothingPlan::of(&axis.choice)],
             criterion: plan::CRITERION.into(),

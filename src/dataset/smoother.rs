@@ -16,6 +16,8 @@
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::stretches::Stretch;
+
 /// Orders m that are offered: quintic and septic splines; both have a continuous acceleration.
 pub const ORDERS: [usize; 2] = [3, 4];
 
@@ -387,19 +389,25 @@ fn run<const M: usize>(
 ) -> SmoothedAxis {
     let mut recursion = Recursion::<M>::new(observed, choice.cutoff_hz * step_s, true);
     let n = values.len();
-    let mut states: Vec<[f64; M]> = Vec::with_capacity(n);
-    recursion.filter(values, |x| states.push(x));
+    // a column for each part of the state: the first three are what is asked for
+    let mut states: [Vec<f64>; M] = [(); M].map(|()| Vec::with_capacity(n));
+    recursion.filter(values, |x| {
+        for (column, x) in states.iter_mut().zip(x) {
+            column.push(x);
+        }
+    });
+    let mut next: [f64; M] = std::array::from_fn(|j| states[j][n - 1]);
     for i in (0..n - 1).rev() {
-        let ahead = recursion.predict(&states[i]);
+        let own = std::array::from_fn(|j| states[j][i]);
+        let ahead = recursion.predict(&own);
         let g = recursion.of(i);
         let mut change = [0.0; M];
         for j in 0..M {
-            change[j] = (0..M)
-                .map(|k| g.back[j][k] * (states[i + 1][k] - ahead[k]))
-                .sum();
+            change[j] = (0..M).map(|k| g.back[j][k] * (next[k] - ahead[k])).sum();
         }
         for j in 0..M {
-            states[i][j] += change[j];
+            next[j] = own[j] + change[j];
+            states[j][i] = next[j];
         }
     }
     // Nothing comes after the last sample: its draw has the filtered covariance itself.
@@ -412,11 +420,17 @@ fn run<const M: usize>(
         gains: recursion.gains,
         of_sample: recursion.of_sample,
     };
+    let mut states = states.into_iter();
+    let mut column = |per: f64| {
+        let mut values = states.next().expect("a state has three parts");
+        values.iter_mut().for_each(|v| *v /= per);
+        values
+    };
     SmoothedAxis {
         choice,
-        position: states.iter().map(|s| s[0]).collect(),
-        velocity: states.iter().map(|s| s[1] / step_s).collect(),
-        acceleration: states.iter().map(|s| s[2] / (step_s * step_s)).collect(),
+        position: column(1.0),
+        velocity: column(step_s),
+        acceleration: column(step_s * step_s),
         position_sd: posterior.position_sd(choice.noise),
         posterior: wrap(posterior),
         step_s,
@@ -467,7 +481,34 @@ impl<const M: usize> PosteriorOf<M> {
     }
 }
 
+impl<const M: usize> PosteriorOf<M> {
+    fn stretches(&self, stretches: &[Stretch]) -> Self {
+        PosteriorOf {
+            gains: self.gains.clone(),
+            of_sample: Stretch::pick(stretches, &self.of_sample),
+        }
+    }
+}
+
 impl SmoothedAxis {
+    /// The samples of some stretches alone, as they were smoothed among all. In draws the deviations of a stretch go on into the next
+    /// one, which takes nothing from what they are within each.
+    pub(super) fn stretches(&self, stretches: &[Stretch]) -> Self {
+        let pick = |list: &[f64]| Stretch::pick(stretches, list);
+        SmoothedAxis {
+            choice: self.choice,
+            position: pick(&self.position),
+            velocity: pick(&self.velocity),
+            acceleration: pick(&self.acceleration),
+            position_sd: pick(&self.position_sd),
+            posterior: match &self.posterior {
+                Posterior::Three(p) => Posterior::Three(p.stretches(stretches)),
+                Posterior::Four(p) => Posterior::Four(p.stretches(stretches)),
+            },
+            step_s: self.step_s,
+        }
+    }
+
     /// A track drawn from the posterior: the smoothed one plus a deviation with its covariance. Calls `each` with the
     /// sample and its deviations of position, velocity and acceleration, from the last sample to the first.
     pub fn draw_deviation(&self, generator: &mut impl Rng, mut each: impl FnMut(usize, [f64; 3])) {

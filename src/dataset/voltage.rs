@@ -1,13 +1,15 @@
 //! Applied voltages on their own clock, V.
 
+use std::sync::OnceLock;
+
 /// Commanded (or measured) voltages of the channels of one recording.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Voltage {
     time_s: Vec<f64>,
     channels_v: Vec<Vec<f64>>,
     hold_previous: bool,
-    /// Integral of phi^2 from the first sample, V^2 s.
-    integral_v2_s: Vec<Vec<f64>>,
+    /// Integral of phi^2 of each channel from the first sample, V^2 s, once it has been asked for.
+    integral_v2_s: Vec<OnceLock<Vec<f64>>>,
 }
 
 impl Voltage {
@@ -19,26 +21,28 @@ impl Voltage {
     pub fn new(time_s: Vec<f64>, channels_v: Vec<Vec<f64>>, hold_previous: bool) -> Self {
         assert!(!time_s.is_empty());
         assert!(channels_v.iter().all(|c| c.len() == time_s.len()));
-        let integral_v2_s = channels_v
-            .iter()
-            .map(|c| {
-                let mut sum = 0.0;
-                let mut out = Vec::with_capacity(c.len());
-                out.push(0.0);
-                for i in 1..c.len() {
-                    let (a, b) = (c[i - 1], if hold_previous { c[i - 1] } else { c[i] });
-                    sum += (a * a + a * b + b * b) / 3.0 * (time_s[i] - time_s[i - 1]);
-                    out.push(sum);
-                }
-                out
-            })
-            .collect();
         Voltage {
+            integral_v2_s: channels_v.iter().map(|_| OnceLock::new()).collect(),
             time_s,
             channels_v,
             hold_previous,
-            integral_v2_s,
         }
+    }
+
+    /// Integral of phi^2 of a channel from the first sample to each, V^2 s.
+    fn integrals(&self, channel: usize) -> &[f64] {
+        self.integral_v2_s[channel].get_or_init(|| {
+            let (c, time_s) = (&self.channels_v[channel], &self.time_s);
+            let mut sum = 0.0;
+            let mut out = Vec::with_capacity(c.len());
+            out.push(0.0);
+            for i in 1..c.len() {
+                let (a, b) = (c[i - 1], if self.hold_previous { c[i - 1] } else { c[i] });
+                sum += (a * a + a * b + b * b) / 3.0 * (time_s[i] - time_s[i - 1]);
+                out.push(sum);
+            }
+            out
+        })
     }
 
     /// The same voltages at other times, which have to rise as well.
@@ -49,6 +53,30 @@ impl Voltage {
     pub fn retimed(&self, time: impl Fn(f64) -> f64) -> Self {
         let time_s = self.time_s.iter().map(|t| time(*t)).collect();
         Voltage::new(time_s, self.channels_v.clone(), self.hold_previous)
+    }
+
+    /// The samples that tell the voltage in these ranges of time (s, rising), and the first and the last.
+    pub(super) fn within(&self, ranges_s: &[[f64; 2]]) -> Self {
+        let last = self.time_s.len() - 1;
+        let mut keep = vec![0];
+        for [from, to] in ranges_s {
+            let first = self.time_s.partition_point(|t| t <= from).max(1) - 1;
+            let end = self.time_s.partition_point(|t| t < to).min(last);
+            keep.extend(
+                (first..=end)
+                    .filter(|i| *i > keep[keep.len() - 1])
+                    .collect::<Vec<_>>(),
+            );
+        }
+        if keep[keep.len() - 1] < last {
+            keep.push(last);
+        }
+        let pick = |list: &[f64]| keep.iter().map(|&i| list[i]).collect();
+        Voltage::new(
+            pick(&self.time_s),
+            self.channels_v.iter().map(|c| pick(c)).collect(),
+            self.hold_previous,
+        )
     }
 
     /// Times of the samples, s.
@@ -112,11 +140,11 @@ impl Voltage {
             return (t - self.time_s[0]) * c[0] * c[0];
         }
         if t > self.time_s[last] {
-            return self.integral_v2_s[channel][last] + (t - self.time_s[last]) * c[last] * c[last];
+            return self.integrals(channel)[last] + (t - self.time_s[last]) * c[last] * c[last];
         }
         let (i, _) = self.locate(t);
         let (a, b) = (c[i], self.at(channel, t));
-        self.integral_v2_s[channel][i] + (a * a + a * b + b * b) / 3.0 * (t - self.time_s[i])
+        self.integrals(channel)[i] + (a * a + a * b + b * b) / 3.0 * (t - self.time_s[i])
     }
 
     /// phi^2 of `channel` at `count` times from `start` in steps of `step` (s, voltage clock), V^2, and its derivative with respect

@@ -22,6 +22,8 @@
 //!
 //! No exponential in the loop, one division a stage: C = 1/(A B) and 1/D share the reciprocal of A B (A B D).
 
+use std::sync::Arc;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use super::{InitialState, Locked};
@@ -44,14 +46,25 @@ pub struct Node {
     pub lever: [f64; 2],
 }
 
+/// A node that only carries the history on: what a [`Node`] has beside it follows from this.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// lambda_1^2, lambda_2^2.
+    pub lambda_squared: [f64; 2],
+    /// lambda_1^-2, lambda_2^-2 in the middle of the step that ends here.
+    pub mid_rest: [f64; 2],
+}
+
 /// Nodes at equal distances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
     /// Distance of the nodes, s.
     pub step_s: f64,
+    /// What is passed before the nodes, at the same distance, without a sample.
+    pub through: Arc<[Waypoint]>,
     /// Every `stride`-th node is a sample; the others only carry the history there.
     pub stride: usize,
-    /// The nodes after the one at which the segment begins.
+    /// The nodes after the one at which the segment begins (after `through`, where there is something).
     pub nodes: Vec<Node>,
 }
 
@@ -71,6 +84,46 @@ pub struct History {
 const LEAD_IN_SUBSTEPS: usize = 16;
 /// Samples over which a virgin film's start is sub-stepped.
 const LEAD_IN_SAMPLES: usize = 32;
+/// Waypoints that are worked on at a time.
+const WAYPOINTS: usize = 256;
+
+/// lambda^-2 in the middle of the step between two samples, from stretches and the rates of their logarithms (1/s): the cubic's middle
+/// is (v0 + v1)/2 + (r0 - r1) step/8.
+fn middle(stretch: [[f64; 2]; 2], rate: [[f64; 2]; 2], step_s: f64) -> [f64; 2] {
+    [0, 1].map(|j| {
+        let bend = (rate[1][j] - rate[0][j]) * step_s / 4.0;
+        bend.exp() / (stretch[0][j] * stretch[1][j])
+    })
+}
+
+/// The way from one sample to a later one, over those in between.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Way {
+    through: Arc<[Waypoint]>,
+    /// lambda_1^-2, lambda_2^-2 in the middle of the last step.
+    mid_rest: [f64; 2],
+}
+
+impl Way {
+    /// From `stretch` and `rate`, as in [`History::sampled`], at both samples and all in between.
+    ///
+    /// # Panics
+    /// With fewer than two samples.
+    pub fn over(step_s: f64, stretch: &[[f64; 2]], rate: &[[f64; 2]]) -> Self {
+        let middle =
+            |i: usize| middle([stretch[i - 1], stretch[i]], [rate[i - 1], rate[i]], step_s);
+        let last = stretch.len() - 1;
+        Way {
+            through: (1..last)
+                .map(|i| Waypoint {
+                    lambda_squared: stretch[i].map(|l| l * l),
+                    mid_rest: middle(i),
+                })
+                .collect(),
+            mid_rest: middle(last),
+        }
+    }
+}
 
 impl History {
     /// A history sampled every `step_s`: `stretch` (lambda_1, lambda_2), the `rate` of its logarithm (1/s) and the `lever` at each sample.
@@ -128,23 +181,21 @@ impl History {
                 .collect();
             segments.push(Segment {
                 step_s: step_s / n,
+                through: Arc::default(),
                 stride: LEAD_IN_SUBSTEPS,
                 nodes,
             });
         }
         let nodes: Vec<Node> = (lead + 1..stretch.len())
             .map(|i| {
-                // The cubic's middle is (v0 + v1)/2 + (r0 - r1) step/8.
-                let middle = [0, 1].map(|j| {
-                    let bend = (rate[i][j] - rate[i - 1][j]) * step_s / 4.0;
-                    bend.exp() / (stretch[i - 1][j] * stretch[i][j])
-                });
+                let middle = middle([stretch[i - 1], stretch[i]], [rate[i - 1], rate[i]], step_s);
                 node(stretch[i], middle, lever[i])
             })
             .collect();
         if !nodes.is_empty() {
             segments.push(Segment {
                 step_s,
+                through: Arc::default(),
                 stride: 1,
                 nodes,
             });
@@ -154,6 +205,34 @@ impl History {
             first: node(stretch[0], [0.0; 2], lever[0]),
             segments,
         }
+    }
+
+    /// Lets the history come to some samples, in rising order, not right after the ones before them but over a way between.
+    ///
+    /// # Panics
+    /// When a sample lies within a virgin film's sub-stepped start or beyond the last one.
+    pub fn pass_over(&mut self, ways: &[(usize, Way)]) {
+        let Some(mut first) = self.segments.pop() else {
+            assert!(ways.is_empty());
+            return;
+        };
+        let from = self.samples();
+        let mut after = Vec::with_capacity(ways.len());
+        for (sample, way) in ways.iter().rev() {
+            let mut nodes = first.nodes.split_off(sample - from);
+            nodes[0].mid_rest = way.mid_rest;
+            after.push(Segment {
+                step_s: first.step_s,
+                through: way.through.clone(),
+                stride: 1,
+                nodes,
+            });
+        }
+        if !ways.is_empty() {
+            first.nodes.shrink_to_fit();
+        }
+        self.segments.push(first);
+        self.segments.extend(after.into_iter().rev());
     }
 
     /// Number of samples, the first included.
@@ -691,9 +770,11 @@ impl<'a> Pass<'a> {
                 .map(|pack| Constants::new(&self.shape, pack, segment.step_s))
                 .collect();
             // The node before lies at another distance: the difference of N begins anew.
-            for state in &mut self.states {
-                for i in 0..6 {
-                    state.0[12 + i] = state.0[6 + i];
+            if segment.through.is_empty() {
+                for state in &mut self.states {
+                    for i in 0..6 {
+                        state.0[12 + i] = state.0[6 + i];
+                    }
                 }
             }
         }
@@ -726,6 +807,9 @@ impl<'a> Pass<'a> {
         }
         let history = self.history;
         let segment = &history.segments[self.segment];
+        if self.node == 0 {
+            self.go_through(&segment.through, segment.step_s)?;
+        }
         let room = capacity - usize::from(!self.started);
         let end = (self.node + room * segment.stride).min(segment.nodes.len());
         let nodes = &segment.nodes[self.node..end];
@@ -737,6 +821,22 @@ impl<'a> Pass<'a> {
             self.enter_segment();
         }
         Ok(written)
+    }
+
+    /// Carries the state along waypoints.
+    fn go_through(&mut self, waypoints: &[Waypoint], step_s: f64) -> Result<(), Locked> {
+        let mut nodes = Vec::with_capacity(WAYPOINTS.min(waypoints.len()));
+        for block in waypoints.chunks(WAYPOINTS) {
+            nodes.clear();
+            nodes.extend(block.iter().map(|w| Node {
+                lambda_squared: w.lambda_squared,
+                rest: w.lambda_squared.map(f64::recip),
+                mid_rest: w.mid_rest,
+                lever: [0.0; 2],
+            }));
+            self.run(&nodes, usize::MAX, step_s, &mut [])?;
+        }
+        Ok(())
     }
 
     fn run(

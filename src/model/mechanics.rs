@@ -5,7 +5,7 @@
 use super::{ForearmTorque, Parameters, Robot};
 use crate::dataset::Track;
 use crate::film::Locked;
-use crate::film::kernel::{History, LANES, Pass, Shape};
+use crate::film::kernel::{History, LANES, Pass, Shape, Way};
 use crate::kinematics::{ChainPose, OutOfReach, Vec3, dot};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
@@ -305,6 +305,58 @@ impl Mechanics {
             gravity_and_inertia_n,
             bicep_force_n,
         })
+    }
+
+    /// The ways of the three films while the effector moves from one sample to a later one: its positions and velocities (m, m/s) at
+    /// both and at all `step_s` in between. A pose out of reach is held from the one before.
+    ///
+    /// # Errors
+    /// Why, when no pose can be taken.
+    ///
+    /// # Panics
+    /// With fewer than two samples.
+    pub fn ways(
+        robot: &Robot,
+        step_s: f64,
+        position_m: &[Vec3],
+        velocity_m_s: &[Vec3],
+    ) -> Result<[Way; 3], Unreachable> {
+        let mechanism = robot.mechanism.fixed();
+        let poses = || position_m.iter().map(|&u| mechanism.pose(u));
+        let mut last = match poses().find_map(Result::ok) {
+            Some(pose) => pose,
+            None => {
+                return Err(Unreachable::Pose(
+                    poses().find_map(Result::err).expect("a pose"),
+                ));
+            }
+        };
+        let mut stretch: [Vec<[f64; 2]>; 3] = Default::default();
+        let mut rate: [Vec<[f64; 2]>; 3] = Default::default();
+        for (pose, v) in poses().zip(velocity_m_s) {
+            let reached = pose.is_ok();
+            last = pose.unwrap_or(last);
+            for k in 0..3 {
+                let p = &last[k];
+                let (at, slopes, _) = robot.lozenges[k].at(p.half_dea());
+                let theta_rate = if reached {
+                    dot(p.dtheta_dea_du, *v)
+                } else {
+                    0.0
+                };
+                stretch[k].push(at);
+                rate[k].push(slopes.map(|s| s * theta_rate));
+            }
+        }
+        Ok([0, 1, 2].map(|k| Way::over(step_s, &stretch[k], &rate[k])))
+    }
+
+    /// Lets the films come to some samples over ways between (see [`Mechanics::ways`]), in rising order of the samples.
+    pub fn pass_over(&mut self, ways: &[(usize, [Way; 3])]) {
+        for (k, chain) in self.chains.iter_mut().enumerate() {
+            let own: Vec<(usize, Way)> = ways.iter().map(|(i, w)| (*i, w[k].clone())).collect();
+            chain.history.pass_over(&own);
+        }
     }
 
     /// Number of samples.

@@ -905,10 +905,25 @@ fn motion(t: &Keys<'_>) -> Result<MotionManifest, Error> {
             .get("base")?
             .or_else(|| base_near_mm.map(|_| "*".to_owned())),
         base_near_mm,
-        base_position_mm: t.get("base_position_mm")?.unwrap_or_default(),
-        end_effector_offset_mm: t.get("end_effector_offset_mm")?.unwrap_or_default(),
-        rotation_deg: t.get("rotation_deg")?.unwrap_or_default(),
+        base_position_mm: within(t, "base_position_mm", LARGEST_MM)?,
+        end_effector_offset_mm: within(t, "end_effector_offset_mm", LARGEST_MM)?,
+        rotation_deg: within(t, "rotation_deg", LARGEST_DEG)?,
     })
+}
+
+/// Largest place in a laboratory, mm, and largest angle, deg: beyond, sines and sums have lost every digit.
+const LARGEST_MM: f64 = 1e6;
+const LARGEST_DEG: f64 = 1e6;
+
+/// Three numbers, zero where they are not stated, none of a size beyond `largest`.
+fn within(t: &Keys<'_>, key: &'static str, largest: f64) -> Result<[f64; 3], Error> {
+    let values: [f64; 3] = t.get(key)?.unwrap_or_default();
+    match values.iter().find(|v| v.abs() > largest) {
+        None => Ok(values),
+        Some(v) => Err(t
+            .bad(key, format!("found {v:e}"))
+            .expected(format!("numbers within {largest:e}"))),
+    }
 }
 
 /// `scale` turns the volts of a file into volts at the film: it goes with V.

@@ -144,12 +144,15 @@ impl Recording {
     /// number. Names, labels, rig and all that the manifest states do not count, so that a copy under another id has the same sum.
     #[must_use]
     pub fn content_sum(&self) -> String {
-        let mut bytes = Vec::new();
+        let mut hasher = Context::new(&SHA256);
         let mut list = |values: &[f64]| {
-            bytes.extend((values.len() as u64).to_le_bytes());
+            hasher.update(&(values.len() as u64).to_le_bytes());
             // one NaN is as good as another
             let bits = |v: &f64| if v.is_nan() { f64::NAN } else { *v }.to_bits();
-            bytes.extend(values.iter().flat_map(|v| bits(v).to_le_bytes()));
+            for some in values.chunks(4096) {
+                let bytes: Vec<u8> = some.iter().flat_map(|v| bits(v).to_le_bytes()).collect();
+                hasher.update(&bytes);
+            }
         };
         if let Some(m) = &self.motion {
             list(&m.time_s);
@@ -181,7 +184,7 @@ impl Recording {
             list(&x.values);
             list(&a.input.values);
         }
-        hex(ring::digest::digest(&SHA256, &bytes).as_ref())
+        hex(hasher.finish().as_ref())
     }
 }
 

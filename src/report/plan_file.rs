@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::parameter_file::number;
-use crate::dataset::{Plan, SmoothingPlan, SyncPlan};
+use crate::dataset::{Plan, SmoothingPlan, StretchPlan, SyncPlan};
 use crate::recording::Error;
 use crate::recording::keys::{Document, Keys};
 
@@ -29,7 +29,8 @@ pub fn plan_to_toml(plans: &[Plan]) -> String {
         "# Choices made for each recording. Given back, the same choices are made again.\n\
          # order: of the smoothing spline (3 quintic, 4 septic); cutoff_hz: half-power frequency; noise_mm: capture noise found;\n\
          # offset_s: voltage clock minus motion clock where it is kept, else it is estimated;\n\
-         # sync: what told the offset and the skew of the clocks, where events or a shared channel did.\n",
+         # sync: what told the offset and the skew of the clocks, where events or a shared channel did;\n\
+         # stretches: what is compared of a recording that is longer than a fit holds, evenly spread over it.\n",
     );
     for plan in plans {
         let _ = write!(
@@ -56,6 +57,14 @@ pub fn plan_to_toml(plans: &[Plan]) -> String {
                 let _ = write!(out, ", skew_std_error_ppm = {}", number(e));
             }
             out.push_str(" }\n");
+        }
+        if let Some(s) = &plan.stretches {
+            let _ = writeln!(
+                out,
+                "stretches = {{ count = {}, length_s = {} }}",
+                s.count,
+                number(s.length_s)
+            );
         }
         out.push_str("smoothing = [\n");
         for (s, axis) in plan.smoothing.iter().zip(["x", "y", "z"].iter().cycle()) {
@@ -94,7 +103,14 @@ fn read(document: &Document) -> Result<Vec<Plan>, Error> {
     let mut plans: Vec<Plan> = Vec::new();
     for t in top.tables(
         "recording",
-        &["recording", "criterion", "offset_s", "sync", "smoothing"],
+        &[
+            "recording",
+            "criterion",
+            "offset_s",
+            "sync",
+            "stretches",
+            "smoothing",
+        ],
     )? {
         let recording: String = t.need("recording")?;
         if plans.iter().any(|p| p.recording == recording) {
@@ -146,7 +162,24 @@ fn read(document: &Document) -> Result<Vec<Plan>, Error> {
                 })
             })
             .transpose()?;
+        let stretches = t
+            .table("stretches", &["count", "length_s"])?
+            .map(|s| -> Result<StretchPlan, Error> {
+                let count = s.need::<i64>("count")?;
+                Ok(StretchPlan {
+                    count: usize::try_from(count)
+                        .ok()
+                        .filter(|c| *c > 0)
+                        .ok_or_else(|| {
+                            s.bad("count", format!("found {count}"))
+                                .expected("1 or more")
+                        })?,
+                    length_s: s.need_positive("length_s")?,
+                })
+            })
+            .transpose()?;
         plans.push(Plan {
+            stretches,
             recording,
             smoothing,
             criterion: t.get("criterion")?.unwrap_or_default(),

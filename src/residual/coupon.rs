@@ -119,6 +119,7 @@ pub(super) fn stretch_history(coupon: &Coupon, stretch: &[f64], middle: &[f64]) 
             from += steps;
             Segment {
                 step_s,
+                through: Default::default(),
                 stride: 1,
                 nodes,
             }

@@ -14,7 +14,7 @@ use super::{Decimation, Normal, SeparableResidual, Slope};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Effect, Site, When};
 use crate::film::Locked;
-use crate::film::kernel::{LANES, Pass, ROW, Shape};
+use crate::film::kernel::{LANES, Pass, ROW, Shape, Way};
 use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Track, Unreachable};
 
 /// Where a clock offset is free: the residual's band over the half-power frequency of the smoothed motion. Timing shows in fast
@@ -26,6 +26,8 @@ const BLOCK: usize = 64;
 const HELD: usize = 512;
 /// Tracks that are drawn from the capture's uncertainty to see what it does to the residual.
 const REPLICATES: usize = 12;
+/// Frames of drawn tracks that are worked on at the same time at most, where more than one: what limits memory on machines with many cores.
+const FRAMES_AT_ONCE: usize = 400_000;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
 const COVARIANCE_REACH_S: f64 = 0.6;
 /// Kept samples to each side over which the size of the noise is averaged where it is followed from place to place.
@@ -103,6 +105,8 @@ struct Prepared<'a> {
     dataset: &'a Dataset,
     when: When,
     mechanics: Arc<Mechanics>,
+    /// Ways of the films between the stretches of the dataset, where it has not all frames.
+    ways: Arc<Vec<(usize, [Way; 3])>>,
     /// The track where it is not the dataset's own.
     other_track: Option<Arc<Track>>,
     decimation: Decimation,
@@ -208,6 +212,13 @@ pub(crate) fn root_v(squared: f64) -> f64 {
 }
 
 impl Prepared<'_> {
+    /// The balance along a track of the dataset's frames, with what lies between them in the films' histories: the smoothed motion, whatever
+    /// the track, because noise there has faded where frames are compared again.
+    fn through(&self, mut mechanics: Mechanics) -> Mechanics {
+        mechanics.pass_over(&self.ways);
+        mechanics
+    }
+
     /// A torque error (N m; chain, frame) at the kept samples: kept sample, chain.
     fn filtered(&self, error: &[Vec<f64>; 3]) -> Vec<f64> {
         let mut out = Vec::with_capacity(3 * self.centres.len());
@@ -235,12 +246,17 @@ impl Prepared<'_> {
             return Cow::Borrowed(&fixed[chain]);
         }
         let (shift, rate) = clock(effects);
-        let (start_s, step_s) = (d.start_s + offset_s + shift, d.step_s * rate);
-        let (squared, change) = d.voltage.squared(chain, start_s, step_s, d.samples());
-        let volts = (0..d.samples())
-            .map(|i| d.voltage.at(chain, start_s + step_s * i as f64))
-            .collect();
-        Cow::Owned((squared, change, volts))
+        let step_s = d.step_s * rate;
+        let mut out = Command::default();
+        for (_, from_s, count) in d.runs() {
+            let start_s = d.start_s + offset_s + shift + rate * (from_s - d.start_s);
+            let (squared, change) = d.voltage.squared(chain, start_s, step_s, count);
+            let volts = (0..count).map(|i| d.voltage.at(chain, start_s + step_s * i as f64));
+            out.0.extend(squared);
+            out.1.extend(change);
+            out.2.extend(volts);
+        }
+        Cow::Owned(out)
     }
 
     /// Voltage that makes the Maxwell torque at the frames, V.
@@ -334,8 +350,18 @@ impl<'a> RobotResidual<'a> {
             .par_iter()
             .enumerate()
             .map(|(number, dataset)| {
-                let mechanics =
+                let mut mechanics =
                     Mechanics::new(robot, &dataset.track()).map_err(|(i, e)| (number, i, e))?;
+                let ways = dataset
+                    .between()
+                    .iter()
+                    .map(|b| {
+                        Mechanics::ways(robot, dataset.step_s, &b.position_m, &b.velocity_m_s)
+                            .map(|ways| (b.before, ways))
+                            .map_err(|e| (number, b.before, e))
+                    })
+                    .collect::<Result<Vec<_>, _>>()?;
+                mechanics.pass_over(&ways);
                 let lost: Vec<&(usize, Unreachable)> = mechanics
                     .unreachable
                     .iter()
@@ -349,7 +375,7 @@ impl<'a> RobotResidual<'a> {
                     series_s: 0.0,
                     start_s: dataset.start_s,
                 };
-                Ok(prepare(dataset, when, mechanics, forearm))
+                Ok(prepare(dataset, when, mechanics, ways, forearm))
             })
             .collect::<Result<Vec<_>, _>>()?;
         let free_offsets = datasets
@@ -970,14 +996,13 @@ impl<'a> RobotResidual<'a> {
             None => Cow::Owned(r.dataset.track()),
         };
         let all = [&self.base[..], effects].concat();
-        Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m).map_err(
-            |(sample, _)| Locked {
-                spring: 0,
-                invariant: f64::NAN,
-                locking: f64::NAN,
-                at_s: Some(r.dataset.time_s(sample)),
-            },
-        )
+        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m);
+        made.map(|m| r.through(m)).map_err(|(sample, _)| Locked {
+            spring: 0,
+            invariant: f64::NAN,
+            locking: f64::NAN,
+            at_s: Some(r.dataset.time_s(sample)),
+        })
     }
 
     /// Takes the mechanism and the reading of the motion to be these effects beside the drawing, once and for all that follows.
@@ -1407,15 +1432,16 @@ impl<'a> RobotResidual<'a> {
         &self.recordings[recording].whitening
     }
 
-    /// Changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open, as the
-    /// draws of these numbers have it.
+    /// Shows changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open, as
+    /// the draws of these numbers have it, in their order and several at a time.
     fn replicate_errors(
         &self,
         recording: usize,
         numbers: std::ops::Range<usize>,
         eta: &[f64],
         beta: &[f64],
-    ) -> Result<Vec<[Vec<f64>; 3]>, Locked> {
+        mut each: impl FnMut(&[Chains]),
+    ) -> Result<(), Locked> {
         let r = &self.recordings[recording];
         let parameters = self.parameters(eta, beta);
         let offset = self.offset_s(recording, eta);
@@ -1438,14 +1464,19 @@ impl<'a> RobotResidual<'a> {
             }
             Ok(error)
         };
-        if numbers == (0..self.replicates) && !r.drawn.is_empty() {
-            return r.drawn.par_iter().map(|m| change(m.as_ref())).collect();
+        let kept = numbers == (0..self.replicates) && !r.drawn.is_empty();
+        let at_once = at_once(r.dataset.samples());
+        for from in numbers.clone().step_by(at_once) {
+            let errors = (from..(from + at_once).min(numbers.end))
+                .into_par_iter()
+                .map(|m| match kept {
+                    true => change(r.drawn[m].as_ref()),
+                    false => change(self.draw(recording, m, &effects).as_ref()),
+                })
+                .collect::<Result<Vec<Chains>, _>>()?;
+            each(&errors);
         }
-        // One at a time in each thread: what is not kept takes no room.
-        numbers
-            .into_par_iter()
-            .map(|m| change(self.draw(recording, m, &effects).as_ref()))
-            .collect()
+        Ok(())
     }
 
     /// The balance along the track of this number that is drawn from what the capture leaves open.
@@ -1455,7 +1486,8 @@ impl<'a> RobotResidual<'a> {
         generator.set_stream(recording as u64);
         let track = r.dataset.drawn_track(&mut generator);
         let all = [&self.base[..], effects].concat();
-        Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m).ok()
+        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m);
+        made.ok().map(|m| r.through(m))
     }
 
     /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the noise is of second
@@ -1482,12 +1514,17 @@ impl<'a> RobotResidual<'a> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked> {
         for number in 0..self.recordings.len() {
-            let errors = self.replicate_errors(number, 0..self.replicates, eta, beta)?;
+            let mut variance = Variance::default();
+            let mut filtered: Vec<Vec<f64>> = Vec::with_capacity(self.replicates);
+            self.replicate_errors(number, 0..self.replicates, eta, beta, |errors| {
+                variance.add(errors);
+                let r = &self.recordings[number];
+                filtered.par_extend(errors.par_iter().map(|e| r.filtered(e)));
+            })?;
             let offset = self.offset_s(number, eta);
             let r = &mut self.recordings[number];
-            r.torque_variance = Arc::new(variance(&errors));
+            r.torque_variance = Arc::new(variance.mean());
             let kept = r.centres.len();
-            let filtered: Vec<Vec<f64>> = errors.par_iter().map(|e| r.filtered(e)).collect();
             let energy: f64 = r.decimation.weights.iter().map(|w| w * w).sum();
             let resolution = resolution_v(&r.dataset.voltage);
             let reach = (COVARIANCE_REACH_S / (r.dataset.step_s * r.decimation.every as f64))
@@ -1577,12 +1614,14 @@ impl<'a> RobotResidual<'a> {
         let mut out = vec![Vec::new(); count];
         let numbers = self.replicates..self.replicates + count;
         for (number, r) in self.recordings.iter().enumerate() {
-            let errors = self.replicate_errors(number, numbers.clone(), eta, beta)?;
-            for (rows, e) in out.iter_mut().zip(&errors) {
-                let mut own = r.filtered(e);
-                r.whiten(&mut own);
-                rows.extend(own);
-            }
+            let mut rows = out.iter_mut();
+            self.replicate_errors(number, numbers.clone(), eta, beta, |errors| {
+                for (e, rows) in errors.iter().zip(rows.by_ref()) {
+                    let mut own = r.filtered(e);
+                    r.whiten(&mut own);
+                    rows.extend(own);
+                }
+            })?;
         }
         Ok(out)
     }
@@ -1745,39 +1784,50 @@ impl<'a> RobotResidual<'a> {
         track: impl Fn(usize, &Dataset, &mut ChaCha12Rng, f64) -> Option<Track> + Sync,
         of: impl Fn(&Self) -> Result<T, Locked> + Sync,
     ) -> Result<Option<Vec<T>>, Locked> {
-        (0..2 * pairs)
-            .into_par_iter()
-            .map(|m| {
-                let mut other = self.clone();
-                other.base.clear(); // simulated robots are as drawn
-                let times = if m % 2 == 0 { 1.0 } else { -1.0 };
-                for (number, r) in other.recordings.iter_mut().enumerate() {
-                    let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_c011 + m as u64 / 2);
-                    generator.set_stream(number as u64);
-                    let Some(track) = track(number, r.dataset, &mut generator, times) else {
-                        return Ok(None);
-                    };
-                    let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
-                        return Ok(None);
-                    };
-                    r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
-                    r.forearm = forearm_columns(
-                        &mechanics,
-                        &self.forearm,
-                        &r.decimation,
-                        &r.centres,
-                        self.arch,
-                    );
-                    r.mechanics = Arc::new(mechanics);
-                    r.other_track = Some(Arc::new(track));
-                    if r.maxwell.is_some() {
-                        r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
-                    }
+        let at_once = at_once(self.datasets().map(Dataset::samples).sum());
+        let one = |m: usize| {
+            let mut other = self.clone();
+            other.base.clear(); // simulated robots are as drawn
+            let times = if m.is_multiple_of(2) { 1.0 } else { -1.0 };
+            for (number, r) in other.recordings.iter_mut().enumerate() {
+                let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_c011 + m as u64 / 2);
+                generator.set_stream(number as u64);
+                let Some(track) = track(number, r.dataset, &mut generator, times) else {
+                    return Ok(None);
+                };
+                let Ok(mechanics) = Mechanics::new(self.robot, &track) else {
+                    return Ok(None);
+                };
+                let mechanics = r.through(mechanics);
+                r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
+                r.forearm = forearm_columns(
+                    &mechanics,
+                    &self.forearm,
+                    &r.decimation,
+                    &r.centres,
+                    self.arch,
+                );
+                r.mechanics = Arc::new(mechanics);
+                r.other_track = Some(Arc::new(track));
+                if r.maxwell.is_some() {
+                    r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
                 }
-                other.linearise(eta, beta, true)?;
-                of(&other).map(Some)
-            })
-            .collect()
+            }
+            other.linearise(eta, beta, true)?;
+            of(&other).map(Some)
+        };
+        let mut out = Some(Vec::with_capacity(2 * pairs));
+        for from in (0..2 * pairs).step_by(at_once) {
+            let some = (from..(from + at_once).min(2 * pairs))
+                .into_par_iter()
+                .map(one)
+                .collect::<Result<Option<Vec<T>>, Locked>>()?;
+            match (&mut out, some) {
+                (Some(all), Some(some)) => all.extend(some),
+                _ => return Ok(None),
+            }
+        }
+        Ok(out)
     }
 
     /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it (as it was last worked
@@ -1796,7 +1846,11 @@ impl<'a> RobotResidual<'a> {
         let offset = self.offset_s(recording, eta);
         let fresh;
         let torque_variance = if r.torque_variance.is_empty() {
-            fresh = variance(&self.replicate_errors(recording, 0..self.replicates, eta, beta)?);
+            let mut variance = Variance::default();
+            self.replicate_errors(recording, 0..self.replicates, eta, beta, |errors| {
+                variance.add(errors);
+            })?;
+            fresh = variance.mean();
             &fresh
         } else {
             &*r.torque_variance
@@ -1886,16 +1940,37 @@ impl SeparableResidual for RobotResidual<'_> {
     }
 }
 
+/// Tracks of so many frames that are worked on at a time.
+fn at_once(frames: usize) -> usize {
+    (FRAMES_AT_ONCE / frames.max(1)).max(1)
+}
+
 /// Mean square of the replicates at each frame and chain.
-fn variance(errors: &[[Vec<f64>; 3]]) -> Vec<[f64; 3]> {
-    let frames = errors.first().map_or(0, |e| e[0].len());
-    (0..frames)
-        .map(|i| {
-            [0, 1, 2].map(|k| {
-                errors.iter().map(|e| e[k][i] * e[k][i]).sum::<f64>() / errors.len() as f64
-            })
-        })
-        .collect()
+#[derive(Default)]
+struct Variance {
+    squares: Vec<[f64; 3]>,
+    count: usize,
+}
+
+impl Variance {
+    fn add(&mut self, errors: &[Chains]) {
+        for e in errors {
+            self.squares.resize(e[0].len(), [0.0; 3]);
+            self.count += 1;
+            for (i, sum) in self.squares.iter_mut().enumerate() {
+                for k in 0..3 {
+                    sum[k] += e[k][i] * e[k][i];
+                }
+            }
+        }
+    }
+
+    fn mean(mut self) -> Vec<[f64; 3]> {
+        for sum in &mut self.squares {
+            *sum = sum.map(|s| s / self.count as f64);
+        }
+        self.squares
+    }
 }
 
 /// Finest step between values of each channel, V: the resolution of the recorded voltage.
@@ -1916,6 +1991,7 @@ fn prepare<'a>(
     dataset: &'a Dataset,
     when: When,
     mechanics: Mechanics,
+    ways: Vec<(usize, [Way; 3])>,
     forearm: &ForearmTorque,
 ) -> Prepared<'a> {
     let free = dataset.offset_source == OffsetSource::Free;
@@ -1947,6 +2023,7 @@ fn prepare<'a>(
         dataset,
         when,
         mechanics: Arc::new(mechanics),
+        ways: Arc::new(ways),
         other_track: None,
         decimation,
         centres,

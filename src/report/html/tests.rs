@@ -64,6 +64,7 @@ fn recording(id: &str, frames: usize) -> RecordingOutcome {
             criterion: "largest likelihood".into(),
             offset_s: None,
             sync: None,
+            stretches: None,
         },
         position_mm: time_s
             .iter()

@@ -100,15 +100,24 @@ impl Recording {
             .as_ref()
             .map(|m| reader.motion(m, manifest.shared.as_ref()))
             .transpose()?;
-        let voltage = manifest
+        let frames = motion.as_ref().map_or(0, |m| m.time_s.len());
+        let mut voltage = manifest
             .voltage
             .as_ref()
             .map(|v| reader.voltage(v))
             .transpose()?;
-        let monitor = match (&manifest.monitor, &voltage) {
+        if let Some(v) = &mut voltage {
+            reader.thin("voltage", &mut v.time_s, &mut v.channels, frames);
+        }
+        let mut monitor = match (&manifest.monitor, &voltage) {
             (Some(m), Some(v)) => Some(reader.monitor(m, v.unit)?),
             _ => None,
         };
+        if let Some(m) = &mut monitor
+            && m.current.is_empty()
+        {
+            reader.thin("monitor", &mut m.time_s, &mut m.channels, frames);
+        }
         let coupon = manifest
             .coupon
             .as_ref()
@@ -231,6 +240,9 @@ struct Table {
     lines: RowLines,
 }
 
+/// Samples of a voltage log that are held: three hours at 1 kHz.
+const LOG_SAMPLES: usize = 11_000_000;
+
 /// Reads the files of one recording.
 struct Reader<'a> {
     dir: &'a Path,
@@ -308,7 +320,13 @@ impl Reader<'_> {
             }
             Clock::Column { unit, .. } => {
                 let (_, place) = places.pop().unwrap_or_default();
-                Some(self.seconds(&path, role, &section.columns[place], *unit)?)
+                let own = !places.iter().any(|(_, c)| *c == place);
+                let column = &mut section.columns[place];
+                let values = match own {
+                    true => std::mem::take(&mut column.values),
+                    false => column.values.clone(),
+                };
+                Some(self.seconds(&path, role, column, values, *unit)?)
             }
         };
         let columns = places
@@ -339,6 +357,7 @@ impl Reader<'_> {
         path: &Path,
         role: Role,
         column: &Column,
+        mut values: Vec<f64>,
         declared: Option<&'static Unit>,
     ) -> Result<Vec<f64>, Error> {
         let unit = match unit_of(path, column, declared, Dimension::Time)? {
@@ -351,7 +370,7 @@ impl Reader<'_> {
                     path,
                     format!("column {} has no unit; taken as seconds", column.title()),
                 ));
-                return Ok(column.values.clone());
+                return Ok(values);
             }
             None => {
                 let key = match role {
@@ -364,13 +383,43 @@ impl Reader<'_> {
                 )));
             }
         };
-        Ok(column.values.iter().map(|t| t * unit.to_si).collect())
+        values.iter_mut().for_each(|t| *t *= unit.to_si);
+        Ok(values)
+    }
+
+    /// Keeps every n-th sample of a log that is too long to be held, but at least one a frame of the motion, and says so.
+    fn thin(
+        &mut self,
+        what: &str,
+        time_s: &mut Vec<f64>,
+        channels: &mut [Vec<f64>],
+        frames: usize,
+    ) {
+        let samples = time_s.len();
+        let every = samples.div_ceil(LOG_SAMPLES).min(samples / frames.max(1));
+        if every < 2 {
+            return;
+        }
+        for values in std::iter::once(time_s).chain(channels) {
+            *values = values.iter().copied().step_by(every).collect();
+        }
+        let path = self
+            .sources
+            .last()
+            .map_or(PathBuf::new(), |s| s.path.clone());
+        self.notes.push(Note::warning(
+            &path,
+            format!(
+                "{samples} samples of the {what} are more than are held at once ({LOG_SAMPLES}): one in {every} is taken, as a slower log \
+                 would have it"
+            ),
+        ));
     }
 
     fn voltage(&mut self, m: &VoltageManifest) -> Result<RawVoltage, Error> {
         let wanted: Vec<&ColumnRef> = m.channels.iter().collect();
-        let table = self.table(&m.source, Role::Voltage, &m.clock, &wanted)?;
-        let time_s = rising_time(&table, Role::Voltage)?;
+        let mut table = self.table(&m.source, Role::Voltage, &m.clock, &wanted)?;
+        let time_s = rising_time(&mut table, Role::Voltage)?;
         let unit = volts(&table, &table.columns, m.unit, m.scale)?;
         let Some(unit) = unit else {
             let column = &table.columns[0];
@@ -420,7 +469,7 @@ impl Reader<'_> {
     ) -> Result<RawMonitor, Error> {
         let wanted: Vec<&ColumnRef> = m.channels.iter().chain(&m.current).collect();
         let mut table = self.table(&m.source, Role::Monitor, &m.clock, &wanted)?;
-        let time_s = rising_time(&table, Role::Monitor)?;
+        let time_s = rising_time(&mut table, Role::Monitor)?;
         let currents = table.columns.split_off(m.channels.len());
         let unit = volts(&table, &table.columns, m.unit, m.scale)?.unwrap_or(voltage_unit);
         let mut current = Vec::new();
@@ -542,14 +591,14 @@ impl Reader<'_> {
     }
 
     fn bench(&mut self, m: &BenchManifest) -> Result<RawBench, Error> {
-        let table = self.table(
+        let mut table = self.table(
             &m.source,
             Role::Bench,
             &m.clock,
             &[&m.angle.column, &m.torque.column],
         )?;
         let time_s = match table.time_s {
-            Some(_) => Some(rising_time(&table, Role::Bench)?),
+            Some(_) => Some(rising_time(&mut table, Role::Bench)?),
             None => None,
         };
         let (angle, torque) = pair(&table.path, table.columns)?;
@@ -582,7 +631,7 @@ impl Reader<'_> {
         }
         wanted.extend(m.load.as_ref().map(|l| &l.column));
         let mut table = self.table(&m.source, Role::Axis, &m.clock, &wanted)?;
-        let time_s = rising_time(&table, Role::Axis)?;
+        let time_s = rising_time(&mut table, Role::Axis)?;
         let path = table.path.clone();
         let load = match &m.load {
             Some(load) => table.columns.pop().map(|c| (load, c)),
@@ -590,8 +639,8 @@ impl Reader<'_> {
         };
         let mut input_time_s = None;
         if let Some((source, clock)) = &m.input_source {
-            let other = self.table(source, Role::Axis, clock, &[&m.input])?;
-            input_time_s = Some(rising_time(&other, Role::Axis)?);
+            let mut other = self.table(source, Role::Axis, clock, &[&m.input])?;
+            input_time_s = Some(rising_time(&mut other, Role::Axis)?);
             table.columns.extend(other.columns);
         }
         let (mut coordinate, mut input) = pair(&path, table.columns)?;
@@ -888,7 +937,8 @@ impl Reader<'_> {
                     notes: Vec::new(),
                 };
                 let (_, place) = capture.find_column(path, column)?;
-                self.seconds(path, Role::Motion, &section.columns[place], *unit)?
+                let column = &section.columns[place];
+                self.seconds(path, Role::Motion, column, column.values.clone(), *unit)?
             }
             #[allow(clippy::cast_precision_loss)]
             Clock::Rate { rate_hz } => (0..section.rows()).map(|i| i as f64 / rate_hz).collect(),
@@ -902,13 +952,13 @@ impl Reader<'_> {
                 .action("add `time = ...` (a column) or `rate_hz = ...` under [motion]")
             })?,
         };
-        let table = Table {
+        let mut table = Table {
             path: path.to_owned(),
             time_s: Some(time_s),
             columns: Vec::new(),
             lines: section.lines.clone(),
         };
-        let time_s = rising_time(&table, Role::Motion)?;
+        let time_s = rising_time(&mut table, Role::Motion)?;
         let mut steps: Vec<f64> = time_s.windows(2).map(|w| w[1] - w[0]).collect();
         steps.sort_by(f64::total_cmp);
         let rate_hz = match (clock, steps.get(steps.len() / 2)) {
@@ -1361,8 +1411,8 @@ fn complete(table: &Table, time_s: &[f64]) -> Result<(), Error> {
 }
 
 /// The times of a table, which have to be there and rise strictly.
-fn rising_time(table: &Table, role: Role) -> Result<Vec<f64>, Error> {
-    let Some(time_s) = &table.time_s else {
+fn rising_time(table: &mut Table, role: Role) -> Result<Vec<f64>, Error> {
+    let Some(time_s) = table.time_s.take() else {
         return Err(Error::new(
             ErrorKind::MissingKey,
             &table.path,
@@ -1371,7 +1421,7 @@ fn rising_time(table: &Table, role: Role) -> Result<Vec<f64>, Error> {
         .at_key(format!("[{}] time", role.name()))
         .action("add `time = ...` (a column) or `rate_hz = ...` to the recording.toml"));
     };
-    complete(table, time_s)?;
+    complete(table, &time_s)?;
     match (1..time_s.len()).find(|i| time_s[*i] <= time_s[i - 1]) {
         Some(row) => Err(Error::new(
             ErrorKind::TimeOrder,
@@ -1381,6 +1431,6 @@ fn rising_time(table: &Table, role: Role) -> Result<Vec<f64>, Error> {
         .at_line(table.lines.line(row))
         .expected("time that rises from row to row")
         .action("split the file where the clock was set back, or delete the repeated rows")),
-        None => Ok(time_s.clone()),
+        None => Ok(time_s),
     }
 }

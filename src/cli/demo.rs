@@ -9,7 +9,7 @@ use crate::calibration::{CouponRequest, Request, Stage, calibrate_coupons, calib
 use crate::dataset::Coupon;
 use crate::recording::Kind;
 use crate::report::html;
-use crate::report::json::{FitJson, ModelValidation, ValidationJson, to_text};
+use crate::report::json::{FitJson, ModelValidation, ValidationJson, results_to_text};
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
@@ -39,7 +39,10 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     set.write("report.html", html::render_coupons(&outcome, &provenance))?;
     set.write(
         "fit.json",
-        to_text(&FitJson::of_coupons(&outcome, provenance.clone())),
+        results_to_text(
+            "fit.json",
+            &FitJson::of_coupons(&outcome, provenance.clone()),
+        )?,
     )?;
     set.write(
         "parameters.toml",
@@ -129,7 +132,10 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         provenance.clone(),
     );
     let mut set = OutputSet::new(output.join("validation"), talk.overwrite())?;
-    set.write("validation.json", to_text(&json))?;
+    set.write(
+        "validation.json",
+        results_to_text("validation.json", &json)?,
+    )?;
     let models = [(parameters.display().to_string(), validation)];
     set.write("report.html", html::render_validation(&models, &provenance))?;
     set.commit()?;

@@ -16,7 +16,7 @@ use crate::model::Robot;
 use crate::recording::{Kind, Recording, suggestion};
 use crate::report::diagnosis_json::DiagnosisJson;
 use crate::report::html;
-use crate::report::json::{FindingJson, to_text};
+use crate::report::json::{FindingJson, results_to_text};
 use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
 use crate::report::provenance::Provenance;
@@ -205,7 +205,7 @@ fn mend_first(
         "report.html",
         html::render_recording(&says, findings, &provenance),
     )?;
-    set.write("diagnosis.json", to_text(&json))?;
+    set.write("diagnosis.json", results_to_text("diagnosis.json", &json)?)?;
     set.commit()?;
     drop(progress);
     talk.result(&json);
@@ -375,7 +375,7 @@ pub(super) fn write(
         "parameters.toml",
         ParameterFile::of_diagnosis(diagnosis, series, provenance).to_toml()?,
     )?;
-    set.write("diagnosis.json", to_text(&json))?;
+    set.write("diagnosis.json", results_to_text("diagnosis.json", &json)?)?;
     if diagnosis.rig == RigKind::Robot {
         let next = Sampled::new(0.0, NEXT_DRIVE_STEP_S, next_drive(diagnosis), Hold::Linear)?;
         let log = VoltageLog::default();

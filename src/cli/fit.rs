@@ -15,7 +15,7 @@ use crate::checks::Finding;
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
 use crate::report::html;
-use crate::report::json::{FindingJson, FitJson, to_text};
+use crate::report::json::{FindingJson, FitJson, results_to_text};
 use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::plan_to_toml;
@@ -219,7 +219,7 @@ pub(super) fn write_fit(
         "parameters.toml",
         ParameterFile::of_outcome(outcome, provenance).to_toml()?,
     )?;
-    set.write("fit.json", to_text(fit))?;
+    set.write("fit.json", results_to_text("fit.json", fit)?)?;
     set.write("plan.toml", plan_to_toml(&plans))?;
     set.commit()?;
     Ok(())
@@ -306,7 +306,7 @@ fn finish(output: &Path, mut w: Written, progress: Progress, talk: Talk) -> Resu
     let mut set = OutputSet::new(output, talk.overwrite())?;
     set.write("report.html", &w.report)?;
     set.write("parameters.toml", w.parameters.to_toml()?)?;
-    set.write("fit.json", to_text(&w.fit))?;
+    set.write("fit.json", results_to_text("fit.json", &w.fit)?)?;
     if let Some(plan) = &w.plan {
         set.write("plan.toml", plan)?;
     }

@@ -10,7 +10,7 @@ use crate::dataset::Dataset;
 use crate::diagnosis::in_unit;
 use crate::recording::{Kind, Recording};
 use crate::report::html;
-use crate::report::json::{FindingJson, ModelValidation, ValidationJson, to_text};
+use crate::report::json::{FindingJson, ModelValidation, ValidationJson, results_to_text};
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
@@ -228,7 +228,10 @@ fn leave(
 ) -> Result<(), Failure> {
     json.findings = FindingJson::of(findings);
     let mut set = OutputSet::new(&a.output, talk.overwrite())?;
-    set.write("validation.json", to_text(&json))?;
+    set.write(
+        "validation.json",
+        results_to_text("validation.json", &json)?,
+    )?;
     set.write("report.html", html::with_findings(report, findings))?;
     set.commit()?;
     drop(progress);

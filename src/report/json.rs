@@ -117,6 +117,75 @@ pub fn to_text(content: &impl Serialize) -> String {
     out
 }
 
+/// What has to be a number and is none.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error(
+    "{file}: {place} came out as no finite number, so nothing is written: check the constants that rig, manifest and parameters state, and their units"
+)]
+pub struct NoFigure {
+    file: String,
+    place: String,
+}
+
+/// The text of a file of results, as [`to_text`] makes it. Null stands only where a key's description says that there may be no number:
+/// errors of no sample, the standard error of what was held or is not determined, what a job has no use for.
+///
+/// # Errors
+/// The first place at which there is no number though there should be one.
+pub fn results_to_text(file: &str, content: &impl Serialize) -> Result<String, NoFigure> {
+    let root = serde_json::to_value(content).expect("keys are strings");
+    match missing(&root, &root, "") {
+        None => Ok(to_text(&root)),
+        Some(place) => Err(NoFigure {
+            file: file.to_owned(),
+            place,
+        }),
+    }
+}
+
+/// Whether a key of `own`, anywhere in a file of results, has to be a number.
+fn is_figure(root: &Value, own: &serde_json::Map<String, Value>, key: &str) -> bool {
+    let above_0 = |name: &str| own.get(name).and_then(Value::as_u64) > Some(0);
+    let is = |name: &str| own.get(name) == Some(&Value::Bool(true));
+    let job = root.get("job").and_then(Value::as_str);
+    let of_robot = matches!(job, Some("film" | "forearm" | "robot"));
+    match key {
+        "rmse_V" | "max_error_V" => above_0("n_samples"),
+        // of a coupon's noise only an upper bound may be known
+        "noise_floor_V" => above_0("n_samples") && root.get("rmse_unit") != Some(&"Pa".into()),
+        "rmse_all_V" => above_0("n_samples_all"),
+        "value" => own.contains_key("identifiable"),
+        "std_error" | "ci95" => is("identifiable") && !is("fixed"),
+        "weighted_mean_square" | "noise_mean_square" => of_robot,
+        "eps_r" => of_robot || job == Some("sample"),
+        "probability" | "confidence" => true,
+        _ => false,
+    }
+}
+
+/// Where a figure is missing.
+fn missing(root: &Value, value: &Value, place: &str) -> Option<String> {
+    match value {
+        Value::Object(own) => own.iter().find_map(|(key, value)| {
+            let place = match place {
+                "" => key.clone(),
+                place => format!("{place}.{key}"),
+            };
+            let nulls = match value {
+                Value::Array(list) => list.contains(&Value::Null),
+                value => value.is_null(),
+            };
+            match nulls && is_figure(root, own, key) {
+                true => Some(place),
+                false => missing(root, value, &place),
+            }
+        }),
+        Value::Array(list) => (list.iter().enumerate())
+            .find_map(|(i, value)| missing(root, value, &format!("{place}[{i}]"))),
+        _ => None,
+    }
+}
+
 fn pretty(value: &Value, depth: usize, out: &mut String) {
     let scalar = |v: &Value| !v.is_array() && !v.is_object();
     let short = |v: &Value| match v {
@@ -166,7 +235,7 @@ fn pretty(value: &Value, depth: usize, out: &mut String) {
 /// The error of a prediction. In V unless `rmse_unit` of the file says otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Errors {
-    /// Root mean square over the samples of `rmse_basis`.
+    /// Root mean square over the samples of `rmse_basis`; null where there is none, as everything here that is over none.
     #[serde(rename = "rmse_V")]
     pub rmse_v: Number,
     /// Largest magnitude among them.
@@ -264,9 +333,9 @@ pub struct RecordingFit {
     /// What only a hanging sample has.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub sample: Option<SampleJson>,
-    /// Voltage clock minus motion clock, s.
+    /// Voltage clock minus motion clock, s; null where there is only one clock.
     pub offset_s: Number,
-    /// Its standard error where it was estimated, s.
+    /// Its standard error, s; null where it was not estimated.
     pub offset_std_error_s: Number,
     /// Gaps of the capture.
     pub gaps: Vec<GapJson>,
@@ -412,7 +481,7 @@ pub struct ParameterJson {
     pub value: Number,
     /// Unit of all values here.
     pub unit: String,
-    /// Standard error; null where it was fixed or rests on a bound.
+    /// Standard error; null where it was fixed, rests on a bound or is not determined at all.
     pub std_error: Number,
     /// Standard error as if the misfit were noise of its own size and correlation length: of coupons, of which `std_error` is what
     /// the noise alone leaves open. Null where there is none.
@@ -589,13 +658,13 @@ pub struct FitJson {
     pub evaluations: usize,
     /// Those that failed.
     pub failed_evaluations: usize,
-    /// Sum of weighted squares per residual.
+    /// Sum of weighted squares per residual; null for a coupon.
     pub weighted_mean_square: Number,
-    /// What the noise alone would make of it.
+    /// What the noise alone would make of it; null but for a robot.
     pub noise_mean_square: Number,
     /// Every parameter, by name.
     pub parameters: Named<ParameterJson>,
-    /// Relative permittivity used.
+    /// Relative permittivity used; null where no voltage is.
     pub eps_r: Number,
     /// Combinations of parameters that the recordings leave open, worst first.
     pub weak_directions: Vec<WeakDirectionJson>,
@@ -1780,4 +1849,59 @@ pub struct SimulationJson {
     pub effects: Vec<ActedJson>,
     /// Seed of the noise.
     pub seed: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// The result for a change of one key.
+    fn told(path: &str, value: Value) -> Result<String, NoFigure> {
+        let mut fit = json!({
+            "job": "film", "rmse_V": 3.0, "max_error_V": 9.0, "n_samples": 10, "rmse_all_V": 4.0, "n_samples_all": 12,
+            "noise_floor_V": 2.0, "rmse_unit": "V", "weighted_mean_square": 1.0, "noise_mean_square": 1.0, "eps_r": 2.8,
+            "parameters": {"mu_1": {"value": 1.0, "std_error": 0.1, "ci95": [0.8, 1.2], "identifiable": true, "fixed": false}},
+            "recordings": [{"rmse_V": 3.0, "n_samples": 10, "offset_s": null}],
+        });
+        *fit.pointer_mut(path).expect("a key") = value;
+        results_to_text("fit.json", &fit)
+    }
+
+    #[test]
+    fn a_figure_that_is_none_is_named_and_not_written() {
+        assert!(told("/rmse_V", json!(3.0)).is_ok());
+        let places = [
+            "/rmse_V",
+            "/max_error_V",
+            "/rmse_all_V",
+            "/noise_floor_V",
+            "/eps_r",
+            "/weighted_mean_square",
+            "/parameters/mu_1/value",
+            "/parameters/mu_1/std_error",
+        ];
+        for path in places {
+            let error = told(path, Value::Null).unwrap_err().to_string();
+            let place = path[1..].replace('/', ".");
+            assert!(
+                error.starts_with(&format!("fit.json: {place} came out")),
+                "{error}"
+            );
+        }
+        let error = told("/recordings/0/rmse_V", Value::Null).unwrap_err();
+        assert!(
+            error.to_string().contains("recordings[0].rmse_V"),
+            "{error}"
+        );
+        assert!(told("/parameters/mu_1/ci95", json!([0.1, null])).is_err());
+    }
+
+    #[test]
+    fn where_there_can_be_no_figure_there_is_none() {
+        let of_nothing = json!({"rmse_V": null, "n_samples": 0, "offset_s": null});
+        assert!(told("/recordings/0", of_nothing).is_ok());
+        let open = json!({"value": 1.0, "std_error": null, "ci95": null, "identifiable": false, "fixed": false});
+        assert!(told("/parameters/mu_1", open).is_ok());
+    }
 }

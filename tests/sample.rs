@@ -256,6 +256,59 @@ fn a_film_is_found_again() {
     assert!(off.recordings[0].rmse_m > 5.0 * off.recordings[0].noise_rmse_m);
 }
 
+/// What is lost of a hanging sample, at either end or for seconds inside, is bridged by what the model makes of the voltage: the rest fits as
+/// before, and so do the voltages that it needs.
+#[test]
+fn a_gap_of_a_hanging_sample_is_bridged() {
+    let dir = tempfile::tempdir().unwrap();
+    record(dir.path(), "one", Electrode::IDEAL, 3e-5, 1);
+    let (whole, sample) = open(dir.path(), "one");
+    let error = |d: &HangingDataset| {
+        let held = validate_samples(&[d], &[sample], &film()).unwrap();
+        let r = &held.recordings[0];
+        (r.rmse_m / r.noise_rmse_m, held.total)
+    };
+    let (_, before) = error(&whole);
+    for lost_s in [0.0..2.0, 9.0..9.4, 8.0..14.0, 24.0..30.0] {
+        let mut d = whole.clone();
+        for i in 0..d.samples() {
+            if lost_s.contains(&d.time_s(i)) {
+                d.x_m[i] = f64::NAN;
+            }
+        }
+        let (ratio, total) = error(&d);
+        println!(
+            "{lost_s:?}: {ratio:.3}, {:.2} V of {:.2} V, {:.2} V before",
+            total.rmse_v, total.noise_floor_v, before.rmse_v
+        );
+        assert!((0.9..1.1).contains(&ratio), "{lost_s:?}: {ratio}");
+        assert!(total.samples < before.samples && total.samples > before.samples / 2);
+        assert!(
+            total.rmse_v < 1.4 * total.noise_floor_v && total.rmse_v < 1.5 * before.rmse_v,
+            "{lost_s:?}: {total:?}"
+        );
+        let request = SampleRequest {
+            starts: 1,
+            start: Some(film()),
+            ..SampleRequest::new(6)
+        };
+        let fitted =
+            calibrate_samples(&[&d], &[sample], &request, &|_| ControlFlow::Continue(())).unwrap();
+        let e = fitted.estimates.iter().find(|e| e.name == "mu_1").unwrap();
+        let slow: f64 = film().mu_pa[5..].iter().sum();
+        assert!(
+            e.value + 3.0 * e.std_error > film().mu_pa[0]
+                && e.value - 3.0 * e.std_error < film().mu_pa[0] + slow,
+            "{lost_s:?}: {e:?}"
+        );
+        assert!(
+            (fitted.weighted_mean_square - 1.0).abs() < 0.25,
+            "{lost_s:?}: {}",
+            fitted.weighted_mean_square
+        );
+    }
+}
+
 #[test]
 fn inverse_and_forward_dynamics_are_inverse() {
     let h = 0.005;

@@ -80,7 +80,13 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         mount_m: a.mount.map(|mm| mm * 1e-3),
     };
     progress.step("comparing");
-    let mut outcome = ageing(&inputs, &request)?;
+    let mut outcome = ageing(&inputs, &request).map_err(|e| {
+        // without its copies there may be too few
+        let left_out = copies
+            .iter()
+            .map(|c| format!("; {}", c.trim_end_matches('.')));
+        Failure::from(format!("{e}{}", left_out.collect::<String>()))
+    })?;
     outcome.remarks.extend(copies);
     let json = AgeingJson::new(&outcome, provenance.clone());
     let mut set = OutputSet::new(&a.output, talk.overwrite())?;

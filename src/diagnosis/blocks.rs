@@ -112,8 +112,19 @@ impl Blocks {
     }
 }
 
-/// Probability of each model given its logarithmic prior: what it foretells, with `independent` of the rows counting.
-pub(super) fn odds(models: &[(&Foretold, f64)], independent: f64) -> Vec<f64> {
+/// Median share of what can be foretold beyond the plain model that the true cause leaves, because its textbook form is wrong in detail: on 54
+/// single coordinates whose causes act in forms of their own it was 0.008, a tenth left more than 0.1.
+const FORM_LEAVES: f64 = 0.01;
+
+/// Density of the share that the true cause leaves: a Lomax law of this median, whose tail is that of the ratio of two waiting times.
+pub(super) fn form_leaves(share: f64) -> f64 {
+    (1.0 + share.max(0.0) / FORM_LEAVES).powi(-2) / FORM_LEAVES
+}
+
+/// Probability of each model given its logarithmic prior, the plain one first. Two things tell models apart: what they foretell, with
+/// `independent` of the rows counting, and the share that they leave of what the best of all, `reach` among them, foretells beyond the plain
+/// one. The weaker counts: rows without number cannot make sure of a difference that is one of form.
+pub(super) fn odds(models: &[(&Foretold, f64)], reach: &[&Foretold], independent: f64) -> Vec<f64> {
     let mut out = vec![0.0; models.len()];
     let Some(first) = models.first() else {
         return out;
@@ -123,10 +134,24 @@ pub(super) fn odds(models: &[(&Foretold, f64)], independent: f64) -> Vec<f64> {
     let mut generator = ChaCha12Rng::seed_from_u64(0x6f64_6473);
     for _ in 0..DRAWS {
         let weights: Vec<f64> = (0..blocks).map(|_| Exp1.sample(&mut generator)).collect();
-        let score = |m: &(&Foretold, f64)| {
-            m.1 - 0.5 * count * m.0.weighted(&weights).max(f64::MIN_POSITIVE).ln()
+        let foretold = |f: &Foretold| f.weighted(&weights).max(f64::MIN_POSITIVE);
+        let squares: Vec<f64> = models.iter().map(|m| foretold(m.0)).collect();
+        let least = squares
+            .iter()
+            .copied()
+            .chain(reach.iter().map(|f| foretold(f)));
+        let least = least.fold(f64::INFINITY, f64::min);
+        let most = (squares[0] - least).max(f64::MIN_POSITIVE);
+        let score = |(at, m): (usize, &(&Foretold, f64))| {
+            let foretells = 0.5 * count * (squares[at] / least).ln();
+            let form = (form_leaves(0.0) / form_leaves((squares[at] - least) / most)).ln();
+            m.1 - if at == 0 {
+                foretells
+            } else {
+                foretells.min(form)
+            }
         };
-        let scores: Vec<f64> = models.iter().map(score).collect();
+        let scores: Vec<f64> = models.iter().enumerate().map(score).collect();
         let best = scores.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
         let each: Vec<f64> = scores.iter().map(|s| (s - best).exp()).collect();
         let sum: f64 = each.iter().sum();

@@ -12,7 +12,7 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::blocks::{Blocks, Foretold, odds};
+use super::blocks::{Blocks, Foretold, form_leaves, odds};
 use super::outcome::*;
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
@@ -34,10 +34,14 @@ const MOST: usize = 4;
 /// Causes that are at work in a rig beforehand, of all that the catalogue lists together.
 const EXPECTED: f64 = 0.5;
 /// Rigs beforehand in which something unlisted is at work, of those in which anything is.
-const UNLISTED: f64 = 0.15;
-/// Mean share of what can be foretold beyond the plain model that a listed cause leaves to a flexible one, because its textbook form is wrong
-/// in detail; something unlisted leaves any share.
-const FORM_LEAVES: f64 = 0.05;
+const UNLISTED: f64 = 0.25;
+/// Odds, of those of a named cause, from which another in its place is named with it.
+const RIVALS: f64 = 0.1;
+/// Largest mean square over the promised noise that may still be noise: what is read from a recording may be half of what there is.
+const MAY_BE_NOISE: f64 = 4.0;
+/// Ratio of mean squares from which it is worth saying that something could be foretold which nobody names: below it the error is less than a
+/// quarter above what it could be.
+const WORTH_SAYING: f64 = 1.5;
 /// Mean square to which a cause must bring what is not foretold, of the model's without: an error that falls by less than 5 % is of no use.
 const MATTERS: f64 = 0.9;
 /// Largest odds of a cause that is not named: it failed a test beside its odds (too small to matter, within one sample, not told from off),
@@ -45,8 +49,6 @@ const MATTERS: f64 = 0.9;
 const NOT_NAMED: f64 = 0.49;
 /// Student's t from which one model foretells better than another, block by block.
 const BETTER: f64 = 2.5;
-/// Mean square, over the promised noise, from which what nobody foretells is unexplained, if it has not the spectrum of noise.
-const STRUCTURE: f64 = 9.0;
 /// Share of the plain fit's mass, damping or stiffness below which a drive stands in for it.
 const CANCELLED: f64 = 0.1;
 /// Ridges of flexible columns, over their squared length.
@@ -299,67 +301,99 @@ pub(super) fn doubt(
         .chain(&models)
         .map(|m| (&m.foretold, bench.prior * m.fitted.effects.len() as f64))
         .collect();
-    let probability = odds(&scored, independent);
+    let twin_of_plain = bench.twin(&plain.fitted);
+    let simplest = |a: &&Model, b: &&Model| {
+        let least = |m: &Model| m.foretold.mean_square();
+        least(a).total_cmp(&least(b))
+    };
+    let twin_of_best = (models.iter().min_by(simplest)).and_then(|m| bench.twin(&m.fitted));
+    let twins: Vec<&Foretold> = [&twin_of_plain, &twin_of_best]
+        .into_iter()
+        .flatten()
+        .map(|t| &t.1)
+        .collect();
+    let probability = odds(&scored, &twins, independent);
     let nothing = probability[0];
     let of_cause = |id: &str| -> f64 {
         let sets = models.iter().zip(&probability[1..]);
         sets.filter(|(m, _)| m.has(id)).map(|(_, p)| p).sum()
     };
     let mut order: Vec<usize> = (0..models.len()).collect();
-    order.sort_by(|&a, &b| by_score(&models[a], &models[b]));
+    order.sort_by(|&a, &b| {
+        let odds = probability[1 + b].total_cmp(&probability[1 + a]);
+        odds.then(by_score(&models[a], &models[b]))
+    });
     let surprise = chance.largest / chance.limit(request.false_alarm_rate);
-    let twin_of_plain = bench.twin(&plain.fitted);
     let rate = request.false_alarm_rate;
     let allowed = chance.fall(rate);
     // the best model whose causes all stand on their own
     let mut named: Option<(&Model, Vec<Vec<&'static str>>)> = None;
     let mut why_not: Vec<String> = Vec::new();
+    let mut tell = |reason: String| {
+        if !why_not.contains(&reason) {
+            why_not.push(reason);
+        }
+    };
     for &i in &order {
         let m = &models[i];
         let part = |s: &&Model| size(s) < size(m) && s.ids().iter().all(|id| m.has(id));
         if !(pays(m, &plain) && models.iter().filter(part).all(|s| pays(m, s))) {
             continue;
         }
-        let groups_alike = alike_sets(&bench, m, &groups);
+        let mut groups_alike = alike_sets(&bench, m, &groups);
+        for set in &mut groups_alike {
+            let own = set[0];
+            let rivals = models.iter().zip(&probability[1..]).filter(|(r, p)| {
+                size(r) == size(m)
+                    && !r.has(own)
+                    && r.ids().iter().filter(|id| !m.has(id)).count() == 1
+                    && **p >= RIVALS * probability[1 + i]
+            });
+            for id in rivals.flat_map(|(r, _)| r.ids()) {
+                if !m.has(id) && !set.contains(&id) {
+                    set.push(id);
+                }
+            }
+        }
         let sure = groups_alike.iter().all(|set| {
             let together: f64 = set.iter().map(|id| of_cause(id)).sum();
-            together >= 0.5
+            together >= 0.5 && set.iter().all(|id| of_cause(id) <= of_cause(set[0]))
         });
         if !sure {
             continue;
         }
         if let Some(reason) = size_is_nothing(&problem, &m.fitted) {
-            why_not.push(reason);
+            tell(reason);
             continue;
         }
         if let Some(reason) = lowers_nothing(&problem, &plain.fitted, &m.fitted) {
-            why_not.push(reason);
+            tell(reason);
             continue;
         }
         named = Some((m, groups_alike));
         break;
     }
-    let best = order.first().map(|&i| &models[i]);
-    let twin_of_best = named
-        .as_ref()
-        .map(|n| n.0)
-        .or(best)
-        .and_then(|m| bench.twin(&m.fitted));
     // what can be foretold at all
-    let reach = [&twin_of_plain, &twin_of_best]
-        .into_iter()
-        .flatten()
-        .min_by(|a, b| a.1.mean_square().total_cmp(&b.1.mean_square()));
+    let reach = twins
+        .iter()
+        .copied()
+        .chain(models.iter().map(|m| &m.foretold))
+        .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
     let base = plain.foretold.mean_square();
-    let left_to_reach = |m: &Model| {
-        reach.map_or(0.0, |(_, f)| {
+    // the share that is left of what could be foretold, or of what noise does not make
+    let left = |m: &Model| {
+        let reached = reach.map_or(0.0, |f| {
             let most = (base - f.mean_square()).max(1e-12 * base);
-            ((m.foretold.mean_square() - f.mean_square()) / most).clamp(0.0, 1.0)
-        })
+            (m.foretold.mean_square() - f.mean_square()) / most
+        });
+        let loud = (m.raw - MAY_BE_NOISE) / (plain.raw - MAY_BE_NOISE).max(1e-9);
+        reached.max(loud).clamp(0.0, 1.0)
     };
     let beaten = |m: &Model| {
-        reach.is_some_and(|(_, f)| {
-            f.beats(&m.foretold) > BETTER && f.mean_square() < 0.85 * m.foretold.mean_square()
+        reach.is_some_and(|f| {
+            f.beats(&m.foretold) > BETTER
+                && WORTH_SAYING * f.mean_square() < m.foretold.mean_square()
+                && WORTH_SAYING * f.mean_square().min(1.0) < m.fits
         })
     };
     let significant = surprise > 1.0;
@@ -369,17 +403,17 @@ pub(super) fn doubt(
             .design(&m.fitted.state.eta, &m.fitted.state.beta)?;
         let residual = design.column(design.ncols() - 1);
         let shape = |f| problem.train.noise_shape(&m.fitted.state.beta, f);
-        Ok(m.raw > STRUCTURE && is_structured(residual.as_slice(), &bench.blocks, shape))
+        Ok(m.raw > MAY_BE_NOISE && is_structured(residual.as_slice(), &bench.blocks, shape))
     };
     // What leaves more than half of what noise does not make says too little.
     let halves = |m: &Model| (m.raw - 1.0).max(0.0) <= 0.5 * (plain.raw - 1.0).max(1e-9);
     let verdict = match &named {
         Some((m, _))
-            if significant && nothing < 0.5 && halves(m) && unlisted(left_to_reach(m)) <= 0.5 =>
+            if significant && nothing < 0.5 && halves(m) && unlisted(m, left(m)) <= 0.5 =>
         {
             Verdict::MissingPhysics
         }
-        _ if beaten(&plain) || (named.is_some() && significant) => Verdict::Unexplained,
+        _ if beaten(&plain) => Verdict::Unexplained,
         _ if structured(&plain)? => Verdict::Unexplained,
         _ => Verdict::Adequate,
     };
@@ -387,13 +421,10 @@ pub(super) fn doubt(
     if !in_model {
         remarks.extend(why_not);
     }
-    let something_else = match (&named, reach) {
-        (Some((m, _)), Some(_)) => unlisted(left_to_reach(m)),
-        _ => unlisted(if verdict == Verdict::Unexplained {
-            1.0
-        } else {
-            0.0
-        }),
+    let something_else = match &named {
+        Some((m, _)) => unlisted(m, left(m)),
+        None if verdict == Verdict::Unexplained => unlisted(&plain, 1.0),
+        None => unlisted(&plain, 0.0),
     };
     let augmented = match (&named, in_model) {
         (Some((m, _)), true) => *m,
@@ -402,7 +433,7 @@ pub(super) fn doubt(
     if augmented.raw < 0.25 {
         remarks.push(format!("What is left is {:.2} of the noise that was read from the recordings: the noise floor is too high, or the model is too free; look at the repeats.", augmented.raw.sqrt()));
     }
-    if verdict == Verdict::Adequate && plain.raw > STRUCTURE {
+    if verdict == Verdict::Adequate && plain.raw > MAY_BE_NOISE {
         remarks.push("Model and recordings differ by more than the noise that is read above the band of the signal, but neither a cause nor a flexible model of position, rate, direction, history, input and time foretells it, and it has the spectrum of noise: it is taken for noise within the band.".into());
     }
     let mut candidates: Vec<Candidate> = Vec::new();
@@ -625,42 +656,37 @@ fn alike_sets(bench: &Bench, m: &Model, groups: &[Group]) -> Vec<Vec<&'static st
         .collect()
 }
 
-/// Why a cause of a model is none: its size is not told from off, or rests at an end of its range.
+/// Why a cause of a model is none: no size of it is told from off, or each rests at an end of its range.
 fn size_is_nothing(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option<String> {
     let estimates = value_estimates(problem, fitted, false).ok()?;
-    for (&(e, v), estimate) in fitted.free.iter().zip(&estimates) {
-        let acting = &fitted.effects[e];
-        let q = &acting.effect.parameters()[v];
-        if !q.size {
-            continue;
+    let step_s = problem.train.lines().map(|l| l.step_s).fold(0.0, f64::max);
+    for (own, acting) in fitted.effects.iter().enumerate() {
+        let mut why = Vec::new();
+        let mut told = false;
+        for (&(e, v), estimate) in fitted.free.iter().zip(&estimates) {
+            let q = &acting.effect.parameters()[v];
+            if e != own || !q.size {
+                continue;
+            }
+            let [low, high] = estimate.ci95;
+            let at_end = |x: f64, end: f64| end.is_finite() && (x - end).abs() <= 1e-6 * q.spread;
+            let reason = if q.unit == "s" && acting.values[v].abs() < step_s {
+                "is below the distance of two samples, within which no drive is held still and no two clocks agree"
+            } else if at_end(acting.values[v], q.lower) || at_end(acting.values[v], q.upper) {
+                "rests at an end of its range"
+            } else if q.off.is_finite() && (low..=high).contains(&q.off) {
+                "is not told from off"
+            } else if low <= q.lower && high >= q.upper {
+                "may be anything"
+            } else {
+                told = true;
+                continue;
+            };
+            why.push(format!("its {} {reason}", q.name.replace('_', " ")));
         }
-        let name = acting.effect.id().replace('_', " ");
-        let [low, high] = estimate.ci95;
-        let step_s = problem.train.lines().map(|l| l.step_s).fold(0.0, f64::max);
-        if q.unit == "s" && acting.values[v].abs() < step_s {
-            return Some(format!(
-                "{name} was not named: its {} is below the distance of two samples, within which no drive is held still and no two clocks agree.",
-                q.name.replace('_', " ")
-            ));
-        }
-        let at_end = |x: f64, end: f64| end.is_finite() && (x - end).abs() <= 1e-6 * q.spread;
-        if at_end(acting.values[v], q.lower) || at_end(acting.values[v], q.upper) {
-            return Some(format!(
-                "{name} was not named: its {} rests at an end of its range.",
-                q.name.replace('_', " ")
-            ));
-        }
-        if q.off.is_finite() && (low..=high).contains(&q.off) {
-            return Some(format!(
-                "{name} was not named: its {} is not told from off.",
-                q.name.replace('_', " ")
-            ));
-        }
-        if low <= q.lower && high >= q.upper {
-            return Some(format!(
-                "{name} was not named: its {} may be anything.",
-                q.name.replace('_', " ")
-            ));
+        if !told && !why.is_empty() {
+            let name = acting.effect.id().replace('_', " ");
+            return Some(format!("{name} was not named: {}.", why.join(", ")));
         }
     }
     None
@@ -760,10 +786,11 @@ fn lowers_nothing(
     None
 }
 
-/// Probability that something unlisted is at work beside a model that leaves this share of what can be foretold: the shares that listed causes
-/// leave fall exponentially, those of unlisted ones are even.
-fn unlisted(share: f64) -> f64 {
-    let listed = (1.0 - UNLISTED) * (-share / FORM_LEAVES).exp() / FORM_LEAVES;
+/// Probability that something unlisted is at work where a model leaves this share of what can be foretold. The shares that listed causes leave
+/// are those of their forms (`form_leaves`), those of unlisted ones are even; each cause beyond the first has to be at work, too.
+fn unlisted(m: &Model, share: f64) -> f64 {
+    let more = m.fitted.effects.len().saturating_sub(1);
+    let listed = (1.0 - UNLISTED) * EXPECTED.powi(more as i32) * form_leaves(share);
     UNLISTED / (UNLISTED + listed)
 }
 

@@ -17,13 +17,21 @@ pub(super) fn law<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<L
     let tangent = Tangent::new(problem, fitted)?;
     let mut names: Vec<&'static str> = Vec::new();
     let mut columns: Vec<Vec<f64>> = Vec::new();
+    // count, sum and sum of squares of each variable
+    let mut moments: Vec<[f64; 3]> = Vec::new();
     for number in 0..problem.train_when.len() {
         let (own, values) = problem.train.features(number);
         if names.is_empty() {
             names = own;
             columns = vec![Vec::new(); names.len()];
+            moments = vec![[0.0; 3]; names.len()];
         }
         let whitening = problem.train.whitening(number);
+        for (m, values) in moments.iter_mut().zip(&values) {
+            for x in values.iter().flat_map(|x| &x[..S::CHAINS]) {
+                *m = [m[0] + 1.0, m[1] + x, m[2] + x * x];
+            }
+        }
         for (column, values) in columns.iter_mut().zip(values) {
             for (w, x) in whitening.iter().zip(values) {
                 let white = [
@@ -82,7 +90,9 @@ pub(super) fn law<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<L
         .enumerate()
         .map(|(place, &i)| {
             let alone = explains(&[i]).map_or(0.0, |e| e.0) / total;
-            let c = coefficients.as_ref().map_or(0.0, |c| c[place]);
+            let [count, sum, squares] = moments[i];
+            let deviation = (squares / count - (sum / count).powi(2)).max(0.0).sqrt();
+            let c = coefficients.as_ref().map_or(0.0, |c| c[place] * deviation);
             (names[i].to_owned(), c, alone.min(1.0))
         })
         .collect();

@@ -22,7 +22,7 @@ use super::{
     POLISH, baseline, chance, choose, gain, hidden, in_unit, judge, law, locate, next_experiment,
 };
 use super::{polish, refit, rising, rivals, spots, values};
-use crate::effects::Acting;
+use crate::effects::{Acting, plain_name};
 use crate::residual::line::LineResidual;
 
 /// Hypotheses that are fitted, of one cause at most so many (`choose`), and beside causes that are there.
@@ -685,7 +685,7 @@ fn size_is_nothing(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option<S
             why.push(format!("its {} {reason}", q.name.replace('_', " ")));
         }
         if !told && !why.is_empty() {
-            let name = acting.effect.id().replace('_', " ");
+            let name = plain_name(acting.effect.id());
             return Some(format!("{name} was not named: {}.", why.join(", ")));
         }
     }
@@ -753,7 +753,7 @@ fn lowers_nothing(
     let ids: Vec<String> = fitted
         .effects
         .iter()
-        .map(|a| a.effect.id().replace('_', " "))
+        .map(|a| plain_name(a.effect.id()))
         .collect();
     let unit = problem.train.words().unit;
     let number = |x: f64| in_unit(x, &unit);
@@ -823,7 +823,7 @@ fn says(
                 let id = c.acting.effect.id();
                 let others = alike.iter().find(|g| g[0] == id);
                 let others = others.map_or(String::new(), |g| {
-                    let list: Vec<String> = g[1..].iter().map(|o| o.replace('_', " ")).collect();
+                    let list: Vec<String> = g[1..].iter().map(|o| plain_name(o)).collect();
                     format!(
                         ", or what these recordings cannot tell from it: {}",
                         list.join(", ")

@@ -86,6 +86,12 @@ pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.id() == id)
 }
 
+/// The name of a cause in words: its id without underscores, and without the mark of causes that no shared list has.
+#[must_use]
+pub fn plain_name(id: &str) -> String {
+    id.strip_prefix("x_").unwrap_or(id).replace('_', " ")
+}
+
 /// Whether a cause of a robot is thought of only where none of the others will do: nearly all that it does, one of them does too.
 pub fn is_rare(id: &str) -> bool {
     id.starts_with("x_")

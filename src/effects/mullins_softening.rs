@@ -1,6 +1,8 @@
 //! Below the largest strain energy reached so far the film is softer (Ogden and Roxburgh 1999):  the stress of the equilibrium spring
 //! is multiplied by 1 - r erf((W_max - W)/m), W its energy density, W_max the largest in this recording.
 
+use statrs::function::erf::erf;
+
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 use crate::film::Film;
 
@@ -55,19 +57,5 @@ impl Effect for MullinsSoftening {
             largest = largest.max(w);
             f[0] *= 1.0 - v[0] * erf((largest - w) / v[1]);
         }
-    }
-}
-
-/// The error function for x >= 0 (Abramowitz and Stegun 7.1.26, error below 2e-7).
-fn erf(x: f64) -> f64 {
-    let t = 1.0 / (1.0 + 0.327_591_1 * x);
-    let p = t
-        * (0.254_829_592
-            + t * (-0.284_496_736
-                + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
-    if x == 0.0 {
-        0.0
-    } else {
-        1.0 - p * (-x * x).exp()
     }
 }

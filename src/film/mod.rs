@@ -36,14 +36,21 @@ pub enum InitialState {
     Virgin,
 }
 
-/// A spring at or past its locking stretch: D <= 0, where the Gent stress has no value.
+/// A state that the film cannot be in: a spring at or past its locking stretch (D <= 0, where the Gent stress has no value), or a pose that
+/// the mechanism cannot reach.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "the film is at its locking stretch: spring {spring} needs A + B + C - 3 = {invariant:.4}, at or above J = {locking:.4}{}",
+    "{}{}",
+    match spring {
+        0 => "the mechanism cannot reach the pose of the recording".to_owned(),
+        _ => format!(
+            "the film is at its locking stretch: spring {spring} needs A + B + C - 3 = {invariant:.4}, at or above J = {locking:.4}"
+        ),
+    },
     at_s.map(|t| format!(", at {t:.3} s")).unwrap_or_default()
 )]
 pub struct Locked {
-    /// Spring number, 1 = equilibrium spring.
+    /// Spring number, 1 = equilibrium spring; 0 where no film can be, because the mechanism cannot reach the pose.
     pub spring: usize,
     /// A + B + C - 3 there.
     pub invariant: f64,

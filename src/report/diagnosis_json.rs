@@ -9,7 +9,9 @@ use super::json::{FindingJson, Named, Number, finite};
 use super::parameter_file::SeriesEntry;
 use super::provenance::Provenance;
 use crate::checks::{Finding, Grade};
-use crate::diagnosis::{Candidate, Departed, Diagnosis, Gain, Hidden, Law, Place, RivalModel};
+use crate::diagnosis::{
+    Candidate, Departed, Diagnosis, Gain, Hidden, Law, Place, RigKind, RivalModel,
+};
 
 /// `diagnosis.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -131,7 +133,7 @@ pub struct CandidateJson {
     pub in_model: bool,
     /// Its values, by name.
     pub parameters: Named<ValueJson>,
-    /// The actuators that it sits in.
+    /// The actuators that it sits in; a single coordinate has none.
     pub actuators: Vec<usize>,
     /// Weighted mean square with it on the recordings that were fitted; noise alone makes 1.
     pub mean_square: Number,
@@ -157,7 +159,7 @@ pub struct ValueJson {
 }
 
 impl CandidateJson {
-    fn of(c: &Candidate, series: &[SeriesEntry]) -> Self {
+    fn of(c: &Candidate, series: &[SeriesEntry], chains: bool) -> Self {
         let number = |v: f64| finite(v).map_or(Value::Null, Value::from);
         let parameters = named(c)
             .into_iter()
@@ -192,7 +194,11 @@ impl CandidateJson {
             delta_bic: finite(c.delta_bic),
             in_model: c.in_model,
             parameters: Named(parameters),
-            actuators: actuators(c.acting.on),
+            actuators: if chains {
+                actuators(c.acting.on)
+            } else {
+                Vec::new()
+            },
             mean_square: finite(c.mean_square),
             holdout_mean_square: finite(c.holdout_mean_square),
             says: c.says.clone(),
@@ -425,7 +431,7 @@ impl DiagnosisJson {
             candidates: d
                 .candidates
                 .iter()
-                .map(|c| CandidateJson::of(c, &series))
+                .map(|c| CandidateJson::of(c, &series, d.rig == RigKind::Robot))
                 .collect(),
             indistinguishable: groups
                 .map(|g| g.iter().map(|id| (*id).to_owned()).collect())

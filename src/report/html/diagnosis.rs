@@ -9,7 +9,7 @@ use super::recordings::curve;
 use super::summary::{item, note, remarks, tile};
 use super::{Provenance, provenance};
 use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, RigKind, Traces, Verdict};
-use crate::effects::by_id;
+use crate::effects::{by_id, plain_name};
 use crate::report::effect_entries::{actuators, named};
 
 /// Questions that the first screen answers.
@@ -108,9 +108,23 @@ fn tiles(d: &Diagnosis) -> Vec<Tile> {
         &d.unit,
     ));
     let count = |held: bool| number::count(d.traces.iter().filter(|t| t.held_out == held).count());
-    out.push(tile("Recordings fitted", count(false), ""));
-    out.push(tile("Recordings held out", count(true), ""));
+    if parts_held_out(d) {
+        out.push(tile(
+            "Recordings, their last part held out",
+            count(true),
+            "",
+        ));
+    } else {
+        out.push(tile("Recordings fitted", count(false), ""));
+        out.push(tile("Recordings held out", count(true), ""));
+    }
     out
+}
+
+/// Whether parts of the fitted recordings were held out, because no whole one was.
+fn parts_held_out(d: &Diagnosis) -> bool {
+    let fitted = |id: &str| d.traces.iter().any(|t| !t.held_out && t.id == id);
+    d.traces.iter().any(|t| t.held_out && fitted(&t.id))
 }
 
 /// The errors that count: on held-out recordings where there are any.
@@ -277,7 +291,7 @@ fn values(c: &Candidate) -> String {
 
 /// The id of an effect as a reader wants it.
 fn title(id: &str) -> String {
-    super::summary::capital(&id.trim_start_matches("x_").replace('_', " "))
+    super::summary::capital(&plain_name(id))
 }
 
 /// Other ids of the groups that an effect is in.
@@ -285,7 +299,7 @@ fn mistaken_for(d: &Diagnosis, id: &str) -> Vec<String> {
     let mut out: Vec<String> = Vec::new();
     for group in d.groups.iter().filter(|g| g.contains(&id)) {
         for other in group.iter().filter(|o| **o != id) {
-            let name = other.replace('_', " ");
+            let name = plain_name(other);
             if !out.contains(&name) {
                 out.push(name);
             }
@@ -383,9 +397,13 @@ fn changed(d: &Diagnosis) -> Option<Note> {
     };
     let mut items = Vec::new();
     if let Some(gain) = &d.holdout {
-        items.push(line("On recordings that were not fitted", gain));
+        let on = match parts_held_out(d) {
+            true => "On parts that were not fitted",
+            false => "On recordings that were not fitted",
+        };
+        items.push(line(on, gain));
     }
-    items.push(line("On the fitted recordings", &d.train));
+    items.push(line("Where it was fitted", &d.train));
     let lead = match d.holdout {
         Some(_) => "",
         None => {
@@ -401,11 +419,7 @@ fn next(d: &Diagnosis) -> Option<Note> {
 }
 
 fn unseen(d: &Diagnosis) -> Option<Note> {
-    let names: Vec<String> = d
-        .hidden
-        .iter()
-        .map(|h| h.effect.replace('_', " "))
-        .collect();
+    let names: Vec<String> = d.hidden.iter().map(|h| plain_name(h.effect)).collect();
     let lead = match names.len() {
         0 => return None,
         1 => "One cause would have stayed hidden in these recordings, because a refit of the plain model absorbs it. Its smallest visible size is in the table below.".to_string(),
@@ -789,7 +803,7 @@ fn candidates(d: &Diagnosis) -> Option<Section> {
         .iter()
         .map(|g| {
             g.iter()
-                .map(|id| id.replace('_', " "))
+                .map(|id| plain_name(id))
                 .collect::<Vec<_>>()
                 .join(", ")
         })
@@ -962,7 +976,7 @@ fn hidden(d: &Diagnosis) -> Option<Section> {
         let unit = if h.unit == "1" { "" } else { &h.unit };
         let size = number::significant(h.smallest_detectable, 2);
         table.row(vec![
-            Cell::text(h.effect),
+            Cell::text(plain_name(h.effect)),
             // Three nines say more than 100 %.
             Cell::number(format!("{} %", number::fixed(100.0 * h.hidden_share, 1))),
             Cell::number(format!("{} {size} {unit}", h.name.replace('_', " "))),

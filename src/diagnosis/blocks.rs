@@ -125,7 +125,7 @@ pub(super) fn form_leaves(share: f64) -> f64 {
 /// Probability of each model given its logarithmic prior, the plain one first. Two things tell models apart: what they foretell, with
 /// `independent` of the rows counting, and the share that they leave of what the best of all, `reach` among them, foretells beyond the plain
 /// one. The weaker counts: rows without number cannot make sure of a difference that is one of form.
-pub(super) fn odds(models: &[(&Foretold, f64)], reach: &[&Foretold], independent: f64) -> Vec<f64> {
+pub(super) fn odds(models: &[(&Foretold, f64)], reach: &[Foretold], independent: f64) -> Vec<f64> {
     let mut out = vec![0.0; models.len()];
     let Some(first) = models.first() else {
         return out;
@@ -137,10 +137,7 @@ pub(super) fn odds(models: &[(&Foretold, f64)], reach: &[&Foretold], independent
         let weights: Vec<f64> = (0..blocks).map(|_| Exp1.sample(&mut generator)).collect();
         let foretold = |f: &Foretold| f.weighted(&weights).max(f64::MIN_POSITIVE);
         let squares: Vec<f64> = models.iter().map(|m| foretold(m.0)).collect();
-        let least = squares
-            .iter()
-            .copied()
-            .chain(reach.iter().map(|f| foretold(f)));
+        let least = squares.iter().copied().chain(reach.iter().map(foretold));
         let least = least.fold(f64::INFINITY, f64::min);
         let most = (squares[0] - least).max(f64::MIN_POSITIVE);
         let score = |(at, m): (usize, &(&Foretold, f64))| {

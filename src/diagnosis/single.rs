@@ -155,8 +155,8 @@ impl Bench<'_, '_> {
             .expect("there are ridges")
     }
 
-    /// What the most telling flexible model beside a fitted one foretells, and the name of its site.
-    fn twin(&self, fitted: &Fitted) -> Option<(&'static str, Foretold)> {
+    /// What the most telling flexible model beside a fitted one foretells: one site's, or that of all together.
+    fn twin(&self, fitted: &Fitted) -> Option<Foretold> {
         let tangent = Tangent::new(self.problem, fitted).ok()?;
         let residual = self.problem.residual(fitted);
         let sites = residual.sites(&fitted.state.eta, &fitted.state.beta).ok()?;
@@ -167,13 +167,10 @@ impl Bench<'_, '_> {
             all.columns_mut(at, columns.ncols()).copy_from(columns);
             at += columns.ncols();
         }
-        let mut each: Vec<(&'static str, Foretold)> = sites
-            .iter()
-            .map(|(name, columns)| (*name, self.flexible(&tangent, columns)))
-            .collect();
-        each.push(("several sites", self.flexible(&tangent, &all)));
-        each.into_iter()
-            .min_by(|a, b| a.1.mean_square().total_cmp(&b.1.mean_square()))
+        (sites.iter().map(|s| &s.1))
+            .chain([&all])
+            .map(|columns| self.flexible(&tangent, columns))
+            .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()))
     }
 }
 
@@ -301,16 +298,11 @@ pub(super) fn doubt(
         .chain(&models)
         .map(|m| (&m.foretold, bench.prior * m.fitted.effects.len() as f64))
         .collect();
-    let twin_of_plain = bench.twin(&plain.fitted);
-    let simplest = |a: &&Model, b: &&Model| {
-        let least = |m: &Model| m.foretold.mean_square();
-        least(a).total_cmp(&least(b))
-    };
-    let twin_of_best = (models.iter().min_by(simplest)).and_then(|m| bench.twin(&m.fitted));
-    let twins: Vec<&Foretold> = [&twin_of_plain, &twin_of_best]
-        .into_iter()
-        .flatten()
-        .map(|t| &t.1)
+    let left_of = |m: &Model| m.foretold.mean_square();
+    let best = (models.iter()).min_by(|a, b| left_of(a).total_cmp(&left_of(b)));
+    let twins: Vec<Foretold> = std::iter::once(&plain)
+        .chain(best)
+        .filter_map(|m| bench.twin(&m.fitted))
         .collect();
     let probability = odds(&scored, &twins, independent);
     let nothing = probability[0];
@@ -376,7 +368,6 @@ pub(super) fn doubt(
     // what can be foretold at all
     let reach = twins
         .iter()
-        .copied()
         .chain(models.iter().map(|m| &m.foretold))
         .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
     let base = plain.foretold.mean_square();

@@ -655,8 +655,11 @@ fn size_is_nothing(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option<S
         let mut why = Vec::new();
         let mut told = false;
         for (&(e, v), estimate) in fitted.free.iter().zip(&estimates) {
+            if e != own {
+                continue;
+            }
             let q = &acting.effect.parameters()[v];
-            if e != own || !q.size {
+            if !q.size {
                 continue;
             }
             let [low, high] = estimate.ci95;

@@ -18,10 +18,11 @@ use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
 use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
+use super::words::values;
 use super::{
     POLISH, baseline, chance, choose, gain, hidden, in_unit, judge, law, locate, next_experiment,
 };
-use super::{polish, refit, rising, rivals, spots, values};
+use super::{polish, refit, rising, rivals, spots};
 use crate::effects::Acting;
 use crate::residual::line::LineResidual;
 
@@ -202,9 +203,7 @@ pub(super) fn doubt(
     listed.dedup();
     let each = EXPECTED / listed.len().max(1) as f64;
     let bench = Bench {
-        blocks: Blocks {
-            edges: problem.train.blocks(),
-        },
+        blocks: Blocks::whole(problem.train.blocks()),
         plain_values: Vec::new(),
         prior: (each / (1.0 - each)).ln(),
         problem: &problem,

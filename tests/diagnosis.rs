@@ -22,6 +22,56 @@ fn a_clean_robot_is_called_adequate() {
     }
 }
 
+/// Simulates a clean recording of the twin with 0.03 mm of noise into `dir`, and gives its folder.
+fn clean(dir: &Path, name: &str, drive: &str, seed: &str) -> String {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = dir.join(name).display().to_string();
+    let out = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"))
+        .arg("simulate")
+        .arg("--rig")
+        .arg(root.join("datasets/twin2026_delta/rig.toml"))
+        .arg("--params")
+        .arg(root.join("fits/twin2026_delta/parameters.toml"))
+        .args(["--drive", drive, "--noise", "0.03", "--seed", seed])
+        .args(["--id", name, "-q", "-o", &folder])
+        .output()
+        .unwrap();
+    assert!(out.status.success(), "{out:?}");
+    folder
+}
+
+/// What `diagnose` says with these arguments.
+fn verdict(dir: &Path, arguments: &[&str]) -> serde_json::Value {
+    let out = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"))
+        .arg("diagnose")
+        .args(arguments)
+        .args(["--json", "-q", "-o"])
+        .arg(dir.join("out"))
+        .output()
+        .unwrap();
+    assert!(out.status.success(), "{out:?}");
+    serde_json::from_slice(&out.stdout).unwrap()
+}
+
+#[test]
+fn long_clean_recordings_are_given_no_cause() {
+    // a film that loses tension makes less torque of the capture's noise, and would earn by that
+    let dir = tempfile::tempdir().unwrap();
+    let drive = "multisine:peak_V=4000,hz=0.1/0.3/0.7";
+    let [train, holdout] = ["1", "2"].map(|seed| clean(dir.path(), seed, drive, seed));
+    let said = verdict(dir.path(), &[&train, "--holdout", &holdout]);
+    assert_eq!(said["verdict"], "adequate", "{}", said["says"]);
+}
+
+#[test]
+fn what_smoothing_rounds_in_a_clean_recording_is_no_cause() {
+    let dir = tempfile::tempdir().unwrap();
+    let drive = "holds:levels_V=3500/1750/0,time_s=9/4/7,scale=1/0.3/0";
+    let one = clean(dir.path(), "holds", drive, "11070");
+    let said = verdict(dir.path(), &[&one]);
+    assert_eq!(said["verdict"], "adequate", "{}", said["says"]);
+}
+
 #[test]
 fn effects_of_each_site_are_named_first_and_the_gap_closes() {
     for (i, id) in [

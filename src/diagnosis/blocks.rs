@@ -8,7 +8,9 @@
 //! log p(blocks | M) = -N/2 ln s^2(M),   s^2 = sum w_b squares_b / sum w_b rows_b
 //! ```
 //!
-//! N is the number of independent residuals, and the scale of the error is each model's own, because textbook forms are wrong in detail.
+//! (For robots the squares are those over the covariance of what is foretold, r'(I - H)^-1 r with the block's hat matrix H, and
+//! -1/2 ln det (I - H)^-1 joins: the density of what was left out, were all linear.) N is the number of independent residuals, and the
+//! scale of the error is each model's own, because textbook forms are wrong in detail.
 //! The blocks' weights w are drawn from a Dirichlet distribution (Bayesian bootstrap, Rubin 1981), and the odds averaged over the draws
 //! (pseudo-BMA+; Yao, Vehtari, Simpson and Gelman 2018): a model is sure only where it is better in block after block.
 
@@ -22,17 +24,25 @@ use super::problem::Tangent;
 /// Draws of the blocks' weights.
 const DRAWS: usize = 400;
 
-/// Consecutive stretches of rows: the first row of each, and one past the last.
-#[derive(Debug, Clone)]
+/// Consecutive stretches of rows.
+#[derive(Debug, Clone, Default)]
 pub(super) struct Blocks {
+    /// The first row of each, and one past the last.
     pub edges: Vec<usize>,
+    /// Share of each one's rows that counts.
+    pub counts: Vec<f64>,
+    /// Whether an error is held against how well the other blocks let it be foretold: with few recordings a block may be the only one that
+    /// tells of a parameter, and is missed widely by a right model.
+    pub by_spread: bool,
 }
 
-/// Squares of what a model did not foretell, in each block.
+/// Squares of what a model did not foretell, in each block, and its rows; both times the share of them that counts.
 #[derive(Debug, Clone)]
 pub(super) struct Foretold {
     squares: Vec<f64>,
     rows: Vec<f64>,
+    /// ln det of the covariance of each block's foretelling over the noise's.
+    spread: Vec<f64>,
 }
 
 impl Foretold {
@@ -45,6 +55,11 @@ impl Foretold {
     /// Mean square.
     pub fn mean_square(&self) -> f64 {
         self.squares.iter().sum::<f64>() / self.rows.iter().sum::<f64>()
+    }
+
+    /// Rows that count.
+    pub fn rows(&self) -> f64 {
+        self.rows.iter().sum()
     }
 
     /// Student's t of how much better `self` foretells than `other`: logarithms of the ratios of their mean squares, block by block.
@@ -60,6 +75,27 @@ impl Foretold {
 }
 
 impl Blocks {
+    /// Stretches of which every row counts.
+    pub fn whole(edges: Vec<usize>) -> Self {
+        let counts = vec![1.0; edges.len().saturating_sub(1)];
+        Blocks {
+            edges,
+            counts,
+            by_spread: false,
+        }
+    }
+
+    /// What nobody foretells.
+    pub fn untold(&self) -> Foretold {
+        Foretold {
+            squares: self.counts.iter().map(|_| f64::MAX.sqrt()).collect(),
+            spread: vec![0.0; self.counts.len()],
+            rows: (self.edges.windows(2).zip(&self.counts))
+                .map(|(e, c)| c * (e[1] - e[0]) as f64)
+                .collect(),
+        }
+    }
+
     /// What a fitted model leaves unforetold in each block; `more` are columns beside its own with a ridge over their squared length.
     pub fn foretell(&self, tangent: &Tangent, more: Option<(&DMatrix<f64>, f64)>) -> Foretold {
         let own = tangent.columns.ncols();
@@ -73,6 +109,9 @@ impl Blocks {
             .copy_from(&tangent.prior_roots().map(|p| p * p));
         // the model's own unknowns are where their fit ended: at the optimum, or at a bound that a step must not cross
         let mut slope = DVector::zeros(width);
+        for j in own - tangent.beside..own {
+            slope[j] = tangent.slope()[j];
+        }
         if let Some((columns, weight)) = more {
             for (j, c) in columns.column_iter().enumerate() {
                 let norm = c.norm();
@@ -94,19 +133,44 @@ impl Blocks {
         let mut out = Foretold {
             squares: Vec::new(),
             rows: Vec::new(),
+            spread: Vec::new(),
         };
-        for ((part, gram), edge) in parts.iter().zip(&grams).zip(self.edges.windows(2)) {
+        let log_det = |m: &DMatrix<f64>| {
+            let factor = m.clone().cholesky();
+            factor.map_or(0.0, |c| 2.0 * c.l_dirty().diagonal().map(f64::ln).sum())
+        };
+        let best = match self.by_spread {
+            true => {
+                let step = whole.clone().cholesky().map(|c| c.solve(&slope));
+                &tangent.residual - &x * step.unwrap_or_else(|| DVector::zeros(width))
+            }
+            false => tangent.residual.clone(),
+        };
+        let whole_log = if self.by_spread { log_det(&whole) } else { 0.0 };
+        let stretches = self.edges.windows(2).zip(&self.counts);
+        for ((part, gram), (edge, count)) in parts.iter().zip(&grams).zip(stretches) {
             let residual = tangent.residual.rows(edge[0], edge[1] - edge[0]);
             let pull = part.tr_mul(&residual) - &slope;
             let mut without = &whole - gram;
             for i in 0..width {
                 without[(i, i)] += 1e-10;
             }
+            let left = without.clone();
             let step = without
                 .cholesky()
                 .map_or_else(|| DVector::zeros(width), |c| c.solve(&pull));
-            out.squares.push((residual + part * step).norm_squared());
-            out.rows.push((edge[1] - edge[0]) as f64);
+            let missed = residual + part * step;
+            // a block's errors are those of its fit times (I - H)^-1, and that is their covariance too
+            let (squares, spread) = match self.by_spread {
+                true => (
+                    missed.dot(&best.rows(edge[0], edge[1] - edge[0])),
+                    whole_log - log_det(&left),
+                ),
+                false => (missed.norm_squared(), 0.0),
+            };
+            out.squares.push(count * squares);
+            out.spread.push(count * spread);
+            out.rows.push(count * (edge[1] - edge[0]) as f64);
         }
         out
     }
@@ -124,26 +188,30 @@ pub(super) fn form_leaves(share: f64) -> f64 {
 
 /// Probability of each model given its logarithmic prior, the plain one first. Two things tell models apart: what they foretell, with
 /// `independent` of the rows counting, and the share that they leave of what the best of all, `reach` among them, foretells beyond the plain
-/// one. The weaker counts: rows without number cannot make sure of a difference that is one of form.
+/// one. The weaker counts: rows without number cannot make sure of a difference that is one of form. Without a `reach` only the first counts.
 pub(super) fn odds(models: &[(&Foretold, f64)], reach: &[Foretold], independent: f64) -> Vec<f64> {
     let mut out = vec![0.0; models.len()];
     let Some(first) = models.first() else {
         return out;
     };
     let blocks = first.0.rows.len();
-    let count = independent * first.0.rows.iter().sum::<f64>();
+    let count = independent * first.0.rows();
     let mut generator = ChaCha12Rng::seed_from_u64(0x6f64_6473);
     for _ in 0..DRAWS {
         let weights: Vec<f64> = (0..blocks).map(|_| Exp1.sample(&mut generator)).collect();
         let foretold = |f: &Foretold| f.weighted(&weights).max(f64::MIN_POSITIVE);
+        let spread = |f: &Foretold| {
+            let sum: f64 = f.spread.iter().zip(&weights).map(|(s, w)| s * w).sum();
+            sum * blocks as f64 / weights.iter().sum::<f64>()
+        };
         let squares: Vec<f64> = models.iter().map(|m| foretold(m.0)).collect();
         let least = squares.iter().copied().chain(reach.iter().map(foretold));
         let least = least.fold(f64::INFINITY, f64::min);
         let most = (squares[0] - least).max(f64::MIN_POSITIVE);
         let score = |(at, m): (usize, &(&Foretold, f64))| {
-            let foretells = 0.5 * count * (squares[at] / least).ln();
+            let foretells = 0.5 * (count * (squares[at] / least).ln() + spread(m.0));
             let form = (form_leaves(0.0) / form_leaves((squares[at] - least) / most)).ln();
-            m.1 - if at == 0 {
+            m.1 - if at == 0 || reach.is_empty() {
                 foretells
             } else {
                 foretells.min(form)

@@ -16,10 +16,12 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::beta::beta_reg;
 use statrs::function::erf::erfc;
 use statrs::function::gamma::gamma_ur;
 
+use super::judge::INDEPENDENT;
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Unit};
 use super::subject::Subject;
@@ -94,6 +96,10 @@ pub(super) struct Chance {
     designs: Vec<(&'static str, [bool; 3], f64, f64)>,
     /// Largest surprises of drawn noise, rising.
     drawn: Vec<f64>,
+    /// Stretches to be left out one at a time.
+    pub blocks: super::blocks::Blocks,
+    /// Mean squares above which noise makes next to none.
+    pub most: f64,
 }
 
 impl Chance {
@@ -226,6 +232,40 @@ impl Blocks {
         Ok(Blocks { edges, tracks })
     }
 
+    /// Share of its rows that counts, for each block, from those of the recordings.
+    fn shares(&self, rows: &[f64], independent: &[f64]) -> Vec<f64> {
+        let mut number = 0;
+        let mut end = rows.first().copied().unwrap_or(0.0);
+        (self.edges.windows(2))
+            .map(|e| {
+                while e[0] as f64 >= end && number + 1 < rows.len() {
+                    number += 1;
+                    end += rows[number];
+                }
+                independent[number] / rows[number].max(1.0)
+            })
+            .collect()
+    }
+
+    /// How many of its rows count as independent, for each recording: by how much the mean square scatters over the drawn tracks. Where an
+    /// axis hardly moves, what is left of its noise is so slow that all rows say the same few things.
+    fn independent<S: Subject>(&self, problem: &Problem<S>) -> Vec<f64> {
+        let count = self.tracks.len() as f64;
+        let mut first = 0;
+        (0..problem.train_when.len())
+            .map(|number| {
+                let rows = S::CHAINS * problem.train.kept_times_s(number).len();
+                let each = self.tracks.iter();
+                let each: Vec<f64> = each.map(|t| t.rows(first, rows).norm_squared()).collect();
+                first += rows;
+                let mean = each.iter().sum::<f64>() / count;
+                let squares = each.iter().map(|e| (e / mean - 1.0).powi(2)).sum::<f64>();
+                let variance = squares / (count - 1.0).max(1.0);
+                (2.0 / variance).clamp(1.0, INDEPENDENT * rows.max(2) as f64)
+            })
+            .collect()
+    }
+
     /// What a score needs of a column that is zero before row `from`.
     fn column(&self, tangent: &Tangent, f: &DVector<f64>, from: usize) -> Column {
         let n = f.len();
@@ -285,6 +325,12 @@ pub(super) fn chance<S: Subject>(
     if tracks == 0 {
         return Ok(Chance::default());
     }
+    let independent = blocks.independent(problem);
+    let rows: Vec<f64> = (0..independent.len())
+        .map(|number| (S::CHAINS * problem.train.kept_times_s(number).len()) as f64)
+        .collect();
+    let all: f64 = rows.iter().sum();
+    let scatter: f64 = rows.iter().zip(&independent).map(|(r, n)| r * r / n).sum();
     let mut columns: Vec<Column> = Vec::new();
     let mut hypotheses: Vec<Hypothesis> = Vec::new();
     for g in groups {
@@ -345,6 +391,12 @@ pub(super) fn chance<S: Subject>(
     let mut out = Chance {
         scale,
         colour,
+        most: noise_makes(all * all / scatter),
+        blocks: super::blocks::Blocks {
+            counts: blocks.shares(&rows, &independent),
+            edges: blocks.edges.clone(),
+            by_spread: true,
+        },
         ..Chance::default()
     };
     for h in &hypotheses {
@@ -396,6 +448,11 @@ pub(super) fn chance<S: Subject>(
     }
     out.drawn.sort_by(f64::total_cmp);
     Ok(out)
+}
+
+/// Mean square that as many independent residuals exceed once in a thousand times.
+fn noise_makes(independent: f64) -> f64 {
+    ChiSquared::new(independent).map_or(1.0, |d| d.inverse_cdf(0.999) / independent)
 }
 
 impl Column {
@@ -531,7 +588,6 @@ impl Hypothesis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use statrs::distribution::{ChiSquared, ContinuousCDF};
 
     #[test]
     fn an_estimated_covariance_has_the_tail_of_the_f_distribution() {

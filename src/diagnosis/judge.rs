@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::blocks::{Blocks, Foretold, odds};
 use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::Group;
 use super::subject::Subject;
@@ -28,19 +29,42 @@ pub(super) struct Judged {
     pub mean_square: f64,
     /// Mean square of the held-out recordings.
     pub holdout: f64,
+    /// What it foretells of stretches that its fit left out.
+    pub foretold: Foretold,
 }
 
 impl Judged {
-    pub fn new<S: Subject>(problem: &Problem<S>, fitted: Fitted) -> Self {
+    /// Judges a fit. A cause changes how much torque the noise of the capture makes: one that softens the film makes less of it, and would
+    /// earn by shrinking what it is weighed by, the more the longer the recordings. So a model with causes is held against the noise of
+    /// its own as well, and the larger of both squares counts.
+    pub fn new<S: Subject>(problem: &Problem<S>, blocks: &Blocks, fitted: Fitted) -> Self {
         let n = fitted.state.rows as f64;
         let share = problem.independent;
-        let mean_square = fitted.cost() / n;
+        let foretell = |train: &S| {
+            Tangent::of(train, problem, &fitted)
+                .map(|t| (t.residual.norm_squared(), blocks.foretell(&t, None)))
+        };
+        let mut squares = fitted.state.data_cost;
+        let mut held_out = problem.held_out(&fitted);
+        let mut foretold = foretell(&problem.train).map_or_else(|_| blocks.untold(), |f| f.1);
+        let own = (!fitted.effects.is_empty()).then(|| problem.weighed(&fitted));
+        if let Some(Ok((train, holdout))) = own {
+            if let Ok((own, told)) = foretell(&train) {
+                squares = squares.max(own);
+                if told.mean_square() > foretold.mean_square() {
+                    foretold = told;
+                }
+            }
+            let own = holdout.and_then(|h| problem.squares_of(&h, &fitted));
+            held_out = held_out.map(|h| own.filter(|o| o.0 > h.0).unwrap_or(h));
+        }
+        let mean_square = (squares + fitted.cost() - fitted.state.data_cost) / n;
         let free = informed(problem, &fitted) + steps(&fitted) as f64;
         let mut score = share * n * mean_square.max(NOISE).ln()
             + free * (share * n).max(1.0).ln()
             + 2.0 * choices(&fitted).ln();
         let mut holdout = f64::NAN;
-        if let Some((squares, rows)) = problem.held_out(&fitted) {
+        if let Some((squares, rows)) = held_out {
             holdout = squares / rows as f64;
             score += HELD_OUT_WEIGHT * share * rows as f64 * holdout.max(NOISE).ln();
         }
@@ -49,12 +73,48 @@ impl Judged {
             score,
             mean_square,
             holdout,
+            foretold,
         }
+    }
+
+    /// Logarithm of the prior odds against no cause, where each cause has those of `each`: the moment of a change, forms and places are
+    /// as many chances to be wrong.
+    pub fn prior(&self, each: f64) -> f64 {
+        let free = 0.5 * steps(&self.fitted) as f64 * self.foretold.rows().max(1.0).ln();
+        self.fitted.effects.len() as f64 * each - choices(&self.fitted).ln() - free
     }
 
     /// Mean square beyond noise.
     pub fn excess(&self) -> f64 {
         (self.mean_square - 1.0).max(0.0)
+    }
+}
+
+/// Probabilities of models against each other, from what they foretell.
+pub(super) struct Odds(Vec<(Vec<&'static str>, f64)>);
+
+impl Odds {
+    /// Those of these models; each cause has the logarithmic prior odds `each` against none.
+    pub fn of<'a>(models: impl Iterator<Item = &'a Judged>, each: f64) -> Self {
+        let models: Vec<&Judged> = models.collect();
+        let told: Vec<(&Foretold, f64)> = (models.iter())
+            .map(|j| (&j.foretold, j.prior(each)))
+            .collect();
+        let ids = |j: &Judged| j.fitted.effects.iter().map(|a| a.effect.id()).collect();
+        let probabilities = odds(&told, &[], 1.0);
+        Odds(models.iter().map(|j| ids(j)).zip(probabilities).collect())
+    }
+
+    /// That of no cause.
+    pub fn nothing(&self) -> f64 {
+        let none = self.0.iter().filter(|m| m.0.is_empty());
+        none.map(|m| m.1).sum()
+    }
+
+    /// That of all models with a cause.
+    pub fn cause(&self, id: &str) -> f64 {
+        let with = self.0.iter().filter(|m| m.0.contains(&id));
+        with.map(|m| m.1).sum()
     }
 }
 
@@ -77,7 +137,11 @@ pub(super) fn beside_smoothing<S: Subject>(
         return Ok(None);
     };
     // the model may be refitted to what is left
-    let tangent = Tangent::new(problem, &judged.fitted)?;
+    let mut whole = problem
+        .train
+        .with_effects(Vec::new(), Vec::new(), &problem.train_when);
+    whole.take_out(None);
+    let tangent = Tangent::of(&whole, problem, &judged.fitted)?;
     let left = &tangent.residual - expected;
     let along = tangent.columns.tr_mul(&left);
     let mean_square = tangent.projected(left.norm_squared(), &along, &along) / left.len() as f64;

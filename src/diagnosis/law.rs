@@ -51,7 +51,9 @@ pub(super) fn law<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<L
     let gram = DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
         tangent.projected(columns[i].dot(&columns[j]), &along[i], &along[j])
     });
-    let slope = DVector::from_fn(columns.len(), |i, _| -columns[i].dot(r));
+    let slope = DVector::from_fn(columns.len(), |i, _| {
+        tangent.hidden_product(&along[i], r) - columns[i].dot(r)
+    });
     let explains = |set: &[usize]| -> Option<(f64, DVector<f64>)> {
         let g = DMatrix::from_fn(set.len(), set.len(), |i, j| {
             gram[(set[i], set[j])]

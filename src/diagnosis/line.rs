@@ -88,6 +88,7 @@ pub fn diagnose_lines(
         nonlinear,
         linear,
         independent: super::judge::INDEPENDENT,
+        begun: crate::residual::DepartureTorques::new(),
     };
     doubt(problem, remarks, request, watch)
 }
@@ -186,8 +187,6 @@ fn line_unknowns(residual: &LineResidual) -> (Vec<Unknown>, Vec<Unknown>) {
 
 impl Subject for LineResidual<'_> {
     const CHAINS: usize = 1;
-    // Residuals are already counted by their correlation length.
-    const TEMPERATURE: f64 = 2.0;
 
     fn rig(&self) -> RigKind {
         match self.kind() {
@@ -517,10 +516,5 @@ impl Subject for LineResidual<'_> {
 
     fn independent(&self, residual: &[f64]) -> f64 {
         1.0 / correlation_length(residual)
-    }
-
-    fn unexplained(plain: f64, best: f64) -> bool {
-        // Forms of measured rigs are never exact: one that takes away less than half says too little.
-        (best - 1.0).max(0.0) > 0.5 * (plain - 1.0).max(1e-9)
     }
 }

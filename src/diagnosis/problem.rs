@@ -9,6 +9,7 @@ use super::subject::Subject;
 use crate::effects::{Acting, Site, When};
 use crate::film::Locked;
 use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
+use crate::residual::DepartureTorques;
 
 /// Branches of the plain model.
 pub(super) const BRANCHES: usize = 6;
@@ -47,6 +48,8 @@ pub(super) struct Problem<S> {
     pub linear: Vec<Unknown>,
     /// Share of the residuals that count as independent.
     pub independent: f64,
+    /// What a standard deviation of where each recording begins changes of the torque error: no cause, and in every tangent space.
+    pub begun: DepartureTorques,
 }
 
 /// A fitted model: the plain one when it has no effects.
@@ -336,7 +339,11 @@ impl<S: Subject> Problem<S> {
 
     /// Sum of squares of the held-out recordings under a fitted model, and their number of residuals.
     pub fn held_out(&self, fitted: &Fitted) -> Option<(f64, usize)> {
-        let holdout = self.holdout.as_ref()?;
+        self.squares_of(self.holdout.as_ref()?, fitted)
+    }
+
+    /// The same with the weights of `holdout`.
+    pub fn squares_of(&self, holdout: &S, fitted: &Fitted) -> Option<(f64, usize)> {
         let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
         let eta = self.holdout_eta(fitted)?;
         let normal =
@@ -346,25 +353,54 @@ impl<S: Subject> Problem<S> {
         Some((normal.gram[(last, last)], normal.rows))
     }
 
+    /// Takes what capture and smoothing make of a fitted plain model's own motion out of all residuals, where less is left then. The fit
+    /// without it, where it was taken out.
+    pub fn take_out_smoothing(&mut self, fitted: &Fitted) -> Option<Fitted> {
+        let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
+        let expected = self.train.expected_residual(eta, beta)?;
+        self.train.take_out(Some(&expected));
+        let other = self.fit(&[], eta, beta, super::BASELINE);
+        if other.cost() > fitted.cost() {
+            self.train.take_out(None);
+            return None;
+        }
+        let eta = self.holdout_eta(fitted).unwrap_or_default();
+        if let Some(holdout) = &mut self.holdout {
+            let expected = holdout.expected_residual(&eta, beta);
+            holdout.take_out(expected.as_ref());
+        }
+        Some(other)
+    }
+
     /// Sets the weights of train and held-out recordings at a fitted model.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
     pub fn weigh(&mut self, fitted: &Fitted) -> Result<(), Locked> {
-        let plain = self.nonlinear.len();
-        let mut train =
-            self.train
-                .with_effects(fitted.effects.clone(), Vec::new(), &self.train_when);
-        train.weigh(&fitted.state.eta[..plain], &fitted.state.beta)?;
-        self.train = train.with_effects(Vec::new(), Vec::new(), &self.train_when);
-        if let Some(holdout) = &self.holdout {
-            let mut weighed =
-                holdout.with_effects(fitted.effects.clone(), Vec::new(), &self.holdout_when);
-            let eta = self.holdout_eta(fitted).unwrap_or_default();
-            weighed.weigh(&eta, &fitted.state.beta)?;
-            self.holdout = Some(weighed.with_effects(Vec::new(), Vec::new(), &self.holdout_when));
-        }
+        (self.train, self.holdout) = self.weighed(fitted)?;
         Ok(())
+    }
+
+    /// Training and held-out recordings with the weights of a fitted model.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn weighed(&self, fitted: &Fitted) -> Result<(S, Option<S>), Locked> {
+        let plain = self.nonlinear.len();
+        let with = |residual: &S, eta: &[f64], when: &[When]| {
+            let mut own = residual.with_effects(fitted.effects.clone(), Vec::new(), when);
+            own.weigh(eta, &fitted.state.beta)?;
+            Ok::<_, Locked>(own.with_effects(Vec::new(), Vec::new(), when))
+        };
+        let train = with(&self.train, &fitted.state.eta[..plain], &self.train_when)?;
+        let holdout = (self.holdout.as_ref()).map(|h| {
+            with(
+                h,
+                &self.holdout_eta(fitted).unwrap_or_default(),
+                &self.holdout_when,
+            )
+        });
+        Ok((train, holdout.transpose()?))
     }
 
     /// Sets the weights at a fitted model. Where its film is so extreme that it makes more noise than the residual shows, weights set there
@@ -431,8 +467,8 @@ pub(super) struct Tangent {
     prior_roots: DVector<f64>,
     /// Slope of half the sum of squares, priors included, in the scaled unknowns: zero where a fit has ended.
     slope: DVector<f64>,
-    /// Whether the residual is no longer that of the fit.
-    shifted: bool,
+    /// How many of the columns, the last, are no unknowns of the fit: the residual is not at their optimum.
+    pub beside: usize,
 }
 
 impl Tangent {
@@ -441,7 +477,20 @@ impl Tangent {
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
     pub fn new<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Self, Locked> {
-        let mut residual = problem.residual(fitted);
+        Tangent::of(&problem.train, problem, fitted)
+    }
+
+    /// The same with the weights of `train`.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn of<S: Subject>(
+        train: &S,
+        problem: &Problem<S>,
+        fitted: &Fitted,
+    ) -> Result<Self, Locked> {
+        let (effects, free) = (fitted.effects.clone(), fitted.free.clone());
+        let mut residual = train.with_effects(effects, free, &problem.train_when);
         residual.linearise(&fitted.state.eta, &fitted.state.beta, true)?;
         let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
         let width = design.ncols() - 1;
@@ -481,29 +530,35 @@ impl Tangent {
             slope[j] /= norm;
             ridge[j] = unknowns[i].prior.map_or(0.0, |p| (p.sd * norm).powi(-2)) + 1e-12;
         }
+        let more = match problem.begun.is_empty() {
+            true => DMatrix::zeros(0, 0),
+            false => train.departure_rows(&problem.begun),
+        };
+        let more: Vec<_> = more.column_iter().filter(|c| c.norm() > 1e-9).collect();
+        let (own, size) = (free.len(), free.len() + more.len());
+        let mut columns = columns.resize_horizontally(size, 0.0);
+        let mut slope = slope.resize_vertically(size, 0.0);
+        for (j, c) in more.iter().enumerate() {
+            let norm = c.norm();
+            columns.set_column(own + j, &(c / norm));
+            slope[own + j] = columns.column(own + j).dot(&design.column(width));
+            ridge.push(norm.powi(-2));
+        }
         let mut gram = columns.tr_mul(&columns);
         for (j, r) in ridge.iter().enumerate() {
             gram[(j, j)] += r;
         }
-        let size = gram.nrows();
         let inverse = gram
             .cholesky()
             .map_or_else(|| DMatrix::identity(size, size), |c| c.inverse());
         Ok(Tangent {
+            beside: more.len(),
             columns,
             residual: design.column(width).into_owned(),
             inverse,
             prior_roots: DVector::from_iterator(size, ridge.iter().map(|r| r.sqrt())),
             slope,
-            shifted: false,
         })
-    }
-
-    /// Takes a part out of the residual that is known to be no fault of the model.
-    pub fn take_out(&mut self, known: &DVector<f64>) {
-        self.residual -= known;
-        self.slope -= self.columns.tr_mul(known);
-        self.shifted = true;
     }
 
     /// Coefficients with which the tangent space takes up a column, from the column's products with the columns here.
@@ -524,10 +579,9 @@ impl Tangent {
     /// The part of a'r that lies in the tangent space, from the product of a with the columns. At the fit's own residual there is none.
     pub fn hidden_product(&self, a: &DVector<f64>, r: &DVector<f64>) -> f64 {
         if std::ptr::eq(r, &self.residual) {
-            return if self.shifted {
-                a.dot(&(&self.inverse * &self.slope))
-            } else {
-                0.0
+            return match self.beside {
+                0 => 0.0,
+                _ => a.dot(&(&self.inverse * &self.slope)),
             };
         }
         a.dot(&(&self.inverse * self.columns.tr_mul(r)))

@@ -215,7 +215,7 @@ fn lasso(tangent: &Tangent, columns: &[(Acting, DVector<f64>)]) -> Vec<(usize, f
             let square = tangent.projected(column.norm_squared(), &along, &along);
             (square > 1e-9 * column.norm_squared()).then(|| Own {
                 index,
-                product: -column.dot(r) / square.sqrt(),
+                product: (tangent.hidden_product(&along, r) - column.dot(r)) / square.sqrt(),
                 column,
                 along,
                 norm: square.sqrt(),

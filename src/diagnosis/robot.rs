@@ -110,6 +110,7 @@ pub(super) fn open<'a>(
         nonlinear,
         linear,
         independent: super::judge::INDEPENDENT,
+        begun: DepartureTorques::new(),
     };
     Ok(problem)
 }
@@ -404,6 +405,10 @@ impl Subject for RobotResidual<'_> {
         RobotResidual::expected_residual(self, &motions, eta, beta, NOISE_PAIRS).ok()?
     }
 
+    fn take_out(&mut self, expected: Option<&DVector<f64>>) {
+        RobotResidual::take_out(self, expected);
+    }
+
     fn tolerances(&self) -> Vec<Tolerance> {
         let robot = self.robot();
         tolerance::of_robot(
@@ -421,6 +426,10 @@ impl Subject for RobotResidual<'_> {
     ) -> Result<DepartureTorques, Locked> {
         let list: Vec<Departure> = list.iter().map(|t| t.departure.clone()).collect();
         RobotResidual::departures(self, eta, beta, &list)
+    }
+
+    fn begun(&self, eta: &[f64], beta: &[f64]) -> Result<DepartureTorques, Locked> {
+        RobotResidual::begun(self, eta, beta)
     }
 
     fn departure_rows(&self, torques: &DepartureTorques) -> DMatrix<f64> {
@@ -486,11 +495,5 @@ impl Subject for RobotResidual<'_> {
             .zip(torque)
             .map(|(&c, t)| [d.time_s(c), t[0], t[1], t[2]])
             .collect())
-    }
-
-    fn unexplained(plain: f64, best: f64) -> bool {
-        let left = (best - 1.0).max(0.0);
-        let share = left / (plain - 1.0).max(1e-9);
-        (best > 4.0 && share > 0.03) || (best > 1.8 && share > 0.08) || (best > 1.6 && share > 0.6)
     }
 }

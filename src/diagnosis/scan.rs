@@ -348,12 +348,13 @@ fn steps<S: Subject>(problem: &Problem<S>, tangent: &Tangent, units: &[Unit]) ->
             if left <= 1e-9 * whole {
                 continue;
             }
-            let c = -product / left;
+            let score = product - tangent.hidden_product(&along, &tangent.residual);
+            let c = -score / left;
             let value = c * size;
             if value < q.lower || value > q.upper {
                 continue;
             }
-            let promised = product * product / left;
+            let promised = score * score / left;
             if best.is_none_or(|b| promised > b.0) {
                 best = Some((promised, value, i));
             }

@@ -18,10 +18,11 @@ use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
 use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
+use super::words::values;
 use super::{
     POLISH, baseline, chance, choose, gain, hidden, in_unit, judge, law, locate, next_experiment,
 };
-use super::{polish, refit, rising, rivals, spots, values};
+use super::{polish, refit, rising, rivals, spots};
 use crate::effects::{Acting, plain_name};
 use crate::residual::line::LineResidual;
 
@@ -37,10 +38,10 @@ const EXPECTED: f64 = 0.5;
 const UNLISTED: f64 = 0.25;
 /// Odds, of those of a named cause, from which another in its place is named with it.
 const RIVALS: f64 = 0.1;
-/// Largest mean square over the promised noise that may still be noise: what is read from a recording may be half of what there is.
-const MAY_BE_NOISE: f64 = 4.0;
-/// Ratio of mean squares from which it is worth saying that something could be foretold which nobody names: below it the error is less than a
-/// quarter above what it could be.
+/// Largest mean square over the promised noise that may still be noise: what is read from a recording may be a third of what there is.
+const MAY_BE_NOISE: f64 = 9.0;
+/// Mean square, over the noise and over what could be foretold, from which it is worth saying that something is at work which nobody names: below
+/// it the error is less than a quarter above what it could be.
 const WORTH_SAYING: f64 = 1.5;
 /// Mean square to which a cause must bring what is not foretold, of the model's without: an error that falls by less than 5 % is of no use.
 const MATTERS: f64 = 0.9;
@@ -201,9 +202,7 @@ pub(super) fn doubt(
     listed.dedup();
     let each = EXPECTED / listed.len().max(1) as f64;
     let bench = Bench {
-        blocks: Blocks {
-            edges: problem.train.blocks(),
-        },
+        blocks: Blocks::whole(problem.train.blocks()),
         plain_values: Vec::new(),
         prior: (each / (1.0 - each)).ln(),
         problem: &problem,
@@ -384,7 +383,7 @@ pub(super) fn doubt(
         reach.is_some_and(|f| {
             f.beats(&m.foretold) > BETTER
                 && WORTH_SAYING * f.mean_square() < m.foretold.mean_square()
-                && WORTH_SAYING * f.mean_square().min(1.0) < m.fits
+                && m.raw.min(m.fits) > WORTH_SAYING
         })
     };
     let significant = surprise > 1.0;

@@ -142,6 +142,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     fn expected_residual(&self, _eta: &[f64], _beta: &[f64]) -> Option<DVector<f64>> {
         None
     }
+    /// Takes what is known to be left by capture and smoothing out of all residuals from now on.
+    fn take_out(&mut self, _expected: Option<&DVector<f64>>) {}
     /// What may be off in the rig as it is built, and by how much.
     fn tolerances(&self) -> Vec<Tolerance> {
         Vec::new()
@@ -153,6 +155,10 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
         _beta: &[f64],
         _list: &[Tolerance],
     ) -> Result<DepartureTorques, Locked> {
+        Ok(DepartureTorques::new())
+    }
+    /// What a standard deviation of where each recording begins changes of the torque error: the branches remember it.
+    fn begun(&self, _eta: &[f64], _beta: &[f64]) -> Result<DepartureTorques, Locked> {
         Ok(DepartureTorques::new())
     }
     /// The same as whitened columns.
@@ -194,9 +200,4 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     fn independent(&self, _residual: &[f64]) -> f64 {
         super::judge::INDEPENDENT
     }
-    /// Score differences of this size make odds of e to 1 in probabilities.
-    const TEMPERATURE: f64 = super::TEMPERATURE;
-    /// Whether what the best model leaves must be something that is in no entry, from the mean squares of the plain and the best
-    /// model.
-    fn unexplained(plain: f64, best: f64) -> bool;
 }

@@ -129,6 +129,8 @@ struct Prepared<'a> {
     drawn: Arc<Vec<Option<Mechanics>>>,
     /// The recording about given values of effects that move the mechanism or the motion.
     linear: Option<Arc<Linear>>,
+    /// What capture and smoothing are known to make of the filtered residual of a right model, N m; empty where nothing is known.
+    smoothed: Arc<Triples>,
     /// Torque of each direction of departure at the frames, N m, and filtered: kept sample, chain, direction.
     departed: Arc<(Vec<Chains>, Vec<f64>)>,
     /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been worked out.
@@ -645,7 +647,8 @@ impl<'a> RobotResidual<'a> {
                         row[value_at + place] = column[kept][k];
                     }
                     let needed: f64 = row[..t_at].iter().zip(reference).map(|(b, x)| b * x).sum();
-                    row[last] = needed + condition.load[kept][k] - maxwell[kept][k];
+                    let known = r.smoothed.get(kept).map_or(0.0, |known| known[k]);
+                    row[last] = needed + condition.load[kept][k] - maxwell[kept][k] - known;
                 }
                 // Whitening mixes the three chains of a sample.
                 let w = &r.whitening[kept];
@@ -1262,6 +1265,38 @@ impl<'a> RobotResidual<'a> {
             .collect()
     }
 
+    /// What it changes of the torque error that a recording begins elsewhere than where its smoothed first sample lies, by a standard deviation
+    /// of that in each chain's angle. The film is taken to have relaxed there, so that the noise of one sample stays in the branches for as
+    /// long as they remember. For each recording, three for each of all recordings.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn begun(&self, eta: &[f64], beta: &[f64]) -> Result<DepartureTorques, Locked> {
+        let parameters = self.parameters(eta, beta);
+        let all = self.recordings.len();
+        let of = |number: usize, r: &Prepared| {
+            let none = || [(); 3].map(|()| vec![0.0; r.mechanics.samples()]);
+            let mut out: Vec<Chains> = (0..3 * all).map(|_| none()).collect();
+            let mut other = (*r.mechanics).clone();
+            for k in 0..3 {
+                let (lozenge, lever) = (&r.mechanics.robot.lozenges[k], r.mechanics.levers[0][k]);
+                let sd = |axis: usize| r.dataset.axes[axis].position_sd[0] * lever[axis];
+                let sd = sd(0).hypot(sd(1)).hypot(sd(2));
+                let angle = r.mechanics.chains[k].theta_dea_rad[0] + sd;
+                let rest = lozenge.stretches(angle).map(|l| (l * l).recip());
+                let before = r.mechanics.film_torque_n_m(k, &parameters)?;
+                other.chains[k].history.first.rest = rest;
+                let after = other.film_torque_n_m(k, &parameters)?;
+                let change = after.iter().zip(&before).map(|(a, b)| a[1] - b[1]);
+                out[3 * number + k][k] = change.collect();
+            }
+            Ok(out)
+        };
+        (self.recordings.par_iter().enumerate())
+            .map(|(number, r)| of(number, r))
+            .collect()
+    }
+
     /// The columns of [`RobotResidual::departures`] in whitened residuals, row by row as in [`RobotResidual::design`].
     pub fn departure_rows(&self, torques: &[Vec<Chains>]) -> DMatrix<f64> {
         let count = torques.first().map_or(0, Vec::len);
@@ -1446,7 +1481,12 @@ impl<'a> RobotResidual<'a> {
         let parameters = self.parameters(eta, beta);
         let offset = self.offset_s(recording, eta);
         let effects = self.effects(eta);
-        let own = self.mechanics_with(recording, &effects)?;
+        // Kept tracks are read without effects on the motion, and so is then what they differ from.
+        let kept = numbers == (0..self.replicates) && !r.drawn.is_empty();
+        let own = match kept {
+            true => Cow::Borrowed(&*r.mechanics),
+            false => self.mechanics_with(recording, &effects)?,
+        };
         let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
         let change = |mechanics: Option<&Mechanics>| {
             let Some(mechanics) = mechanics else {
@@ -1464,7 +1504,6 @@ impl<'a> RobotResidual<'a> {
             }
             Ok(error)
         };
-        let kept = numbers == (0..self.replicates) && !r.drawn.is_empty();
         let at_once = at_once(r.dataset.samples());
         for from in numbers.clone().step_by(at_once) {
             let errors = (from..(from + at_once).min(numbers.end))
@@ -1768,11 +1807,34 @@ impl<'a> RobotResidual<'a> {
         let retaken = |number: usize, dataset: &Dataset, generator: &mut ChaCha12Rng, times| {
             dataset.retaken_track(&motions[number], generator, times)
         };
-        let drawn = self.drawn(eta, beta, pairs, retaken, |other| {
+        let mut whole = self.clone();
+        whole.take_out(None);
+        let drawn = whole.drawn(eta, beta, pairs, retaken, |other| {
             let design = other.design(eta, beta)?;
             Ok(design.column(design.ncols() - 1).into_owned())
         })?;
         Ok(drawn.map(|d| d.iter().sum::<DVector<f64>>() / d.len() as f64))
+    }
+
+    /// Takes what capture and smoothing make of a right model ([`RobotResidual::expected_residual`], under the present weights) out of all
+    /// residuals from now on; nothing where it is `None`.
+    pub fn take_out(&mut self, expected: Option<&DVector<f64>>) {
+        let mut first = 0;
+        for r in &mut self.recordings {
+            let end = first + 3 * r.centres.len();
+            r.smoothed = Arc::new(expected.map_or_else(Vec::new, |all| {
+                let whitened = all.as_slice()[first..end].chunks_exact(3);
+                (whitened.zip(&r.whitening))
+                    .map(|(e, w)| {
+                        // W lower triangular
+                        let a = e[0] / w[0];
+                        let b = (e[1] - w[1] * a) / w[2];
+                        [a, b, (e[2] - w[3] * a - w[4] * b) / w[5]]
+                    })
+                    .collect()
+            }));
+            first = end;
+        }
     }
 
     /// What `of` says of this residual with other tracks, in pairs of draws of the noise.
@@ -2036,6 +2098,7 @@ fn prepare<'a>(
         whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
         robust: vec![1.0; kept],
         errors: Arc::default(),
+        smoothed: Arc::default(),
         departed: Arc::default(),
         torque_variance: Arc::default(),
     };

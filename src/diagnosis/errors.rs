@@ -1,0 +1,212 @@
+//! Errors of fitted models in the quantity that is driven, and where they lie.
+
+use super::locate::Spot;
+use super::outcome::*;
+use super::problem::{Fitted, Problem};
+use super::subject::Subject;
+use crate::effects::When;
+
+/// Torque error of the plain and the augmented model at every kept sample, in standard deviations of its own noise.
+pub(super) fn spots<S: Subject>(
+    problem: &Problem<S>,
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<Vec<Spot>, Error> {
+    let of = |f: &Fitted| -> Result<Vec<f64>, Error> {
+        let residual = problem.residual(f);
+        let design = residual.design(&f.state.eta, &f.state.beta)?;
+        Ok(design.column(design.ncols() - 1).iter().copied().collect())
+    };
+    let (a, b) = rayon::join(|| of(before), || of(after));
+    let (a, b) = (a?, b?);
+    let same = after.effects.is_empty();
+    let mut out = Vec::with_capacity(a.len());
+    let mut row = 0;
+    for number in 0..problem.train_when.len() {
+        let places = problem.train.at(number);
+        for (at, w) in places.iter().zip(problem.train.whitening(number)) {
+            let of = |e: &[f64]| {
+                let mut three = [0.0; 3];
+                three[..S::CHAINS].copy_from_slice(&e[row..row + S::CHAINS]);
+                unwhiten(&w, &three)
+            };
+            let (before, after) = (of(&a), of(&b));
+            for k in 0..S::CHAINS {
+                out.push(Spot {
+                    recording: number,
+                    actuator: k,
+                    before: before[k],
+                    after: if same { 1.0 } else { after[k] },
+                    at: at[k],
+                });
+            }
+            row += S::CHAINS;
+        }
+    }
+    Ok(out)
+}
+
+/// Squares of the torque errors over their own standard deviations, from whitened ones.
+pub(super) fn unwhiten(w: &[f64; 6], e: &[f64]) -> [f64; 3] {
+    // e = W r with W lower triangular; L = W^-1 has the covariance L L'.
+    let l00 = 1.0 / w[0];
+    let l11 = 1.0 / w[2];
+    let l22 = 1.0 / w[5];
+    let l10 = -w[1] * l00 * l11;
+    let l21 = -w[4] * l11 * l22;
+    let l20 = -(w[3] * l00 + w[4] * l10) * l22;
+    let r = [
+        l00 * e[0],
+        l10 * e[0] + l11 * e[1],
+        l20 * e[0] + l21 * e[1] + l22 * e[2],
+    ];
+    let v = [
+        l00 * l00,
+        l10 * l10 + l11 * l11,
+        l20 * l20 + l21 * l21 + l22 * l22,
+    ];
+    [0, 1, 2].map(|k| r[k] * r[k] / v[k])
+}
+
+/// Errors before and after, and the traces that show them.
+pub(super) fn gain<S: Subject>(
+    residual: &S,
+    when: &[When],
+    before: &Fitted,
+    after: &Fitted,
+    held_out: bool,
+    plain_eta: impl Fn(&Fitted) -> Option<Vec<f64>>,
+) -> Result<(Gain, Vec<Traces>), Error> {
+    let eta = [before, after].map(|f| plain_eta(f).unwrap_or_default());
+    let models =
+        [before, after].map(|f| residual.with_effects(f.effects.clone(), Vec::new(), when));
+    let fits = [before, after];
+    let mut sums = [[0.0; 2]; 3]; // before, after, floor: of the basis, all
+    let mut counts = [0.0; 2];
+    let mut traces = Vec::new();
+    for (number, place) in residual.whereabouts().into_iter().enumerate() {
+        let [a, b] = [0, 1].map(|i| models[i].errors(number, &eta[i], &fits[i].state.beta));
+        let (a, b) = (a?, b?);
+        let n = a.time_s.len();
+        let mut trace = Traces {
+            id: place.id,
+            held_out,
+            before_v: vec![[f64::NAN; 3]; n],
+            after_v: vec![[f64::NAN; 3]; n],
+            torque_before: models[0].kept_errors(number, &eta[0], &fits[0].state.beta)?,
+            torque_after: models[1].kept_errors(number, &eta[1], &fits[1].state.beta)?,
+            time_s: a.time_s,
+            command_v: a.command,
+            height_mm: a.height,
+        };
+        for i in 0..n {
+            for k in 0..S::CHAINS {
+                if !(a.counts[i] && b.counts[i]) {
+                    continue;
+                }
+                let e = [a.error[i][k], b.error[i][k]];
+                trace.before_v[i][k] = e[0];
+                trace.after_v[i][k] = e[1];
+                let told = a.basis[i][k];
+                let squares = [e[0] * e[0], e[1] * e[1], b.sd[i][k].powi(2)];
+                for (sum, square) in sums.iter_mut().zip(squares) {
+                    sum[1] += square;
+                    if told {
+                        sum[0] += square;
+                    }
+                }
+                counts[1] += 1.0;
+                counts[0] += f64::from(told);
+            }
+        }
+        traces.push(trace);
+    }
+    let rms = |i: usize, j: usize| (sums[i][j] / counts[j]).sqrt();
+    let finite = [0, 1, 2].iter().all(|&i| rms(i, 1).is_finite());
+    if !finite {
+        return Err(Error::NothingExcited(format!(
+            "the errors of {} samples make no number ({}, {} and {} before, after and from noise): nothing can be judged; look for \
+             numbers beyond all plausibility with `deacal import REC`, or give longer recordings",
+            counts[1],
+            rms(0, 1),
+            rms(1, 1),
+            rms(2, 1)
+        )));
+    }
+    Ok((
+        Gain {
+            before_v: rms(0, 0),
+            after_v: rms(1, 0),
+            noise_floor_v: rms(2, 0),
+            all_v: [rms(0, 1), rms(1, 1), rms(2, 1)],
+        },
+        traces,
+    ))
+}
+
+/// Whether the error that a model leaves is more than noise makes, whose variance is known no better than by a quarter.
+pub(super) fn above_noise<S: Subject>(
+    problem: &Problem<S>,
+    fitted: &Fitted,
+) -> Result<bool, Error> {
+    let eta = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
+    let when = &problem.train_when;
+    let told = gain(&problem.train, when, fitted, fitted, false, eta)?.0;
+    let [before, noise] = match told.before_v.is_finite() {
+        true => [told.before_v, told.noise_floor_v],
+        false => [told.all_v[0], told.all_v[2]],
+    };
+    Ok(before.powi(2) > ABOVE_NOISE * noise.powi(2))
+}
+
+/// Square of an error over the noise's from which it is more than noise.
+pub(super) const ABOVE_NOISE: f64 = 1.25;
+
+/// Whether a model's error is larger than another's where either was fitted, or on what was held out.
+pub(super) fn raises_error<S: Subject>(
+    problem: &Problem<S>,
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<bool, Error> {
+    let own = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
+    let when = &problem.train_when;
+    let rises = |g: &Gain| g.after_v > g.before_v;
+    if rises(&gain(&problem.train, when, before, after, false, own)?.0) {
+        return Ok(true);
+    }
+    let Some(h) = &problem.holdout else {
+        return Ok(false);
+    };
+    let eta = |f: &Fitted| problem.holdout_eta(f);
+    Ok(rises(
+        &gain(h, &problem.holdout_when, before, after, true, eta)?.0,
+    ))
+}
+
+/// Error that a model takes away from another's, as a root of the difference of squares: on the held-out recordings, where there are any.
+pub(super) fn taken_away<S: Subject>(
+    problem: &Problem<S>,
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<f64, Error> {
+    let gain = match &problem.holdout {
+        Some(h) => {
+            let eta = |f: &Fitted| problem.holdout_eta(f);
+            gain(h, &problem.holdout_when, before, after, true, eta)?.0
+        }
+        None => {
+            let eta = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
+            gain(
+                &problem.train,
+                &problem.train_when,
+                before,
+                after,
+                false,
+                eta,
+            )?
+            .0
+        }
+    };
+    let squares = gain.before_v.powi(2) - gain.after_v.powi(2);
+    Ok(squares.max(0.0).sqrt())
+}

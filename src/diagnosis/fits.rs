@@ -1,0 +1,203 @@
+//! Fits of the plain model and of hypotheses beside it.
+
+use rayon::prelude::*;
+
+use super::blocks::Blocks;
+use super::judge::Judged;
+use super::outcome::*;
+use super::problem::{Fitted, Problem, Tangent};
+use super::scan::{Group, Scanned, Unit, fingerprints, scan};
+use super::subject::Subject;
+use super::{BASELINE, FIRST, OF_ONE, PARTNERS, POLISH, RARE};
+use crate::effects::Acting;
+
+/// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is believed; with that
+/// of an ordinary film ([`Problem::log_noise`]).
+pub(super) fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, [f64; 2]), Error> {
+    let ordinary = ordinary(problem)?;
+    let first = problem.several(BASELINE);
+    if !first.cost().is_finite() {
+        return Err(Error::Baseline(first.state.failure.unwrap_or_default()));
+    }
+    if !problem.weigh_if_believed(&first, ordinary)? {
+        return Ok((first, ordinary));
+    }
+    let (a, b) = rayon::join(
+        || problem.fit(&[], &first.state.eta, &first.state.beta, BASELINE),
+        || problem.nominal(&[], BASELINE),
+    );
+    Ok((if a.cost() < b.cost() { a } else { b }, ordinary))
+}
+
+/// Weighs by the noise of an ordinary film, and says how much that is ([`Problem::log_noise`]).
+pub(super) fn ordinary<S: Subject>(problem: &mut Problem<S>) -> Result<[f64; 2], Error> {
+    problem.weigh(&problem.typical())?;
+    Ok(problem.log_noise())
+}
+
+/// The most promising hypotheses, not too many of one effect.
+pub(super) fn choose(scanned: &[Scanned], count: usize) -> Vec<&Scanned> {
+    let mut out: Vec<&Scanned> = Vec::new();
+    for s in scanned {
+        let same = |c: &&&Scanned| c.acting.effect.id() == s.acting.effect.id();
+        let of = out.iter().filter(same).count();
+        let known = out.iter().any(|c| c.acting.is(&s.acting));
+        if out.len() < count
+            && of < OF_ONE
+            && !(known && of > 0 && s.promised < 0.5 * out[0].promised)
+        {
+            out.push(s);
+        }
+    }
+    out
+}
+
+/// Fits the hypotheses, each beside the effects that are there already, best first.
+pub(super) fn refit<S: Subject>(
+    problem: &Problem<S>,
+    base: &Fitted,
+    chosen: &[&Scanned],
+    beside: &[Acting],
+) -> Vec<Fitted> {
+    let plain = problem.nonlinear.len();
+    let mut fits: Vec<Fitted> = chosen
+        .par_iter()
+        .map(|s| {
+            let mut effects = beside.to_vec();
+            effects.push(s.acting.clone());
+            let warm = problem.fit(&effects, &base.state.eta[..plain], &base.state.beta, FIRST);
+            if warm.cost() > base.cost() - 0.5 * s.promised {
+                // Worse than promised: the plain film may have run to its bounds.
+                let cold = problem.nominal(&effects, FIRST);
+                if cold.cost() < warm.cost() {
+                    return cold;
+                }
+            }
+            warm
+        })
+        .filter(|f: &Fitted| f.cost().is_finite())
+        .collect();
+    fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+    fits
+}
+
+/// A fit carried on to its end, thresholds also from either side.
+pub(super) fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitted {
+    let plain = problem.nonlinear.len();
+    let mut starts = vec![fitted.effects.clone()];
+    for (e, a) in fitted.effects.iter().enumerate() {
+        for (v, q) in a.effect.parameters().iter().enumerate() {
+            let threshold = q.size && (q.off.is_infinite() || q.name == "threshold");
+            if threshold && q.name != "rate_down" {
+                for factor in [0.87, 1.13] {
+                    let mut other = fitted.effects.clone();
+                    let near = other[e].values[v];
+                    other[e].values[v] = if q.name == "theta_stop" {
+                        near + 0.1 * (factor - 1.0)
+                    } else {
+                        (near * factor).clamp(q.lower, q.upper)
+                    };
+                    starts.push(other);
+                }
+            }
+        }
+    }
+    starts
+        .into_iter()
+        .map(|s| problem.fit(&s, &fitted.state.eta[..plain], &fitted.state.beta, POLISH))
+        .filter(|f| f.cost().is_finite())
+        .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+        .unwrap_or_else(|| fitted.clone())
+}
+
+/// A fit with every effect read as plainly as it can be, where that fits as well within what `chance` makes of a sum of squares.
+pub(super) fn plainest<S: Subject>(
+    problem: &Problem<S>,
+    blocks: &Blocks,
+    judged: &Judged,
+    chance: f64,
+) -> Judged {
+    let fitted = &judged.fitted;
+    let mut effects = fitted.effects.clone();
+    let mut plainer = false;
+    for a in &mut effects {
+        if let Some(values) = a.effect.plainer(&a.values) {
+            a.values = values;
+            plainer = true;
+        }
+    }
+    if !plainer {
+        return judged.clone();
+    }
+    let plain = problem.nonlinear.len();
+    let (eta, beta) = (&fitted.state.eta[..plain], &fitted.state.beta);
+    let other = problem.fit(&effects, eta, beta, POLISH);
+    // a shape that is usual for one reading need not be so for the other
+    if other.state.data_cost < fitted.state.data_cost + chance {
+        let score = judged.score;
+        return Judged {
+            score,
+            ..Judged::new(problem, blocks, other)
+        };
+    }
+    judged.clone()
+}
+
+/// The best partners of an effect.
+pub(super) fn with_partner<S: Subject>(
+    problem: &Problem<S>,
+    blocks: &Blocks,
+    first: &Judged,
+    groups: &[Group],
+    units: &[Unit],
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Vec<Judged>, Error> {
+    let tangent = Tangent::new(problem, &first.fitted)?;
+    let own: Vec<&str> = first.fitted.effects.iter().map(|a| a.effect.id()).collect();
+    let scanned: Vec<Scanned> = scan(problem, &tangent, groups, units, wanted)
+        .into_iter()
+        .filter(|s| !own.contains(&s.acting.effect.id()))
+        .collect();
+    let count = if first.mean_square > 3.0 { 6 } else { 3 };
+    let chosen: Vec<&Scanned> = choose(&scanned, count);
+    let mut fits = refit(problem, &first.fitted, &chosen, &first.fitted.effects);
+    fits.truncate(PARTNERS);
+    Ok(fits
+        .into_par_iter()
+        .map(|f| Judged::new(problem, blocks, polish(problem, &f)))
+        .collect())
+}
+
+/// The best fit of a cause that is thought of only where no other will do.
+pub(super) fn of_the_rare<S: Subject>(
+    problem: &Problem<S>,
+    blocks: &Blocks,
+    plain: &Judged,
+    rare: &(dyn Fn(&str) -> bool + Sync),
+) -> Result<Option<Judged>, Error> {
+    let tangent = Tangent::new(problem, &plain.fitted)?;
+    let groups = fingerprints(problem, &plain.fitted, rare);
+    let scanned = scan(problem, &tangent, &groups, &[], rare);
+    let fits = refit(problem, &plain.fitted, &choose(&scanned, RARE), &[]);
+    Ok(fits
+        .iter()
+        .map(|f| Judged::new(problem, blocks, polish(problem, f)))
+        .min_by(|a, b| a.score.total_cmp(&b.score)))
+}
+
+/// Relaxation times in rising order, their moduli with them.
+pub(super) fn rising(mut p: crate::model::Parameters) -> crate::model::Parameters {
+    let mut pairs: Vec<(f64, f64)> = p
+        .film
+        .relaxation_time_s
+        .iter()
+        .copied()
+        .zip(p.film.mu_pa[1..].iter().copied())
+        .collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (i, (t, mu)) in pairs.into_iter().enumerate() {
+        p.film.relaxation_time_s[i] = t;
+        p.film.mu_pa[i + 1] = mu;
+    }
+    p
+}

@@ -19,7 +19,7 @@ use crate::diagnosis::{
 pub struct DiagnosisJson {
     /// `adequate`, `missing_physics`, `unexplained` or `recording`: the recording or a stated number is wrong, and no physics is named.
     pub verdict: String,
-    /// Probability of the verdict.
+    /// Probability of the verdict; null where the recording is to be mended first and no check has odds.
     pub confidence: Number,
     /// The verdict in one or two sentences.
     pub says: String,

@@ -158,7 +158,9 @@ fn is_figure(root: &Value, own: &serde_json::Map<String, Value>, key: &str) -> b
         "std_error" | "ci95" => is("identifiable") && !is("fixed"),
         "weighted_mean_square" | "noise_mean_square" => of_robot,
         "eps_r" => of_robot || job == Some("sample"),
-        "probability" | "confidence" => true,
+        "probability" => true,
+        // what has to be mended first has no odds
+        "confidence" => root.get("verdict") != Some(&"recording".into()),
         _ => false,
     }
 }

@@ -270,14 +270,21 @@ impl Subject for LineResidual<'_> {
         let mut out = vec![
             Coordinate {
                 dimension: "position",
-                says: "position",
+                says: match self.kind() {
+                    Kind::Coupon => "stretch",
+                    Kind::Bench => "angle",
+                    Kind::Axis => "position",
+                },
                 unit: coordinate.into(),
                 at: 6,
                 rounding: fine(scales.coordinate),
             },
             Coordinate {
                 dimension: "largest_stretch",
-                says: "largest excursion so far",
+                says: match self.kind() {
+                    Kind::Coupon => "largest stretch so far",
+                    _ => "largest excursion so far",
+                },
                 unit: coordinate.into(),
                 at: 5,
                 rounding: fine(scales.coordinate),

@@ -132,6 +132,10 @@ pub(super) fn locate(
         }
         let inside = move |s: &Spot| (range[0]..=range[1]).contains(&s.at[at]);
         let (e, c) = share(&inside);
+        let behind = match unit {
+            "1" => String::new(),
+            unit => format!(" {unit}"),
+        };
         push(
             &mut found,
             ratio,
@@ -146,7 +150,7 @@ pub(super) fn locate(
                 share_of_samples: c,
                 p_value: p_value(ratio),
                 says: format!(
-                    "{:.0} % of the excess lies at {} {says} of {} to {} {unit}, where {:.0} % of the samples are",
+                    "{:.0} % of the excess lies at {} {says} of {} to {}{behind}, where {:.0} % of the samples are",
                     100.0 * e,
                     article(says),
                     range[0],

@@ -404,7 +404,7 @@ pub(super) fn doubt(
             Verdict::MissingPhysics
         }
         _ if beaten(&plain) => Verdict::Unexplained,
-        _ if structured(&plain)? => Verdict::Unexplained,
+        _ if structured(&plain)? || misses(&problem, &plain, independent)? => Verdict::Unexplained,
         _ => Verdict::Adequate,
     };
     let in_model = verdict == Verdict::MissingPhysics;
@@ -732,6 +732,41 @@ fn is_structured(residual: &[f64], blocks: &Blocks, shape: impl Fn(f64) -> [f64;
     peaks > 0.5 * all
 }
 
+/// Whether a model errs on the recordings that took no part as it should not: its mean square there is more than [`MAY_BE_NOISE`] times what it
+/// leaves where it was fitted and what its parameters, uncertain as they are, make there.
+fn misses(problem: &Problem<LineResidual>, model: &Model, independent: f64) -> Result<bool, Error> {
+    let Some(holdout) = &problem.holdout else {
+        return Ok(false);
+    };
+    let fitted = &model.fitted;
+    let eta = problem.holdout_eta(fitted).unwrap_or_default();
+    let held = holdout.design(&eta, &fitted.state.beta)?;
+    let own = problem
+        .residual(fitted)
+        .design(&fitted.state.eta, &fitted.state.beta)?;
+    // clock offsets are each recording's own; the other unknowns are shared
+    let shared = |residual: &LineResidual, design: &DMatrix<f64>| {
+        let offsets = residual.free_offsets().len();
+        let first = residual.plain_unknowns() - offsets;
+        design.clone().remove_columns(first, offsets)
+    };
+    let (own, held) = (shared(&problem.train, &own), shared(holdout, &held));
+    let last = own.ncols() - 1;
+    let mut precision = own.columns(0, last).tr_mul(&own.columns(0, last)) * independent;
+    for j in 0..last {
+        let diagonal = precision[(j, j)];
+        precision[(j, j)] = diagonal * (1.0 + 1e-9) + f64::MIN_POSITIVE.sqrt();
+    }
+    let told = held.columns(0, last);
+    let uncertain = precision
+        .cholesky()
+        .map_or(0.0, |c| told.dot(&c.solve(&told.transpose()).transpose()));
+    let rows = held.nrows() as f64;
+    let fits = (own.column(last).norm_squared() / own.nrows() as f64).max(1.0);
+    let expected = fits * (1.0 + uncertain / rows);
+    Ok(held.column(last).norm_squared() / rows > MAY_BE_NOISE * expected)
+}
+
 /// Density over the median from which a frequency stands out: noise goes beyond it in four of a thousand.
 const PEAK: f64 = 8.0;
 
@@ -822,7 +857,7 @@ fn says(
                         list.join(", ")
                     )
                 });
-                format!("{id} ({}{others})", c.acting.effect.says())
+                format!("{} ({}{others})", plain_name(id), c.acting.effect.says())
             };
             let named: Vec<String> = candidates.iter().filter(|c| c.in_model).map(name).collect();
             format!(
@@ -833,14 +868,25 @@ fn says(
                 number(train.noise_floor_v)
             )
         }
-        Verdict::Adequate => format!(
+        Verdict::Adequate if train.before_v <= WORTH_SAYING * train.noise_floor_v => format!(
             "The plain model suffices: what it leaves, {}, is what noise leaves, and no cause of the catalogue foretells more than it does.",
             number(train.before_v)
         ),
+        Verdict::Adequate => format!(
+            "Nothing that could be told foretells more than the plain model. It leaves {}, {:.1} times the noise that was read from the \
+             recordings; that noise may be read too low by as much.",
+            number(train.before_v),
+            train.before_v / train.noise_floor_v
+        ),
         Verdict::Unexplained => format!(
-            "Model and recordings differ by more than noise ({} against {}), and no cause of the catalogue accounts for it.{}",
+            "Model and recordings differ by more than noise ({} against {}{}), and no cause of the catalogue accounts for it.{}",
             number(train.before_v),
             number(train.noise_floor_v),
+            holdout.map_or(String::new(), |h| format!(
+                "; on what took no part {} against {}",
+                number(h.before_v),
+                number(h.noise_floor_v)
+            )),
             places
                 .first()
                 .map_or(String::new(), |p| format!(" It lives here: {}.", p.says))

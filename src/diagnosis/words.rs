@@ -393,5 +393,8 @@ pub fn in_unit(x: f64, unit: &str) -> String {
     } else {
         (2 - x.abs().log10().floor() as i32).clamp(0, 9) as usize
     };
+    if x.abs() >= 1e6 {
+        return format!("{x:.2e} {unit}");
+    }
     format!("{x:.digits$} {unit}")
 }

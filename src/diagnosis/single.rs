@@ -873,8 +873,8 @@ fn says(
             number(train.before_v)
         ),
         Verdict::Adequate => format!(
-            "Nothing that could be told foretells more than the plain model. It leaves {}, {:.1} times the noise that was read from the \
-             recordings; that noise may be read too low by as much.",
+            "No cause stands out from the noise. The plain model leaves {}, {:.1} times the noise that was read from the recordings; that \
+             noise may be read too low by as much.",
             number(train.before_v),
             train.before_v / train.noise_floor_v
         ),

@@ -96,8 +96,12 @@ impl Blocks {
         }
     }
 
-    /// What a fitted model leaves unforetold in each block; `more` are columns beside its own with a ridge over their squared length.
-    pub fn foretell(&self, tangent: &Tangent, more: Option<(&DMatrix<f64>, f64)>) -> Foretold {
+    /// What a fitted model leaves unforetold in each block; `more` are columns beside its own, each with a ridge over its squared length.
+    pub fn foretell(
+        &self,
+        tangent: &Tangent,
+        more: Option<(&DMatrix<f64>, &DVector<f64>)>,
+    ) -> Foretold {
         let own = tangent.columns.ncols();
         let width = own + more.map_or(0, |m| m.0.ncols());
         let rows = tangent.residual.len();
@@ -112,13 +116,13 @@ impl Blocks {
         for j in own - tangent.beside..own {
             slope[j] = tangent.slope()[j];
         }
-        if let Some((columns, weight)) = more {
+        if let Some((columns, weights)) = more {
             for (j, c) in columns.column_iter().enumerate() {
                 let norm = c.norm();
                 if norm > 0.0 {
                     x.set_column(own + j, &(c / norm));
                 }
-                ridge[own + j] = weight;
+                ridge[own + j] = weights[j];
                 slope[own + j] = x.column(own + j).dot(&tangent.residual);
             }
         }

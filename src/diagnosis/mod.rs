@@ -90,6 +90,10 @@ const BASELINE: Effort = Effort {
 };
 /// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
 const WORTH_A_FIT: f64 = 0.5;
+/// Mean square of the best causes, over the noise, above which parts are looked for beside them.
+const BEYOND_NOISE: f64 = 1.1;
+/// Causes that are fitted beside parts that differ.
+const BESIDE_PARTS: usize = 6;
 /// Leading effects that are fitted again at the leader's weights.
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
@@ -151,16 +155,19 @@ fn chain<S: Subject>(
         only => only.iter().any(|o| o == id),
     };
     watch("fitting the plain model");
-    let (built, mut plain, ordinary) = match built {
-        Some((built, plain)) => {
+    let own = problem.nonlinear.len();
+    let (built, start, mut plain, ordinary) = match built {
+        Some((built, start)) => {
             let ordinary = ordinary(&mut problem)?;
-            problem.weigh_if_believed(&plain, ordinary)?;
-            let plain = problem.fit(&[], &plain.state.eta, &plain.state.beta, BASELINE);
-            (Some(built), plain, ordinary)
+            problem.weigh_if_believed(&start, ordinary)?;
+            let (eta, beta) = (&start.state.eta[..own], &start.state.beta);
+            let plain = problem.fit(&[], eta, beta, BASELINE);
+            let start = Some(start).filter(|s| !s.effects.is_empty());
+            (Some(built), start, plain, ordinary)
         }
         None => {
             let (plain, ordinary) = baseline(&mut problem)?;
-            (None, plain, ordinary)
+            (None, None, plain, ordinary)
         }
     };
     problem.begun = (problem.train).begun(&plain.state.eta, &plain.state.beta)?;
@@ -213,6 +220,11 @@ fn chain<S: Subject>(
         chosen.extend(new);
     }
     let mut fits = refit(&problem, &plain, &chosen, &[]);
+    if let Some(start) = &start {
+        let (eta, beta) = (&start.state.eta[..own], &start.state.beta);
+        fits.push(problem.fit(&start.effects, eta, beta, FIRST));
+        fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+    }
     // a leader that gains by making less of the noise must not set the weights of all
     let leads = |f: &&Fitted| {
         let judged = || Judged::new(&problem, &chance.blocks, (*f).clone());
@@ -300,7 +312,7 @@ fn chain<S: Subject>(
             && (0..j.fitted.effects.len()).all(|own| {
                 let id = j.fitted.effects[own].effect.id();
                 let alone = odds.cause(id);
-                if beyond_noise || alone >= 0.5 {
+                if alone >= 0.5 {
                     return alone > odds.nothing();
                 }
                 let others = alike(&problem, &j.fitted, own, &groups);
@@ -356,11 +368,12 @@ fn chain<S: Subject>(
             }
         }
     }
+    let mut odds = told(&singles, &partners);
+    pair = pair.filter(|p| supported(p, &odds));
     if let (false, Some(named)) = (adequate, pair.as_mut().or(singles.first_mut())) {
         *named = plainest(&problem, &chance.blocks, named, allowed);
     }
     let mut best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
-    let mut odds = told(&singles, &partners);
     let raises = !adequate && raises_error(&problem, &plain.fitted, &best.fitted)?;
     let mut verdict = if adequate || singles.is_empty() || (raises && !beyond_noise) {
         Verdict::Adequate
@@ -374,17 +387,50 @@ fn chain<S: Subject>(
         watch("looking at tolerances");
         let rows = INDEPENDENT * plain.fitted.state.rows as f64;
         // with what it costs to pick the causes among all that there are
+        let picked =
+            |f: &Fitted| f.free.len() as f64 * rows.ln() - 2.0 * f.effects.len() as f64 * each;
         let causes = best.fitted.cost() / noise + best.fitted.free.len() as f64 * rows.ln()
             - 2.0 * best.prior(each);
         let most = causes + WORTH_A_FIT * (plain.fitted.cost() / noise - causes).max(0.0);
-        let as_built = Built::fit(&mut problem, &plain.fitted, noise, most);
-        if let Ok(Some((built, fit))) = as_built
-            && built.likelihood(&fit, noise) < causes - allowed / noise
-            && built.within(&fit)
-        {
+        // what lies within its tolerance is to be expected; anything else has to be outdone by more than chance makes of a scan
+        let list = problem.train.tolerances();
+        let within = |a: &Acting| tolerance::holds(&list, a);
+        let expected = best.fitted.effects.iter().any(within);
+        let margin = if expected { allowed } else { -allowed } / noise;
+        // parts alone, and beside the cause that is none of them
+        let mut starts = vec![plain.fitted.clone()];
+        let loud = best.fitted.cost() > BEYOND_NOISE * noise * plain.fitted.state.rows as f64;
+        let other = best.fitted.effects.iter().find(|a| !within(a));
+        if let Some(other) = other.filter(|_| expected || loud) {
+            let single = singles.iter().find(|s| s.fitted.effects[0].is(other));
+            starts.push(single.map_or_else(
+                || problem.nominal(std::slice::from_ref(other), POLISH),
+                |s| s.fitted.clone(),
+            ));
+        }
+        let mut chosen: Option<(f64, Built, Fitted)> = None;
+        for start in starts {
+            if let Ok(Some((built, fit))) = Built::fit(&mut problem, &start, noise, most) {
+                // the same parts, with one cause more
+                let tangent = Tangent::new(&problem, &fit)?;
+                let beside = scan(&problem, &tangent, &groups, &units, &wanted);
+                let mut others = match start.effects.is_empty() {
+                    true => refit(&problem, &fit, &choose(&beside, BESIDE_PARTS), &[]),
+                    false => Vec::new(),
+                };
+                others.push(fit.clone());
+                let price = |f: &Fitted| built.likelihood(f, noise) + picked(f);
+                let least = others.iter().map(price).fold(f64::INFINITY, f64::min);
+                if least < causes + margin && chosen.as_ref().is_none_or(|c| least < c.0) {
+                    chosen = Some((least, built, fit));
+                }
+            }
+            Built::leave(&mut problem)?;
+        }
+        if let Some((_, built, fit)) = chosen {
+            built.restore(&mut problem)?;
             return chain(problem, remarks, request, watch, Some((built, fit)));
         }
-        Built::leave(&mut problem)?;
     }
     if verdict == Verdict::Unexplained && request.only.is_empty() {
         watch("trying rare causes");
@@ -430,7 +476,7 @@ fn chain<S: Subject>(
     );
     if let Some(built) = &built {
         for c in &mut candidates {
-            if let Some(times) = built.times(&c.acting) {
+            if let Some(times) = tolerance::times(&built.list, &c.acting) {
                 c.says += &format!("; {times:.1} times its tolerance");
             }
         }

@@ -317,20 +317,20 @@ pub(super) struct Built {
     /// Combinations of tolerances that are unknowns, and the means of their priors.
     combine: DMatrix<f64>,
     means: Vec<f64>,
-    /// What the mechanism has of each tolerance already.
-    base: DVector<f64>,
     train: DepartureTorques,
     holdout: DepartureTorques,
+    /// What the mechanism has of the tolerances already.
+    acts: Vec<Acting>,
 }
 
-/// The columns of all tolerances at a fitted plain model.
+/// The columns of all tolerances at a fitted model.
 fn columns<S: Subject>(
     problem: &Problem<S>,
     plain: &Fitted,
     list: &[Tolerance],
 ) -> Result<(DepartureTorques, DepartureTorques), Locked> {
     let (eta, beta) = (&plain.state.eta, &plain.state.beta);
-    let train = problem.train.departures(eta, beta, list)?;
+    let train = problem.residual(plain).departures(eta, beta, list)?;
     let holdout = match (&problem.holdout, problem.holdout_eta(plain)) {
         (Some(h), Some(eta)) => {
             // what belongs to one recording belongs to none of those that were held out
@@ -342,7 +342,8 @@ fn columns<S: Subject>(
                     *only = Some(usize::MAX);
                 }
             }
-            h.departures(&eta, beta, &own)?
+            let with = h.with_effects(plain.effects.clone(), Vec::new(), &problem.holdout_when);
+            with.departures(&eta, beta, &own)?
         }
         _ => DepartureTorques::new(),
     };
@@ -360,10 +361,10 @@ impl Built {
         problem: &Problem<S>,
         plain: &Fitted,
         noise: f64,
-        base: Option<DVector<f64>>,
+        base: Option<(DVector<f64>, Vec<Acting>)>,
     ) -> Result<Built, Locked> {
         let list = problem.train.tolerances();
-        let base = base.unwrap_or_else(|| DVector::zeros(list.len()));
+        let (base, acts) = base.unwrap_or_else(|| (DVector::zeros(list.len()), Vec::new()));
         let tangent = Tangent::new(problem, plain)?;
         let (train, holdout) = columns(problem, plain, &list)?;
         let rows = problem.train.departure_rows(&train);
@@ -378,14 +379,14 @@ impl Built {
             log_det,
             combine,
             means,
-            base,
             train,
             holdout,
+            acts,
             list,
         })
     }
 
-    /// Lets the parts of a robot differ within their tolerances, and fits the plain model with them, from the fit `plain` without. What the fit
+    /// Lets the parts of a robot differ within their tolerances, and fits the model of `plain`, a fit without, with them. What the fit
     /// finds is taken for the mechanism, and told again about there. `None` where a rig has no tolerances or recordings see none of them, or where
     /// linear theory leaves more than `most` of -2 ln L.
     ///
@@ -402,25 +403,29 @@ impl Built {
         }
         let mut built = Built::tell(problem, plain, noise, None)?;
         let mut fitted = plain.clone();
-        let effort = BASELINE;
+        let own = problem.nonlinear.len();
+        let refit = |problem: &Problem<S>, from: &Fitted| {
+            let (eta, beta) = (&from.state.eta[..own], &from.state.beta);
+            problem.fit(&from.effects, eta, beta, BASELINE)
+        };
         for round in 1.. {
             if built.combine.ncols() == 0 || built.promised > most {
                 return Ok(None);
             }
             built.enter(problem);
-            let warm = problem.fit(&[], &fitted.state.eta, &fitted.state.beta, effort);
-            let cold = problem.nominal(&[], effort);
-            fitted = if warm.cost() < cold.cost() {
-                warm
-            } else {
-                cold
+            let warm = refit(problem, &fitted);
+            // a film that bent to a mechanism which was not so
+            let cold = (round == 1).then(|| problem.nominal(&fitted.effects, BASELINE));
+            fitted = match cold {
+                Some(cold) if cold.cost() < warm.cost() => cold,
+                _ => warm,
             };
             if round == ROUNDS {
                 break;
             }
             let base = built.settle(problem, &fitted)?;
             fitted.state.beta.truncate(problem.linear.len());
-            fitted = problem.fit(&[], &fitted.state.eta, &fitted.state.beta, effort);
+            fitted = refit(problem, &fitted);
             built = Built::tell(problem, &fitted, noise, Some(base))?;
         }
         Ok(Some((built, fitted)))
@@ -461,38 +466,18 @@ impl Built {
         Ok(())
     }
 
-    /// Departures in tolerances that a fit makes.
+    /// Departures in tolerances that a fit makes, from the drawing. In directions that the recordings do not see they are as drawn, whatever the
+    /// mechanism has.
     fn found(&self, fitted: &Fitted) -> DVector<f64> {
         let beta = &fitted.state.beta;
         let sizes = &beta[beta.len() - self.combine.ncols()..];
-        &self.combine * DVector::from_column_slice(sizes) + &self.base
+        let from_drawing = sizes.iter().zip(&self.means).map(|(c, m)| c - m);
+        &self.combine * DVector::from_iterator(sizes.len(), from_drawing)
     }
 
-    /// Departures over what the scale makes of the tolerances; 0 of those that are as drawn.
-    fn strained(&self, fitted: &Fitted) -> Vec<f64> {
-        let size = |t: &Tolerance| if t.stated { 1.0 } else { self.scale };
-        let found = self.found(fitted);
-        let strain = |(t, x): (&Tolerance, &f64)| if size(t) > 0.0 { x / size(t) } else { 0.0 };
-        self.list.iter().zip(found.iter()).map(strain).collect()
-    }
-
-    /// Whether all departures of a fit are within what tolerances are.
-    pub fn within(&self, fitted: &Fitted) -> bool {
-        self.strained(fitted).iter().all(|x| x.abs() < WITHIN)
-    }
-
-    /// -2 ln L of a fit of the plain model with departures. Those that the mechanism has in directions that the recordings no longer see have
-    /// their price too.
+    /// -2 ln L of a fit of the plain model with departures.
     pub fn likelihood(&self, fitted: &Fitted, noise: f64) -> f64 {
-        let beta = &fitted.state.beta;
-        let sizes = &beta[beta.len() - self.means.len()..];
-        let paid: f64 = sizes
-            .iter()
-            .zip(&self.means)
-            .map(|(c, m)| (c - m).powi(2))
-            .sum();
-        let whole: f64 = self.strained(fitted).iter().map(|x| x * x).sum();
-        fitted.cost() / noise + self.log_det + (whole - paid).max(0.0)
+        fitted.cost() / noise + self.log_det
     }
 
     /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives the departures that the mechanism
@@ -501,7 +486,7 @@ impl Built {
         &self,
         problem: &mut Problem<S>,
         fitted: &Fitted,
-    ) -> Result<DVector<f64>, Locked> {
+    ) -> Result<(DVector<f64>, Vec<Acting>), Locked> {
         let mut found = self.found(fitted);
         let mut acts = Vec::new();
         for (t, size) in self.list.iter().zip(found.iter_mut()) {
@@ -518,8 +503,18 @@ impl Built {
                 _ => *size = 0.0,
             }
         }
-        Built::rebuild(problem, acts)?;
-        Ok(found)
+        Built::rebuild(problem, acts.clone())?;
+        Ok((found, acts))
+    }
+
+    /// Makes a problem's parts differ as they do here.
+    ///
+    /// # Errors
+    /// [`Locked`] when the mechanism cannot follow.
+    pub fn restore<S: Subject>(&self, problem: &mut Problem<S>) -> Result<(), Locked> {
+        Built::rebuild(problem, self.acts.clone())?;
+        self.enter(problem);
+        Ok(())
     }
 
     /// What a fit makes of each tolerance.
@@ -536,34 +531,39 @@ impl Built {
             })
             .collect()
     }
+}
 
-    /// How many times its tolerance a cause is, where it is of the kind of one.
-    pub fn times(&self, acting: &Acting) -> Option<f64> {
-        let q = acting.effect.parameters();
-        let word = (!acting.effect.variants().is_empty()).then(|| acting.values[0]);
-        let mut squares = 0.0;
-        for t in &self.list {
-            let Departure::Effect { acting: own, .. } = &t.departure else {
-                continue;
-            };
-            let same = own.effect.id() == acting.effect.id()
-                && (0..3).all(|k| !own.on[k] || acting.on[k])
-                && word.is_none_or(|w| own.values[0] == w);
-            if !same || own.effect.id() == "payload_change" {
-                continue;
-            }
-            let by: f64 = (0..q.len())
-                .filter(|&i| q[i].size && own.values[i] != q[i].off)
-                .map(|i| ((acting.values[i] - q[i].off) / (own.values[i] - q[i].off)).powi(2))
-                .sum();
-            // the axes of a vector add up; actuators and recordings say the same again
-            squares = match acting.effect.parameters().len() {
-                3 => squares + by,
-                _ => f64::max(squares, by),
-            };
+/// How many times its tolerance a cause is, where it is of the kind of one.
+pub(super) fn times(list: &[Tolerance], acting: &Acting) -> Option<f64> {
+    let q = acting.effect.parameters();
+    let word = (!acting.effect.variants().is_empty()).then(|| acting.values[0]);
+    let mut squares = 0.0;
+    for t in list {
+        let Departure::Effect { acting: own, .. } = &t.departure else {
+            continue;
+        };
+        let same = own.effect.id() == acting.effect.id()
+            && (0..3).all(|k| !own.on[k] || acting.on[k])
+            && word.is_none_or(|w| own.values[0] == w);
+        if !same || own.effect.id() == "payload_change" {
+            continue;
         }
-        (squares > 0.0).then(|| squares.sqrt())
+        let by: f64 = (0..q.len())
+            .filter(|&i| q[i].size && own.values[i] != q[i].off)
+            .map(|i| ((acting.values[i] - q[i].off) / (own.values[i] - q[i].off)).powi(2))
+            .sum();
+        // the axes of a vector add up; actuators and recordings say the same again
+        squares = match acting.effect.parameters().len() {
+            3 => squares + by,
+            _ => f64::max(squares, by),
+        };
     }
+    (squares > 0.0).then(|| squares.sqrt())
+}
+
+/// Whether a cause is a departure within its tolerance.
+pub(super) fn holds(list: &[Tolerance], acting: &Acting) -> bool {
+    times(list, acting).is_some_and(|t| t < OF_ONE_PART)
 }
 
 /// What is said of departures: the largest of them.
@@ -577,17 +577,24 @@ pub(super) fn remark(departed: &[Departed]) -> Option<String> {
         "1" => (100.0 * largest.found, "%"),
         unit => (largest.found, unit),
     };
-    Some(format!(
-        "Parts may differ from the drawing within their tolerances, and do: {} by {found:+.2} {unit}, {:.1} times its tolerance, most. Such differences are no cause.",
-        largest.what,
-        size(&largest)
-    ))
+    let (what, times) = (&largest.what, size(&largest));
+    Some(if times < WITHIN {
+        format!(
+            "Parts may differ from the drawing within their tolerances, and do: {what} by {found:+.2} {unit}, {times:.1} times its tolerance, most. Such differences are no cause."
+        )
+    } else {
+        format!(
+            "Parts differ from the drawing, {what} most: by {found:+.2} {unit}, {times:.1} times its tolerance, which is more than tolerances make. Measure it, and state what it is in rig.toml."
+        )
+    })
 }
 
 /// Departure, in tolerances, that is worth a word.
 const WORTH_SAYING: f64 = 0.05;
 /// Times that departures are told, each about the mechanism and the film of the last.
 const ROUNDS: usize = 3;
+/// Departure, in tolerances, above which a part that was picked is not within them: of normal ones one in 370.
+const OF_ONE_PART: f64 = 3.0;
 /// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest exceeds it in one robot of 200.
 const WITHIN: f64 = 4.0;
 
@@ -638,28 +645,18 @@ mod tests {
 
     #[test]
     fn a_cause_is_told_in_its_tolerances() {
-        let built = Built {
-            list: of_robot(&[], 6e-3, 2),
-            scale: 1.0,
-            promised: 0.0,
-            log_det: 0.0,
-            combine: DMatrix::zeros(0, 0),
-            means: Vec::new(),
-            base: DVector::zeros(0),
-            train: Vec::new(),
-            holdout: Vec::new(),
-        };
+        let list = of_robot(&[], 6e-3, 2);
         let acting = Acting {
             effect: by_id("link_length_error").unwrap(),
             values: vec![7.0, 0.016],
             on: [false, true, false],
         };
-        assert!((built.times(&acting).unwrap() - 8.0).abs() < 1e-9);
+        assert!((times(&list, &acting).unwrap() - 8.0).abs() < 1e-9);
         let tilt = Acting {
             effect: by_id("frame_tilt").unwrap(),
             values: vec![0.3f64.to_radians(), 0.4f64.to_radians(), 0.0],
             on: [true; 3],
         };
-        assert!((built.times(&tilt).unwrap() - 2.5).abs() < 1e-9);
+        assert!((times(&list, &tilt).unwrap() - 2.5).abs() < 1e-9);
     }
 }

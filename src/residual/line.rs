@@ -1417,6 +1417,60 @@ impl<'a> LineResidual<'a> {
         Ok(out)
     }
 
+    /// What instruments make of the whitened balance of an axis without anything being at work, a column each, as large as it is expected
+    /// (one standard deviation): noise in the coordinate shortens what is fitted to its derivatives by the noise's share of their power
+    /// (errors in variables: Fuller, Measurement Error Models, 1987), and no two clocks agree, nor is a drive held, within a sample. None for
+    /// benches and coupons, whose noise is that of what is measured.
+    ///
+    /// # Errors
+    /// None for axes; those of [`LineResidual::design`].
+    pub fn blur(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked> {
+        let mut columns: Vec<Vec<f64>> = vec![Vec::new(); 5];
+        for number in 0..self.parts.len() {
+            let p = &self.parts[number];
+            let Plain::Axis {
+                terms,
+                known,
+                over_gain,
+            } = &*self.plain
+            else {
+                return Ok(DMatrix::zeros(self.rows(), 0));
+            };
+            let (Measured::Axis(axis), Some(kernel)) = (&p.line.measured, &p.kernel) else {
+                return Ok(DMatrix::zeros(self.rows(), 0));
+            };
+            let up = usize::from(!axis.velocity);
+            let base = [&p.base.mass, &p.base.damping, &p.base.stiffness];
+            let orders = [Some(1 + up), Some(up), (!axis.velocity).then_some(0)];
+            for (k, plant) in plant(terms, known, *over_gain, beta)
+                .into_iter()
+                .enumerate()
+            {
+                let noise = orders[k].map_or(0.0, |o| {
+                    let taps: f64 = kernel.taps[o].iter().map(|t| t * t).sum();
+                    p.line.x_noise.powi(2) * taps
+                });
+                let power = base[k].iter().map(|v| v * v).sum::<f64>() / base[k].len() as f64;
+                let share = noise / power.max(noise).max(f64::MIN_POSITIVE);
+                let own = base[k].iter().zip(&p.weight);
+                columns[k].extend(own.map(|(v, w)| plant * share * w * v));
+            }
+            let input: Vec<f64> = axis.input.iter().map(|u| u / self.scales.input).collect();
+            let offset = self.offset_s(number, eta);
+            let u = shifted(p.line, axis, &input, self.scales.input, offset);
+            for order in [1, 2] {
+                let size = known[0] * p.line.step_s.powi(order as i32);
+                let own = p.kept.iter().zip(&p.weight);
+                columns[2 + order].extend(own.map(|(&c, w)| size * w * kernel.at(order, &u, c)));
+            }
+        }
+        Ok(DMatrix::from_iterator(
+            self.rows(),
+            columns.len(),
+            columns.into_iter().flatten(),
+        ))
+    }
+
     /// Kept places of a recording.
     #[must_use]
     pub fn kept(&self, number: usize) -> &[usize] {

@@ -682,6 +682,22 @@ fn head(path: &Path) -> Result<Vec<u8>, Error> {
     Ok(head)
 }
 
+/// The error for a file of a known format without a row of numbers; the notes on it say why.
+pub(super) fn nothing(path: &Path, notes: &[Note]) -> Error {
+    let why: Vec<&str> = notes.iter().take(4).map(|n| n.text.as_str()).collect();
+    let why = match why.as_slice() {
+        [] => String::new(),
+        some => format!(" ({})", some.join("; ")),
+    };
+    Error::new(
+        ErrorKind::NoData,
+        path,
+        format!("there is nothing to import{why}"),
+    )
+    .expected("at least one row of numbers")
+    .action("take the recording again, or name another file")
+}
+
 /// Reads one file of any known format, told by its content.
 ///
 /// # Errors
@@ -699,7 +715,11 @@ pub fn read_file_as(
     format: Option<&str>,
     options: &ReadOptions,
 ) -> Result<Capture, Error> {
-    importer_for(path, format)?.read(path, options)
+    let capture = importer_for(path, format)?.read(path, options)?;
+    if capture.sections.iter().all(|s| s.rows() == 0) {
+        return Err(nothing(path, &capture.notes));
+    }
+    Ok(capture)
 }
 
 /// The bytes before the first line's end that are not blank, for recognising a format by its first cell.

@@ -11,6 +11,7 @@ use std::sync::mpsc;
 
 use super::capture::{
     Capture, Gaps, Note, ReadOptions, Section, Sink, column_gap_note, gap_notes, importer_for,
+    nothing,
 };
 use super::error::Error;
 use super::open::section_markers;
@@ -153,7 +154,7 @@ pub fn survey_file(
     if path.metadata().is_ok_and(|m| m.len() < ALONE) {
         let mut sections = Sections::default();
         let capture = importer.stream(path, options, &mut sections)?;
-        return Ok(sections.finish(path, capture));
+        return sections.finish(path, capture);
     }
     // one thread reads, the other looks at what it has read
     let (to, batches) = mpsc::sync_channel(2);
@@ -177,7 +178,7 @@ pub fn survey_file(
         let sections = looking
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        Ok(sections.finish(path, read?))
+        sections.finish(path, read?)
     })
 }
 
@@ -1076,7 +1077,10 @@ impl Clock {
 }
 
 impl Sections {
-    fn finish(self, path: &Path, capture: Capture) -> Survey {
+    fn finish(self, path: &Path, capture: Capture) -> Result<Survey, Error> {
+        if self.all.iter().all(|s| s.rows == 0) {
+            return Err(nothing(path, &capture.notes));
+        }
         let Capture {
             format,
             sections,
@@ -1093,12 +1097,12 @@ impl Sections {
             running.meet(section);
             all.push(running.finish(path, section, &mut notes, &mut doubts));
         }
-        Survey {
+        Ok(Survey {
             format,
             sections: all,
             notes,
             doubts,
-        }
+        })
     }
 }
 

@@ -56,8 +56,10 @@ fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
+const NEVER: &str = "never seen";
+
 fn range(values: Option<[f64; 2]>) -> String {
-    values.map_or("never seen".to_owned(), |[a, b]| {
+    values.map_or(NEVER.to_owned(), |[a, b]| {
         format!("{} to {}", short(a), short(b))
     })
 }
@@ -172,8 +174,13 @@ fn more(count: usize, what: &str, out: &mut Vec<String>) {
 }
 
 fn marker(s: &SectionSurvey, m: &MarkerSurvey, width: usize) -> String {
-    let [x, y, z] = m.columns.map(|c| range(s.columns[c].range));
-    let mut text = format!("    {:width$}  x {x}, y {y}, z {z}", m.label);
+    let ranges = m.columns.map(|c| s.columns[c].range);
+    let mut text = format!("    {:width$}  ", m.label);
+    if ranges.iter().all(Option::is_none) {
+        return text + NEVER;
+    }
+    let [x, y, z] = ranges.map(range);
+    let _ = write!(text, "x {x}, y {y}, z {z}");
     let group = s.groups.iter().find(|g| g.columns.contains(&m.columns[0]));
     if let Some(g) = group.filter(|g| g.gaps.missing > 0) {
         let _ = write!(

@@ -21,7 +21,7 @@ mod table;
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Section, Sink};
+use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Section, Sink, nothing};
 use super::error::{Error, ErrorKind, quote};
 use super::text::decode;
 pub use records::{MAX_RECORD_BYTES, Record, RecordReader};
@@ -602,12 +602,6 @@ fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Er
             format!("{} topics hold no number: {}", empty.len(), some(&names)),
         ));
     }
-    if sections.is_empty() {
-        notes.push(Note::warning(
-            path,
-            "there is nothing to import in this file",
-        ));
-    }
     notes.insert(
         0,
         Note::info(
@@ -615,6 +609,9 @@ fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Er
             format!("{messages} messages in {} chunks", reader.chunks()),
         ),
     );
+    if sections.is_empty() {
+        return Err(nothing(path, &notes));
+    }
     let capture = Capture {
         format: "mcap",
         sections,

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 
 use deacal::recording::mcap::RecordReader;
 use deacal::recording::{
-    Capture, Error, ErrorKind, ReadOptions, Section, Sink, importer_for, read_file, survey_file,
+    Capture, DoubtKind, Error, ErrorKind, ReadOptions, Recording, Section, Sink, importer_for,
+    read_file, survey_file,
 };
+use deacal::report::survey::manifest;
 use mcap::records::{MessageHeader, Record};
 use mcap::{Compression, WriteOptions, Writer};
 use serde_json::{Map, Value, json};
@@ -624,7 +626,7 @@ fn service_event(
 ) -> Vec<u8> {
     let mut out = vec![0, 1, 0, 0, kind];
     let align = |out: &mut Vec<u8>, to: usize| {
-        while (out.len() - 4) % to != 0 {
+        while !(out.len() - 4).is_multiple_of(to) {
             out.push(0);
         }
     };
@@ -722,6 +724,115 @@ fn service_events_are_no_requests() {
             "{error}"
         );
     }
+}
+
+/// Of topics the one that moves farthest is the effector; a single message shows no motion, and the stamps are the clock.
+#[test]
+fn a_start_from_topics() {
+    let moving = |count: u32, step: f64| {
+        let mut made = poses(count, false);
+        for (i, m) in made.messages.iter_mut().enumerate() {
+            let p = [step * i as f64, 0.5, 0.0];
+            m.1 = pose(
+                false,
+                (7 + (i / 100) as i32, (i % 100) as u32 * 10_000_000),
+                p,
+            );
+        }
+        made
+    };
+    let bytes = write(
+        WriteOptions::new(),
+        &[moving(1, 1.0), moving(50, 1e-9), moving(50, 1e-3)],
+    );
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    let survey = survey_file(&path, None, &ReadOptions::default()).unwrap();
+    let text = manifest(&[("run.mcap".to_owned(), &survey)]);
+    assert!(text.contains("end_effector = \"/topic2\""), "{text}");
+    assert!(text.contains("base = \"/topic1\""), "{text}");
+    assert!(
+        text.contains("# the times are the file's own, 100 Hz"),
+        "{text}"
+    );
+    assert!(!text.contains("rate_hz"), "{text}");
+    std::fs::copy(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/recording/robot/rig.toml"),
+        dir.path().join("rig.toml"),
+    )
+    .unwrap();
+    std::fs::write(
+        dir.path().join("v.csv"),
+        "t_s,a (V),b (V),c (V)\n7,500,0,0\n8,500,1,1\n",
+    )
+    .unwrap();
+    let voltage = "[voltage]\nfile = \"v.csv\"\ntime = \"t_s\"\nchannels = [\"a (V)\", \"b (V)\", \"c (V)\"]\n";
+    std::fs::write(dir.path().join("recording.toml"), text + voltage).unwrap();
+    let motion = Recording::open(dir.path()).unwrap().motion.unwrap();
+    assert!((motion.time_s[1] - 7.01).abs() < 1e-9 && motion.time_s.len() == 50);
+    // a single message of each: no motion
+    let bytes = write(WriteOptions::new(), &[moving(1, 1.0), moving(1, 2.0)]);
+    std::fs::write(&path, bytes).unwrap();
+    let survey = survey_file(&path, None, &ReadOptions::default()).unwrap();
+    let text = manifest(&[("run.mcap".to_owned(), &survey)]);
+    assert!(
+        text.contains("# ? no marker was seen in more than one row"),
+        "{text}"
+    );
+    assert!(!text.contains("\n[motion]"), "{text}");
+}
+
+/// What the recorder counted and what is there are held against each other.
+#[test]
+fn messages_that_were_counted_and_are_missing_are_said() {
+    let mut bytes = write(WriteOptions::new(), &[poses(7, false)]);
+    let said = |bytes: &[u8]| {
+        let notes = read(bytes).unwrap().notes;
+        notes
+            .iter()
+            .any(|n| n.text.contains("counted 9 messages, 7 are there"))
+    };
+    assert!(!said(&bytes));
+    // opcode, length 46 + 10 for one channel's count, then the number of messages
+    let mark = [&[0x0b][..], &56u64.to_le_bytes(), &7u64.to_le_bytes()].concat();
+    let at = bytes.windows(mark.len()).position(|w| w == mark).unwrap();
+    bytes[at + 9] = 9;
+    assert!(said(&bytes));
+}
+
+/// Several clocks of one file are each called by their topic.
+#[test]
+fn a_clock_is_said_to_be_whose_it_is() {
+    let mut again = poses(30, false);
+    for m in &mut again.messages {
+        m.1[4..12].copy_from_slice(&[7, 0, 0, 0, 0, 0, 0, 0]);
+    }
+    let made = [
+        Made {
+            messages: again.messages.clone(),
+            ..poses(0, false)
+        },
+        again,
+    ];
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(&write(WriteOptions::new(), &made)).unwrap();
+    let survey = survey_file(file.path(), None, &ReadOptions::default()).unwrap();
+    let clocks: Vec<&str> = survey
+        .doubts
+        .iter()
+        .filter(|d| d.kind == DoubtKind::Clock)
+        .map(|d| d.says.as_str())
+        .collect();
+    assert_eq!(clocks.len(), 2, "{clocks:?}");
+    assert!(
+        clocks[0].starts_with("/topic0: time does not rise"),
+        "{clocks:?}"
+    );
+    assert!(
+        clocks[1].starts_with("/topic1: time does not rise"),
+        "{clocks:?}"
+    );
 }
 
 /// A file without a number is refused whatever it lacks, as every other format does.

@@ -387,7 +387,8 @@ pub(super) fn without_subject(label: &str) -> &str {
 pub struct ReadOptions {
     /// Text encoding where it is not UTF-8: `gbk`.
     pub encoding: Option<String>,
-    /// The columns that will be used. A plain table reads no others, and may have no header if all are numbers.
+    /// The columns that will be used. A plain table reads no others, and may have no header if all are numbers; an empty list stands
+    /// for all that there are, header or not.
     pub columns: Option<Vec<ColumnRef>>,
 }
 

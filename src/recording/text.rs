@@ -527,6 +527,7 @@ pub enum Trouble {
 pub struct NumberColumn {
     notation: Notation,
     saw_dot: bool,
+    saw_comma: bool,
     between_commas: bool,
 }
 
@@ -537,6 +538,7 @@ impl NumberColumn {
         NumberColumn {
             notation,
             saw_dot: false,
+            saw_comma: false,
             between_commas: delimiter == Delimiter::Comma,
         }
     }
@@ -551,6 +553,12 @@ impl NumberColumn {
         (0..cells)
             .map(|cell| NumberColumn::new(delimiter, notation(cell)))
             .collect()
+    }
+
+    /// Whether dots part thousands in the column only because a number in it has two of them: no cell has a decimal comma.
+    #[must_use]
+    pub fn groups_by_dots_alone(&self) -> bool {
+        self.notation == Notation::Comma && !self.saw_comma
     }
 
     /// The notation as far as it is known.
@@ -628,6 +636,7 @@ impl NumberColumn {
                 return finite(sign * value);
             }
         }
+        self.saw_comma |= commas > 0;
         match normalised(body, b',', b'.') {
             Some(value) => finite(sign * value),
             None if normalised(body, b'.', b',').is_some() => Err(Trouble::Contradiction),

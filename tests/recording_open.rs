@@ -451,10 +451,18 @@ fn columns_units_and_times_that_are_wrong() {
         (
             "voltage.csv",
             "2,1,0.5,",
-            "2,1,NaN,",
+            "NaN,1,0.5,",
+            ErrorKind::BadNumber,
+            4,
+            "time is missing",
+        ),
+        (
+            "voltage.csv",
+            "2,1,0.5,",
+            "2,1,-inf,",
             ErrorKind::NotFinite,
             4,
-            "column 3: found \"NaN\"",
+            "column 3: found \"-inf\"",
         ),
         (
             "voltage.csv",
@@ -650,7 +658,9 @@ fn doubtful_clocks_are_said() {
     assert!(!said(&r.unwrap(), "thousand times"));
 
     let scope = |rate: &str| {
-        let csv = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,0,0.01\n0,1,2,\n1,3,4,\n2,3,4,\n";
+        let csv = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\t\n\nChannels\t2\nSamples\t3\t3\n\
+             Y_Unit_Label\tm\tV\nX0\t0\t0\nDelta_X\t0.01\t0.01\n***End_of_Header***\n\
+             X_Value\tCH1\tCH2\tComment\n\t1\t2\n\t3\t4\n\t3\t4\n";
         let manifest = format!(
             "[recording]\nid = \"a\"\nkind = \"axis\"\n[axis]\nfile = \"run.csv\"\nposition = \"CH1\"\ninput = \"CH2\"\n{rate}\
              units = {{ position = \"m\", input = \"V\" }}\ninput_gain = 1.0\nmass_kg = 1.0\n"

@@ -602,16 +602,29 @@ pub fn importers() -> &'static [&'static dyn Importer] {
 const HINTS: &[(&[u8], &str)] = &[
     (
         b"PK\x03\x04",
-        "this is a zip archive or a spreadsheet workbook; save it as CSV",
+        "this is a spreadsheet workbook (.xlsx, .ods) or a zip archive; save the sheet as CSV, or unpack the archive",
     ),
     (
         b"\xd0\xcf\x11\xe0",
-        "this is an old spreadsheet workbook; save it as CSV",
+        "this is an old spreadsheet workbook (.xls); save the sheet as CSV",
+    ),
+    (
+        b"MATLAB 7.3",
+        "this is a MATLAB file (.mat); write its variables to a table: writetable(table(t, u), 'run.csv')",
     ),
     (
         b"MATLAB 5.0",
-        "this is a MATLAB file; write its variables to CSV",
+        "this is a MATLAB file (.mat); write its variables to a table: writetable(table(t, u), 'run.csv')",
     ),
+    (
+        b"\x89HDF\r\n",
+        "this is an HDF5 file; write its variables to a CSV file",
+    ),
+    (
+        b"\x93NUMPY",
+        "this is a NumPy array (.npy); write it as text: numpy.savetxt(\"run.csv\", a, delimiter=\",\", header=\"t_s,u_V\", comments=\"\")",
+    ),
+    (b"PAR1", "this is a Parquet file; write it as CSV"),
 ];
 
 /// Whether a file is known to be of a kind that no importer reads.

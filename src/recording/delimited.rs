@@ -3,7 +3,7 @@
 //! Where the data begin is told by the columns that are numbers in most rows: the first row in which each of them holds a
 //! number or nothing. The row above is the header, or the units and the one above it the header. What stands above that
 //! (instrument settings, blank lines) is passed over and said. A table without a header is read only when its columns are
-//! asked for by number.
+//! asked for by number. A cell that is empty, or says NaN, is a gap; infinity is an error.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -15,7 +15,7 @@ use super::capture::{
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, filled_texts,
-    is_blank, says_not_finite,
+    is_blank, says_missing, says_not_finite,
 };
 use crate::units::Unit;
 
@@ -476,6 +476,9 @@ impl<'a> Table<'a> {
                     Err((Trouble::Reread, _)) => {
                         self.comma_columns.insert(i + 1);
                         return Ok(Row::Reread);
+                    }
+                    Err((Trouble::NotFinite, cell)) if says_missing(cell.bytes) => {
+                        values[*column] = f64::NAN;
                     }
                     Err((trouble, cell)) => {
                         failed = Some(bad_cell(path, number, i + 1, cell.bytes, trouble));

@@ -1002,8 +1002,9 @@ fn overruled(path: &Path, section: &Section, rate_hz: f64) -> Option<Note> {
         Note::warning(
             path,
             format!(
-                "the file has times, which make {own_hz:.6} Hz; the manifest's rate_hz = {rate_hz} is used. Leave rate_hz out to take \
-                 the file's own times"
+                "the file has times, which make {} Hz; the manifest's rate_hz = {rate_hz} is used. Leave rate_hz out to take the file's own times",
+                // to a millionth
+                (own_hz * 1e6).round() / 1e6
             ),
         )
     })

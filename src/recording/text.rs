@@ -677,6 +677,14 @@ pub fn says_not_finite(cell: &[u8]) -> bool {
         )
 }
 
+/// Whether a cell spells that nothing was measured: NaN in any of its spellings, or a spreadsheet's `#N/A`. Infinity is none: it was a
+/// number once.
+#[must_use]
+pub fn says_missing(cell: &[u8]) -> bool {
+    let text = cell.to_ascii_lowercase();
+    says_not_finite(cell) && !text.windows(3).any(|w| w == b"inf")
+}
+
 /// A number without a sign, with its decimal mark made a dot and its groups checked and joined.
 fn normalised(body: &[u8], decimal: u8, group: u8) -> Option<f64> {
     let mantissa_end = body
@@ -872,6 +880,18 @@ mod tests {
     fn read(delimiter: Delimiter, cells: &[&str]) -> Result<Vec<f64>, Trouble> {
         let mut column = NumberColumn::new(delimiter, Notation::Dot);
         cells.iter().map(|c| column.parse(c.as_bytes())).collect()
+    }
+
+    #[test]
+    fn missing_is_not_infinite() {
+        for cell in [
+            "NaN", "nan", "-nan", "1.#QNAN", "-1.#IND", "nan(0x1)", "#N/A",
+        ] {
+            assert!(says_missing(cell.as_bytes()), "{cell}");
+        }
+        for cell in ["inf", "-Infinity", "1.#INF", "1e400", "0", "", "nano"] {
+            assert!(!says_missing(cell.as_bytes()), "{cell}");
+        }
     }
 
     #[test]

@@ -484,8 +484,19 @@ fn unknown_formats_and_missing_files() {
     let error = read(b"\x00\x01\x02binary").unwrap_err();
     assert_eq!(error.kind(), ErrorKind::UnknownFormat);
     assert!(error.to_string().contains("nexus-csv"), "{error}");
-    let error = read(b"PK\x03\x04...").unwrap_err();
-    assert!(error.to_string().contains("workbook"), "{error}");
+    for (head, word) in [
+        (&b"PK\x03\x04..."[..], "workbook (.xlsx, .ods)"),
+        (b"\xd0\xcf\x11\xe0...", "old spreadsheet workbook"),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "writetable"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "writetable"),
+        (b"\x89HDF\r\n\x1a\n", "HDF5"),
+        (b"\x93NUMPY\x01\0v\0{'descr'", "numpy.savetxt"),
+        (b"PAR1\x15\x04\x15", "Parquet"),
+    ] {
+        let error = read(head).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::UnknownFormat);
+        assert!(error.to_string().contains(word), "{error}");
+    }
     let error = read_file(Path::new("no/such/file.csv")).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::NotFound);
     let error = read_file(&data("robot")).unwrap_err();

@@ -53,6 +53,57 @@ const fn unit(symbol: &'static str, dimension: Dimension, to_si: f64) -> Unit {
     }
 }
 
+/// How times of one table are written: a unit in which the largest is short, with the digits that tell its samples apart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeScale {
+    symbol: &'static str,
+    per_s: f64,
+    digits: usize,
+}
+
+impl TimeScale {
+    /// For times up to `largest_s` with `step_s` between samples, s. Steps of half a millisecond and more, and times beyond a second,
+    /// are written in s.
+    #[must_use]
+    pub fn new(largest_s: f64, step_s: Option<f64>) -> Self {
+        let step_s = step_s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(1e-3);
+        let (symbol, per_s) = match largest_s.abs() {
+            largest if step_s >= 5e-4 || largest >= 1.0 || largest.is_nan() => ("s", 1.0),
+            largest if largest >= 1e-3 => ("ms", 1e3),
+            largest if largest >= 1e-6 => ("us", 1e6),
+            _ => ("ns", 1e9),
+        };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let digits = (-(step_s * per_s).log10() - 1e-9).ceil().clamp(0.0, 9.0) as usize;
+        let digits = match symbol {
+            "s" => digits.max(3),
+            _ => digits,
+        };
+        TimeScale {
+            symbol,
+            per_s,
+            digits,
+        }
+    }
+
+    /// A time without its unit.
+    #[must_use]
+    pub fn number(&self, time_s: f64) -> String {
+        let text = format!("{:.*}", self.digits, time_s * self.per_s);
+        // nothing before zero: -0.000 is 0.000
+        match text.strip_prefix('-') {
+            Some(bare) if bare.bytes().all(|b| matches!(b, b'0' | b'.')) => bare.to_owned(),
+            _ => text,
+        }
+    }
+
+    /// A time with its unit: `0.250 s`, `-300.0 ns`.
+    #[must_use]
+    pub fn text(&self, time_s: f64) -> String {
+        format!("{} {}", self.number(time_s), self.symbol)
+    }
+}
+
 const UNITS: &[Unit] = &[
     unit("s", Dimension::Time, 1.0),
     unit("ms", Dimension::Time, 1e-3),
@@ -198,6 +249,21 @@ mod tests {
         assert_eq!(Unit::parse("MPA"), None);
         assert_eq!(Unit::parse("kv"), None);
         assert_eq!(Unit::parse(""), None);
+    }
+
+    #[test]
+    fn times_are_told_apart_however_short() {
+        let text = |largest, step, t| TimeScale::new(largest, Some(step)).text(t);
+        assert_eq!(text(0.25, 2.5e-4, -0.25), "-250.0 ms");
+        assert_eq!(text(4.0, 0.01, 3.933_333), "3.933 s");
+        assert_eq!(text(0.5, 0.001, 0.127), "0.127 s");
+        assert_eq!(text(3e-7, 5e-10, -3e-7), "-300.0 ns");
+        assert_eq!(text(3.5e-4, 3.906_25e-5, 3.515_625e-4), "352 us");
+        assert_eq!(text(12.0, 1e-5, 12.000_01), "12.00001 s");
+        assert_eq!(text(1e9, 1e-6, 1e9), "1000000000.000000 s");
+        assert_eq!(text(0.0, 1e-6, 0.0), "0 ns");
+        assert_eq!(text(6e-3, 1e-3, -1e-9), "0.000 s");
+        assert_eq!(TimeScale::new(2.0, None).text(1.5), "1.500 s");
     }
 
     #[test]

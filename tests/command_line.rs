@@ -349,12 +349,12 @@ fn a_failed_run_does_not_touch_earlier_results() {
     let bench = Bench::new("single-1");
     bench.film(&[]);
     let before = fs::read(bench.path("out/parameters.toml")).unwrap();
-    bench.edit("rec/voltage.csv", |t| t.replacen("0.5", "NaN", 1));
+    bench.edit("rec/voltage.csv", |t| t.replacen("0.5", "inf", 1));
     let out = bench.run(&["fit", "film", "rec", "-o", "out", "-q"]);
     assert_eq!(out.status.code(), Some(1));
     assert_says(
         &String::from_utf8_lossy(&out.stderr),
-        &["voltage.csv", "NaN"],
+        &["voltage.csv", "inf"],
     );
     assert_eq!(fs::read(bench.path("out/parameters.toml")).unwrap(), before);
 }
@@ -419,6 +419,48 @@ fn import_writes_a_manifest_to_start_from() {
         text
     );
     assert!(!bench.path("out2").exists());
+}
+
+/// A file is written as what its ending says, or not at all.
+#[test]
+fn an_ending_that_lies_is_refused() {
+    let bench = Bench::new("symmetric");
+    bench.film(&[]);
+    let params = "out/parameters.toml";
+    for (arguments, words) in [
+        (
+            &[
+                "predict", "voltage", "rec", "--params", params, "-o", "v.xlsx",
+            ][..],
+            "ends in .csv or .mcap or .mat or .npz",
+        ),
+        (
+            &["predict", "force", "rec", "--params", params, "-o", "f.mat"],
+            "ends in .csv",
+        ),
+        (
+            &["export", params, "--format", "json", "-o", "p.py"],
+            "--format json is not written as .py",
+        ),
+        (
+            &["export", params, "--format", "c", "-o", "p.m"],
+            "ends in .h or .c",
+        ),
+    ] {
+        let out = bench.run(arguments);
+        let text = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(1), "{arguments:?}: {text}");
+        assert_says(&text, &[arguments[arguments.len() - 1], words]);
+        assert!(!bench.path(arguments[arguments.len() - 1]).exists());
+    }
+    for name in ["p.h", "p", "p.txt"] {
+        let out = bench.run(&["export", params, "--format", "c", "-o", name]);
+        assert!(
+            out.status.success(),
+            "{name}: {}",
+            String::from_utf8_lossy(&out.stderr)
+        );
+    }
 }
 
 #[test]

@@ -5,7 +5,9 @@ mod mocap;
 use std::io::Write;
 use std::path::Path;
 
-use deacal::recording::{Capture, Column, Error, ErrorKind, Level, Section, read_file};
+use deacal::recording::{
+    Capture, Column, Error, ErrorKind, Level, ReadOptions, Section, read_file, survey_file,
+};
 use mocap::{C3dFile, Make, Value};
 
 fn read(bytes: &[u8]) -> Result<Capture, Error> {
@@ -127,6 +129,70 @@ fn three_ways_of_not_being_seen() {
     assert_eq!((gaps.missing, gaps.runs), (3, 1));
     assert!(says(&capture, "unit of the points is not stated"));
     assert_eq!(column(&capture, "EE", "X").unit, "");
+}
+
+/// The fourth word of a point is a 16-bit number with a sign. Vicon Workstation wrote it into floats without: what was not seen
+/// is 0, 0, 0 with 65535, and is no position at the origin.
+#[test]
+fn minus_one_without_its_sign_is_not_seen() {
+    for make in [Make::Intel, Make::Dec, Make::Sgi] {
+        for (scale, unseen) in [
+            (-0.1, 65_535.0),
+            (-0.1, 40_000.0),
+            (-0.1, -1.0),
+            (0.5, 65_535.0),
+        ] {
+            let seen = 127.0 * 256.0 + 2.0;
+            let file = C3dFile {
+                make,
+                scale,
+                points: 2,
+                last: 4,
+                xyzw: vec![
+                    [100.0, 200.0, 300.0, seen],
+                    [0.0, 0.0, 0.0, unseen],
+                    [0.0, 0.0, 0.0, unseen],
+                    [0.0, 0.0, 0.0, unseen],
+                    [102.0, 200.0, 300.0, seen],
+                    [0.0, 0.0, 0.0, unseen],
+                    [103.0, 200.0, 300.0, 0.0],
+                    [0.0, 0.0, 0.0, unseen],
+                ],
+                ..C3dFile::default()
+            };
+            let what = format!("{make:?} {scale} {unseen}");
+            let mut on_disk = tempfile::NamedTempFile::new().unwrap();
+            on_disk.write_all(&file.bytes()).unwrap();
+            let capture = read_file(on_disk.path()).unwrap();
+            assert_eq!(
+                values(&capture, "EE", "X"),
+                [100.0, -1.0, 102.0, 103.0],
+                "{what}"
+            );
+            assert_eq!(values(&capture, "Base", "Z"), [-1.0; 4], "{what}");
+            let residual = values(&capture, "EE", "residual");
+            assert!(
+                (residual[0] - 2.0 * f64::from(scale).abs()).abs() < 1e-6,
+                "{what}"
+            );
+            assert_eq!(&residual[1..], [-1.0, residual[0], 0.0], "{what}");
+            let survey = survey_file(on_disk.path(), None, &ReadOptions::default()).unwrap();
+            let points = &survey.sections[0];
+            let missing: Vec<usize> = points.groups.iter().map(|g| g.gaps.missing).collect();
+            assert_eq!(missing, [1, 4], "{what}");
+            let range = |title: &str| {
+                points
+                    .columns
+                    .iter()
+                    .find(|c| c.title == title)
+                    .unwrap()
+                    .range
+            };
+            assert_eq!(range("EE/X"), Some([100.0, 103.0]), "{what}");
+            assert_eq!(range("Base/X"), None, "{what}");
+            assert_eq!(survey.doubts, [], "{what}");
+        }
+    }
 }
 
 #[test]

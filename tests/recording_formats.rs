@@ -145,10 +145,8 @@ fn compare_c3d(name: &str, capture: &Capture, expected: &Value) {
         assert_eq!(residual.is_some(), section.name == "Trajectories");
         for i in (0..frames).filter(|i| columns.iter().all(|c| c.values[*i] == 0.0)) {
             zeros += 1;
-            assert!(
-                residual.is_none_or(|r| r.values[i] != 0.0),
-                "{name} {label}"
-            );
+            // cameras saw it there: a residual that can be read, and is not 0
+            assert!(residual.is_none_or(|r| r.values[i] > 0.0), "{name} {label}");
         }
     }
     let sum: u64 = [

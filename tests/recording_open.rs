@@ -451,10 +451,18 @@ fn columns_units_and_times_that_are_wrong() {
         (
             "voltage.csv",
             "2,1,0.5,",
-            "2,1,NaN,",
+            "NaN,1,0.5,",
+            ErrorKind::BadNumber,
+            4,
+            "time is missing",
+        ),
+        (
+            "voltage.csv",
+            "2,1,0.5,",
+            "2,1,-inf,",
             ErrorKind::NotFinite,
             4,
-            "column 3: found \"NaN\"",
+            "column 3: found \"-inf\"",
         ),
         (
             "voltage.csv",
@@ -572,6 +580,99 @@ fn files_that_are_missing_empty_or_closed() {
     assert_eq!(e.kind(), ErrorKind::Toml, "{e}");
     let e = Recording::open(Path::new("no/such")).unwrap_err();
     assert_eq!(e.kind(), ErrorKind::NotFound);
+}
+
+/// Motion and monitor in one file: what is to be said of it is said once.
+#[test]
+fn a_file_that_is_read_twice_warns_once() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::copy(robot().join("rig.toml"), dir.path().join("rig.toml")).unwrap();
+    let text = |i: usize| format!("{},1,2,{},500,0,0,word\n", i as f64 / 10.0, i % 3);
+    let rows: String = (0..40).map(text).collect();
+    let header = "t_s,EE_x_mm,EE_y_mm,EE_z_mm,a (V),b (V),c (V),remark\n";
+    fs::write(
+        dir.path().join("all.csv"),
+        format!("settings\n{header}{rows}0.1"),
+    )
+    .unwrap();
+    let table = "file = \"all.csv\"\ntime = \"t_s\"\n";
+    let channels = "channels = [\"a (V)\", \"b (V)\", \"c (V)\"]\n";
+    let manifest = format!(
+        "[recording]\nid = \"a\"\nkind = \"robot\"\nrig = \"rig.toml\"\n[motion]\n{table}end_effector = \"EE\"\n\
+         [voltage]\n{table}{channels}[monitor]\n{table}{channels}"
+    );
+    fs::write(dir.path().join("recording.toml"), manifest).unwrap();
+    let r = Recording::open(dir.path()).unwrap();
+    let dropped: Vec<&str> = r
+        .notes
+        .iter()
+        .map(|n| n.text.as_str())
+        .filter(|t| t.contains("middle of a row"))
+        .collect();
+    assert_eq!(dropped.len(), 1, "{dropped:?}");
+}
+
+/// Seconds that were taken for microseconds, and a rate that overrules times that the file has.
+#[test]
+fn doubtful_clocks_are_said() {
+    let said = |r: &Recording, words: &str| r.notes.iter().any(|n| n.text.contains(words));
+    let slow = |unit: &str| {
+        let dir = tempfile::tempdir().unwrap();
+        for file in ["recording.toml", "rig.toml", "motion.csv", "monitor.csv"] {
+            fs::copy(robot().join(file), dir.path().join(file)).unwrap();
+        }
+        let path = dir.path().join("recording.toml");
+        let text = fs::read_to_string(&path).unwrap();
+        let text = text.replace(
+            "time = \"time_ms\"",
+            &format!("time = 1\ntime_unit = \"{unit}\""),
+        );
+        fs::write(
+            &path,
+            text.replace(
+                "channels = [\"phi1_kV\", \"phi2_kV\", \"phi3_kV\"]",
+                "channels = [2, 3, 4]",
+            ),
+        )
+        .unwrap();
+        // LabVIEW: milliseconds with three digits and a dot between thousands
+        let rows: String = (9..60)
+            .map(|i| match i {
+                9 => "903.000;1.5;0.5;0\n".to_owned(),
+                i => format!("{}.{:03}.000;1.5;0.5;0\n", i / 10, i % 10 * 100 + 3),
+            })
+            .collect();
+        fs::write(dir.path().join("voltage.csv"), rows).unwrap();
+        Recording::open(dir.path()).unwrap()
+    };
+    let r = slow("ms");
+    assert!(
+        said(&r, "a sample every 100 s: is the unit of the time right?"),
+        "{:?}",
+        r.notes
+    );
+    assert!(said(&r, "a thousand times too large"), "{:?}", r.notes);
+    let r = slow("us");
+    assert!(!said(&r, "is the unit of the time right"), "{:?}", r.notes);
+    let (_dir, r) = edited("voltage.csv", "", "");
+    assert!(!said(&r.unwrap(), "thousand times"));
+
+    let scope = |rate: &str| {
+        let csv = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\t\n\nChannels\t2\nSamples\t3\t3\n\
+             Y_Unit_Label\tm\tV\nX0\t0\t0\nDelta_X\t0.01\t0.01\n***End_of_Header***\n\
+             X_Value\tCH1\tCH2\tComment\n\t1\t2\n\t3\t4\n\t3\t4\n";
+        let manifest = format!(
+            "[recording]\nid = \"a\"\nkind = \"axis\"\n[axis]\nfile = \"run.csv\"\nposition = \"CH1\"\ninput = \"CH2\"\n{rate}\
+             units = {{ position = \"m\", input = \"V\" }}\ninput_gain = 1.0\nmass_kg = 1.0\n"
+        );
+        table(&manifest, csv)
+    };
+    let r = scope("rate_hz = 1000.0\n").unwrap();
+    let words = "which make 100 Hz; the manifest's rate_hz = 1000 is used";
+    assert!(said(&r, words), "{:?}", r.notes);
+    for rate in ["", "rate_hz = 100.0\n"] {
+        assert!(!said(&scope(rate).unwrap(), "which make"));
+    }
 }
 
 #[cfg(unix)]

@@ -5,8 +5,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use deacal::recording::{
-    Capture, ColumnRef, Error, ErrorKind, ReadOptions, read_file, read_file_as,
+    Capture, ColumnRef, Error, ErrorKind, Level, ReadOptions, Recording, read_file, read_file_as,
+    survey_file,
 };
+use deacal::report::survey::{lines, manifest};
 use serde_json::Value;
 
 fn shared() -> Option<PathBuf> {
@@ -448,6 +450,46 @@ fn tdms_texts_and_clocks_beyond_all_numbers() {
     );
 }
 
+/// A clock that was never set says the beginning of 1904.
+#[test]
+fn a_waveform_starts_at_a_date_or_is_not_said_to() {
+    let text = |t: &str| [&(t.len() as u32).to_le_bytes()[..], t.as_bytes()].concat();
+    let file = |since_1904_s: i64| {
+        let mut meta = 1u32.to_le_bytes().to_vec();
+        meta.extend(text("/'g'/'a'"));
+        meta.extend(20u32.to_le_bytes());
+        meta.extend(10u32.to_le_bytes());
+        meta.extend(1u32.to_le_bytes());
+        meta.extend(2u64.to_le_bytes());
+        meta.extend(2u32.to_le_bytes());
+        meta.extend(text("wf_increment"));
+        meta.extend(10u32.to_le_bytes());
+        meta.extend(0.5f64.to_le_bytes());
+        meta.extend(text("wf_start_time"));
+        meta.extend(0x44u32.to_le_bytes());
+        meta.extend(0u64.to_le_bytes());
+        meta.extend(since_1904_s.to_le_bytes());
+        segment(
+            2 | 4 | 8,
+            false,
+            &meta,
+            &[1f64.to_le_bytes(), 2f64.to_le_bytes()].concat(),
+        )
+    };
+    let starts = |since_1904_s: i64| -> Vec<String> {
+        let capture = read(file(since_1904_s)).unwrap();
+        assert_eq!(
+            capture.sections[0].stamps_s.as_deref(),
+            Some(&[0.0, 0.5][..])
+        );
+        let notes = capture.notes.into_iter().map(|n| n.text);
+        notes.filter(|t| t.contains("starts at")).collect()
+    };
+    assert_eq!(starts(0), Vec::<String>::new());
+    let said = starts(2_082_844_800 + 1_347_044_303);
+    assert!(said[0].contains("2012-09-07 18:58:23 UTC"), "{said:?}");
+}
+
 #[test]
 fn oscilloscopes_by_hand() {
     let tek =
@@ -491,6 +533,188 @@ fn oscilloscopes_by_hand() {
     for header_text in ["XStart:-0.5:\n", "XStart:-inf:\nXStop:inf:\n"] {
         std::fs::write(&header, header_text).unwrap();
         assert!(read_file(&path).unwrap_err().to_string().contains("XStop"));
+    }
+}
+
+/// A file that has fewer samples than its header says: it is said, and those that are there keep their times.
+#[test]
+fn samples_that_are_declared_and_missing_are_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.Wfm.csv");
+    std::fs::write(&path, "1\n2\n3\n4\n").unwrap();
+    let said = |capture: &Capture, text: &str| {
+        capture
+            .notes
+            .iter()
+            .any(|n| n.level == Level::Warning && n.text.contains(text))
+    };
+    for (lengths, cut) in [
+        ("RecordLength:8:\n", true),
+        ("RecordLength:10:\nSignalRecordLength:8:\n", true),
+        ("SignalRecordLength:4:\nRecordLength:10:\n", false),
+    ] {
+        let header = format!("XStart:-0.5:\nXStop:1.5:\n{lengths}");
+        std::fs::write(dir.path().join("run.csv"), header).unwrap();
+        let capture = read_file(&path).unwrap();
+        let times = capture.sections[0].stamps_s.clone().unwrap();
+        let wanted = if cut {
+            [-0.5, -0.25, 0.0, 0.25]
+        } else {
+            [-0.5, 0.0, 0.5, 1.0]
+        };
+        assert_eq!(times, wanted, "{lengths}");
+        assert_eq!(
+            said(&capture, "says 8 samples, 4 are there"),
+            cut,
+            "{lengths}"
+        );
+    }
+    let lvm = |samples: u32| {
+        format!(
+            "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tOne\n***End_of_Header***\t\n\nChannels\t1\nSamples\t{samples}\n\
+             Y_Unit_Label\tV\n***End_of_Header***\nX_Value\tu\tComment\n0.0\t1\t\n0.5\t2\t\n1.0\t4\t\n"
+        )
+    };
+    let capture = read(lvm(51_200)).unwrap();
+    assert!(
+        said(&capture, "says 51200 samples, 3 rows"),
+        "{:?}",
+        capture.notes
+    );
+    // rows that were written one by one below one header
+    assert!(!said(&read(lvm(1)).unwrap(), "samples"));
+}
+
+/// The start that `deacal import --init` writes says the clock that a file has, and makes none up.
+#[test]
+fn a_start_has_the_clock_of_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let start = |name: &str, text: &str| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let options = ReadOptions {
+            columns: Some(Vec::new()),
+            ..ReadOptions::default()
+        };
+        let survey = survey_file(&path, None, &options).unwrap();
+        let lines = lines(&path, &survey).join("\n");
+        (manifest(&[(name.to_owned(), &survey)]), lines)
+    };
+    let open = |start: &str| {
+        let text = start.lines().find(|l| l.starts_with("kind")).unwrap();
+        // a start for voltages alone, made a whole recording by a motion
+        let motion = "[motion]\nfile = \"motion.csv\"\nend_effector = \"EE\"\ntime = \"t_s\"\n";
+        std::fs::write(
+            dir.path().join("motion.csv"),
+            "t_s,EE_x_mm,EE_y_mm,EE_z_mm\n0,1,2,3\n1,1,2,3\n",
+        )
+        .unwrap();
+        std::fs::copy(
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/recording/robot/rig.toml"),
+            dir.path().join("rig.toml"),
+        )
+        .unwrap();
+        let start = start.replacen(text, "kind = \"robot\"", 1).replacen(
+            "[voltage]",
+            &format!("{motion}[voltage]"),
+            1,
+        );
+        std::fs::write(dir.path().join("recording.toml"), start).unwrap();
+        Recording::open(dir.path()).unwrap().voltage.unwrap()
+    };
+
+    // a scope that states its own clock, as fast as scopes are
+    let (text, said) = start(
+        "scope.csv",
+        "X,CH1,CH2,CH3,Start,Increment,\nSequence,Volt,Volt,Volt,-3e-7,5e-10\n0,1,2,30,\n1,3,4,50,\n2,3,4,60,\n",
+    );
+    assert!(
+        said.contains("3 rows at 2.000e9 Hz, -300.0 to -299.0 ns"),
+        "{said}"
+    );
+    assert!(
+        !text.contains("rate_hz") && text.contains("the file's own, 2.000e9 Hz"),
+        "{text}"
+    );
+    let v = open(&text);
+    assert!((v.time_s[1] - -2.995e-7).abs() < 1e-20 && v.channels[2] == [30.0, 50.0, 60.0]);
+
+    // LVM: X0 and Delta_X; two channels of one name
+    let lvm = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\t\n\nChannels\t3\nSamples\t3\t3\t3\n\
+         Y_Unit_Label\tVolts\tVolts\tVolts\nX0\t0\t0\t0\nDelta_X\t0.0005\t0.0005\t0.0005\n***End_of_Header***\n\
+         X_Value\tVoltage\tVoltage\tVoltage 2\tComment\n\t1\t4\t700\n\t2\t5\t800\n\t3\t6\t900\n";
+    let (text, _) = start("bench.lvm", lvm);
+    assert!(!text.contains("rate_hz"), "{text}");
+    assert!(text.contains("channels = [2, 3, \"Voltage 2\"]"), "{text}");
+    let v = open(&text);
+    assert_eq!(v.time_s, [0.0, 0.0005, 0.001]);
+    assert_eq!(
+        v.channels,
+        [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [700.0, 800.0, 900.0]]
+    );
+
+    // a plain table with two columns of one name, and a clock that no unit tells
+    let (text, _) = start(
+        "plain.csv",
+        "Zeit,u (V),u (V),w (V)\n0,1,4,700\n10,2,5,800\n21,3,6,900\n",
+    );
+    assert!(
+        text.contains("time = \"Zeit\"  # ? it rises from row to row"),
+        "{text}"
+    );
+    assert!(text.contains("time_unit = \"ms\""), "{text}");
+    assert!(text.contains("channels = [2, 3, \"w (V)\"]"), "{text}");
+    assert_eq!(open(&text).time_s, [0.0, 0.01, 0.021]);
+
+    // a table without a clock: none is made up
+    let (text, _) = start("none.csv", "a (V),b (V),c (V)\n1,4,700\n2,5,800\n1,6,900\n");
+    assert!(
+        !text
+            .lines()
+            .any(|l| l.starts_with("rate_hz") || l.starts_with("time")),
+        "{text}"
+    );
+    assert!(
+        text.contains("# rate_hz = 1000.0             # ? the file has no clock"),
+        "{text}"
+    );
+}
+
+/// LabVIEW's tables have no header: a start names their columns by number.
+#[test]
+fn a_table_without_a_header_has_a_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.txt");
+    let rows: String = (0..40)
+        .map(|i| {
+            format!(
+                "{}.000\t{}\t{}.5\t0.1\n",
+                10 * i + i % 3,
+                3.5 + f64::from(i % 7),
+                i % 5
+            )
+        })
+        .collect();
+    std::fs::write(&path, rows).unwrap();
+    let refused = survey_file(&path, None, &ReadOptions::default()).unwrap_err();
+    assert!(refused.to_string().contains("no header row"), "{refused}");
+    assert!(refused.to_string().contains("--init"), "{refused}");
+    let options = ReadOptions {
+        columns: Some(Vec::new()),
+        ..ReadOptions::default()
+    };
+    let survey = survey_file(&path, None, &options).unwrap();
+    assert_eq!(survey.sections[0].columns.len(), 4);
+    let rising: Vec<bool> = survey.sections[0].columns.iter().map(|c| c.rises).collect();
+    assert_eq!(rising, [true, false, false, false]);
+    let text = manifest(&[("run.txt".to_owned(), &survey)]);
+    for wanted in [
+        "# time = 1  # ? it rises from row to row\n",
+        "# time_unit = \"ms\"",
+        "# channels = [2, 3, 4]  # ? chains 1, 2, 3",
+        "#   3: 0.5 to 4.5\n",
+    ] {
+        assert!(text.contains(wanted), "{wanted} is not in:\n{text}");
     }
 }
 

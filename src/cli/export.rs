@@ -24,6 +24,13 @@ pub(super) struct Arguments {
 pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     let file = load::parameters(&a.parameters)?;
     let format = Format::parse(&a.format).ok_or("unknown format")?;
+    if let Some(path) = &a.output {
+        load::ending(
+            path,
+            &format!("--format {}", format.name()),
+            &[format.extension(), format.name()],
+        )?;
+    }
     let text = export(&file, format);
     match &a.output {
         Some(path) => {

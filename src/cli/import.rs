@@ -27,7 +27,8 @@ pub(super) struct Arguments {
     /// Folder for the results
     #[arg(short, long, default_value = "out/import")]
     output: PathBuf,
-    /// Of bare files, write a recording.toml to start from, beside the first of them; none that is there is overwritten
+    /// Of bare files, write a recording.toml to start from, beside the first of them; none that is there is overwritten. The columns of
+    /// a table without a header are called by number
     #[arg(long)]
     init: bool,
     /// Also leave the aligned recording as mat (MATLAB) or npz (NumPy)
@@ -59,7 +60,12 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 &mut lines,
             )?);
         } else {
-            let survey = survey_file(path, None, &ReadOptions::default())?;
+            // to start from, a table without a header will do: its columns have numbers
+            let options = ReadOptions {
+                columns: a.init.then(Vec::new),
+                ..ReadOptions::default()
+            };
+            let survey = survey_file(path, None, &options)?;
             lines.extend(survey::lines(path, &survey));
             files.push(ImportFile::new(path, &survey));
             surveys.push((path, survey));

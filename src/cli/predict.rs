@@ -77,6 +77,16 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         kinds,
         &progress,
     )?;
+    if let Some(path) = &a.output {
+        let whole =
+            matches!(predict, Predict::Voltage(_)) && recordings[0].manifest.kind == Kind::Robot;
+        let fits: &[&str] = if whole {
+            &["csv", "mcap", "mat", "npz"]
+        } else {
+            &["csv"]
+        };
+        load::ending(path, "the prediction", fits)?;
+    }
     let file = load::parameters(&a.params)?;
     if recordings[0].manifest.kind == Kind::FilmSample {
         drop(progress);

@@ -9,9 +9,10 @@
 //! data      := per frame: x, y, z, w of every point, then samples a frame x channels, channel fastest
 //! ```
 //!
-//! scale < 0: numbers are f32 and in units; scale > 0: numbers are i16 and times scale. w < 0 says that the point was not
-//! seen; else its low byte is the residual over |scale|, its high byte the cameras that saw it. Analog values are
-//! (raw - OFFSET) SCALE GEN_SCALE.
+//! scale < 0: numbers are f32 and in units; scale > 0: numbers are i16 and times scale. w is a word of 16 bits with a sign in
+//! both; where it is written as f32 some writers left the sign out, and -1 is 65535 (Vicon Workstation). w < 0 says that the
+//! point was not seen; else its low byte is the residual over |scale|, its high byte the cameras that saw it. Analog values
+//! are (raw - OFFSET) SCALE GEN_SCALE.
 //!
 //! Files contradict themselves. The header decides, unless another count of points, channels and frames fits the size of
 //! the file and the header's does not; parameters that cannot be read are done without. Every such choice is a note.
@@ -1173,6 +1174,16 @@ fn float<const P: u8>(b: &[u8]) -> f64 {
     f64::from(p.f32([b[0], b[1], b[2], b[3]]))
 }
 
+/// The fourth word of a point with its sign: what 16 bits hold without one, 32768 to 65535, is negative.
+#[inline(always)]
+fn signed_word(word: f64) -> f64 {
+    if (32_768.0..65_536.0).contains(&word) {
+        word - 65_536.0
+    } else {
+        word
+    }
+}
+
 #[inline(always)]
 fn whole<const P: u8>(b: &[u8]) -> f64 {
     let p = [Processor::Intel, Processor::Dec, Processor::Sgi][usize::from(P)];
@@ -1212,7 +1223,7 @@ impl Part {
                             number(&b[w..]) * scale,
                             number(&b[2 * w..]) * scale,
                         ];
-                        let mark = number(&b[3 * w..]);
+                        let mark = signed_word(number(&b[3 * w..]));
                         let seen = (mark >= 0.0 || mark.is_nan())
                             && v.iter().all(|c| c.is_finite())
                             && !(*markers && mark == 0.0 && v == [0.0; 3]);

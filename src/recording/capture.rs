@@ -387,7 +387,8 @@ pub(super) fn without_subject(label: &str) -> &str {
 pub struct ReadOptions {
     /// Text encoding where it is not UTF-8: `gbk`.
     pub encoding: Option<String>,
-    /// The columns that will be used. A plain table reads no others, and may have no header if all are numbers.
+    /// The columns that will be used. A plain table reads no others, and may have no header if all are numbers; an empty list stands
+    /// for all that there are, header or not.
     pub columns: Option<Vec<ColumnRef>>,
 }
 
@@ -601,16 +602,29 @@ pub fn importers() -> &'static [&'static dyn Importer] {
 const HINTS: &[(&[u8], &str)] = &[
     (
         b"PK\x03\x04",
-        "this is a zip archive or a spreadsheet workbook; save it as CSV",
+        "this is a spreadsheet workbook (.xlsx, .ods) or a zip archive; save the sheet as CSV, or unpack the archive",
     ),
     (
         b"\xd0\xcf\x11\xe0",
-        "this is an old spreadsheet workbook; save it as CSV",
+        "this is an old spreadsheet workbook (.xls); save the sheet as CSV",
+    ),
+    (
+        b"MATLAB 7.3",
+        "this is a MATLAB file (.mat); write its variables to a table: writetable(table(t, u), 'run.csv')",
     ),
     (
         b"MATLAB 5.0",
-        "this is a MATLAB file; write its variables to CSV",
+        "this is a MATLAB file (.mat); write its variables to a table: writetable(table(t, u), 'run.csv')",
     ),
+    (
+        b"\x89HDF\r\n",
+        "this is an HDF5 file; write its variables to a CSV file",
+    ),
+    (
+        b"\x93NUMPY",
+        "this is a NumPy array (.npy); write it as text: numpy.savetxt(\"run.csv\", a, delimiter=\",\", header=\"t_s,u_V\", comments=\"\")",
+    ),
+    (b"PAR1", "this is a Parquet file; write it as CSV"),
 ];
 
 /// Whether a file is known to be of a kind that no importer reads.
@@ -682,6 +696,22 @@ fn head(path: &Path) -> Result<Vec<u8>, Error> {
     Ok(head)
 }
 
+/// The error for a file of a known format without a row of numbers; the notes on it say why.
+pub(super) fn nothing(path: &Path, notes: &[Note]) -> Error {
+    let why: Vec<&str> = notes.iter().take(4).map(|n| n.text.as_str()).collect();
+    let why = match why.as_slice() {
+        [] => String::new(),
+        some => format!(" ({})", some.join("; ")),
+    };
+    Error::new(
+        ErrorKind::NoData,
+        path,
+        format!("there is nothing to import{why}"),
+    )
+    .expected("at least one row of numbers")
+    .action("take the recording again, or name another file")
+}
+
 /// Reads one file of any known format, told by its content.
 ///
 /// # Errors
@@ -699,7 +729,11 @@ pub fn read_file_as(
     format: Option<&str>,
     options: &ReadOptions,
 ) -> Result<Capture, Error> {
-    importer_for(path, format)?.read(path, options)
+    let capture = importer_for(path, format)?.read(path, options)?;
+    if capture.sections.iter().all(|s| s.rows() == 0) {
+        return Err(nothing(path, &capture.notes));
+    }
+    Ok(capture)
 }
 
 /// The bytes before the first line's end that are not blank, for recognising a format by its first cell.

@@ -3,7 +3,7 @@
 //! Where the data begin is told by the columns that are numbers in most rows: the first row in which each of them holds a
 //! number or nothing. The row above is the header, or the units and the one above it the header. What stands above that
 //! (instrument settings, blank lines) is passed over and said. A table without a header is read only when its columns are
-//! asked for by number.
+//! asked for by number. A cell that is empty, or says NaN, is a gap; infinity is an error.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -15,7 +15,7 @@ use super::capture::{
 use super::error::{Error, ErrorKind, quote};
 use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, filled_texts,
-    is_blank, says_not_finite,
+    is_blank, says_missing, says_not_finite,
 };
 use crate::units::Unit;
 
@@ -381,7 +381,11 @@ impl<'a> Table<'a> {
         let names: &[String] = layout.header.as_ref().map_or(&[], |h| &h.names);
         let named = names.len().max(layout.width);
         let wanted: Vec<usize> = match &options.columns {
-            Some(columns) => {
+            // none in particular: all that are there, by number where nothing names them
+            Some(columns) if columns.is_empty() && layout.header.is_none() => (0..layout.width)
+                .filter(|i| layout.numeric.get(*i) == Some(&true))
+                .collect(),
+            Some(columns) if !columns.is_empty() => {
                 let mut cells = columns
                     .iter()
                     .map(|c| find(path, c, names, layout))
@@ -391,7 +395,7 @@ impl<'a> Table<'a> {
                 cells
             }
             None if layout.header.is_none() => return Err(no_header(path, layout)),
-            None => {
+            _ => {
                 let text: Vec<String> = (0..layout.width)
                     .filter(|i| !layout.numeric.get(*i).copied().unwrap_or(false))
                     .filter_map(|i| names.get(i).filter(|n| !n.is_empty()).cloned())
@@ -472,6 +476,9 @@ impl<'a> Table<'a> {
                     Err((Trouble::Reread, _)) => {
                         self.comma_columns.insert(i + 1);
                         return Ok(Row::Reread);
+                    }
+                    Err((Trouble::NotFinite, cell)) if says_missing(cell.bytes) => {
+                        values[*column] = f64::NAN;
                     }
                     Err((trouble, cell)) => {
                         failed = Some(bad_cell(path, number, i + 1, cell.bytes, trouble));
@@ -564,6 +571,18 @@ impl<'a> Table<'a> {
                 ),
             ));
         }
+        for (column, numbers) in self.section.columns.iter().zip(&self.numbers) {
+            if numbers.groups_by_dots_alone() {
+                notes.push(Note::warning(
+                    path,
+                    format!(
+                        "{}: dots part thousands, because a number has two of them, as 1.003.000 for 1003000; where the last dot is the \
+                         decimal mark, the values are a thousand times too large",
+                        column.title()
+                    ),
+                ));
+            }
+        }
         let header_line = layout.header.as_ref().map_or(0, |h| h.line);
         let passed_over = sample[..layout.data]
             .iter()
@@ -601,7 +620,9 @@ fn no_header(path: &Path, layout: &Layout) -> Error {
     )
     .at_line(1)
     .expected("a row of column names above the numbers")
-    .action("say in a recording.toml which columns are which, by number from 1")
+    .action(
+        "say in a recording.toml which columns are which, by number from 1 (`deacal import FILE --init` writes one to start from)",
+    )
 }
 
 /// The cell that a wanted column stands in.

@@ -311,7 +311,12 @@ impl Reader {
         };
         say(Note::info, format!("a segment of {rows} rows"));
         let most = head.samples.iter().copied().fold(0.0, f64::max);
-        if self.x != XColumns::One && most > 0.0 && most != rows as f64 {
+        // one header may stand above rows that were written one by one: more of them than it says are no contradiction there
+        let contradicts = match self.x {
+            XColumns::One => most > rows as f64,
+            _ => most > 0.0 && most != rows as f64,
+        };
+        if contradicts {
             say(
                 Note::warning,
                 format!("the header says {most} samples, {rows} rows are there"),

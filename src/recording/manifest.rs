@@ -373,7 +373,7 @@ pub enum AxisInertia {
 pub struct AxisManifest {
     /// The file.
     pub source: FileRef,
-    /// Time column or rate.
+    /// Time column or rate; `Clock::Own`: the times that the file has.
     pub clock: Clock,
     /// Position or velocity.
     pub coordinate: AxisCoordinate,
@@ -1174,9 +1174,6 @@ fn axis(t: &Keys<'_>) -> Result<AxisManifest, Error> {
         None => None,
     };
     let clock = clock(t, unit("time", &[Dimension::Time])?)?;
-    if clock == Clock::Own {
-        return Err(t.missing("time", "add `time = ...` (a column) or `rate_hz = ...`"));
-    }
     let inertia = if one_of(t, "mass_kg", "inertia_kg_m2")? {
         AxisInertia::MassKg(t.need("mass_kg")?)
     } else {

@@ -275,7 +275,12 @@ impl Reader<'_> {
         };
         let mut capture = read_file_as(&path, source.format.as_deref(), &options)?;
         self.source(&path, role, capture.format)?;
-        self.notes.append(&mut capture.notes);
+        // motion, voltage and monitor may stand in one file, which says what is in it once
+        for note in capture.notes.drain(..) {
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
         Ok((path, capture))
     }
 
@@ -316,6 +321,7 @@ impl Reader<'_> {
             Clock::Own => section.times_s(),
             #[allow(clippy::cast_precision_loss)]
             Clock::Rate { rate_hz } => {
+                self.notes.extend(overruled(&path, section, *rate_hz));
                 Some((0..section.rows()).map(|i| i as f64 / rate_hz).collect())
             }
             Clock::Column { unit, .. } => {
@@ -384,6 +390,9 @@ impl Reader<'_> {
             }
         };
         values.iter_mut().for_each(|t| *t *= unit.to_si);
+        if let Some(doubt) = slow(column, &values, unit) {
+            self.notes.push(Note::warning(path, doubt));
+        }
         Ok(values)
     }
 
@@ -941,7 +950,10 @@ impl Reader<'_> {
                 self.seconds(path, Role::Motion, column, column.values.clone(), *unit)?
             }
             #[allow(clippy::cast_precision_loss)]
-            Clock::Rate { rate_hz } => (0..section.rows()).map(|i| i as f64 / rate_hz).collect(),
+            Clock::Rate { rate_hz } => {
+                self.notes.extend(overruled(path, section, *rate_hz));
+                (0..section.rows()).map(|i| i as f64 / rate_hz).collect()
+            }
             Clock::Own => section.stamps_s.clone().ok_or_else(|| {
                 Error::new(
                     ErrorKind::MissingKey,
@@ -978,6 +990,41 @@ impl Reader<'_> {
             time_s,
         })
     }
+}
+
+/// What is said where a stated rate takes the place of times that the file has, and the two differ.
+fn overruled(path: &Path, section: &Section, rate_hz: f64) -> Option<Note> {
+    let times = section.times_s()?;
+    let (first, last) = (times.first()?, times.last()?);
+    #[allow(clippy::cast_precision_loss)]
+    let own_hz = (times.len() - 1) as f64 / (last - first);
+    (own_hz.is_finite() && (own_hz - rate_hz).abs() > 1e-3 * own_hz).then(|| {
+        Note::warning(
+            path,
+            format!(
+                "the file has times, which make {} Hz; the manifest's rate_hz = {rate_hz} is used. Leave rate_hz out to take the file's own times",
+                // to a millionth
+                (own_hz * 1e6).round() / 1e6
+            ),
+        )
+    })
+}
+
+/// What is said where times run so slowly that their unit is doubtful: samples farther apart, on average, than the longest relaxation
+/// that a film shows within a recording (40 s) show nothing of it.
+fn slow(column: &Column, time_s: &[f64], unit: &Unit) -> Option<String> {
+    const FARTHEST_S: f64 = 40.0;
+    let (first, last) = (time_s.first()?, time_s.last()?);
+    #[allow(clippy::cast_precision_loss)]
+    let step_s = (last - first) / (time_s.len().checked_sub(1)? as f64);
+    (step_s.is_finite() && step_s > FARTHEST_S).then(|| {
+        format!(
+            "column {} in {} runs for {:.0} s with a sample every {step_s:.0} s: is the unit of the time right?",
+            column.title(),
+            unit.symbol,
+            last - first
+        )
+    })
 }
 
 /// The samples of a motion, and where each row of the file goes.

@@ -6,7 +6,7 @@
 //! | Keysight, Agilent | `x-axis,1,2` over `second,Volt,Volt` | first cell |
 //! | Rigol | `X,CH1,CH2,Start,Increment` over `Sequence,Volt,Volt,<start>,<step>` | start + row * step |
 //! | Rigol, older | `X,CH1` (or an empty cell) over `Second,Volt` | first cell |
-//! | Rohde & Schwarz | one number a row, file `*.Wfm.csv` | in the file of the same name without `.Wfm`: `XStart`, `XStop` |
+//! | Rohde & Schwarz | one number a row, file `*.Wfm.csv` | in the file of the same name without `.Wfm`: `XStart`, `XStop`, `SignalRecordLength` |
 
 use std::path::Path;
 
@@ -454,7 +454,7 @@ fn header_clock(
         return Ok(None);
     }
     let mut lines = LineReader::open(&header, None)?;
-    let (mut start, mut stop) = (None, None);
+    let (mut start, mut stop, mut declared) = (None, None, None);
     while lines.advance()? {
         let text = decode(lines.line()).into_owned();
         let mut parts = text.split([':', ',', ';']).map(str::trim);
@@ -468,12 +468,23 @@ fn header_clock(
         match key {
             Some("XStart") => start = value,
             Some("XStop") => stop = value,
+            // of what lies between XStart and XStop; RecordLength has the samples that settle a filter too
+            Some("SignalRecordLength") => declared = value.filter(|v| *v >= 1.0),
+            Some("RecordLength") if declared.is_none() => declared = value.filter(|v| *v >= 1.0),
             _ => {}
         }
     }
+    if let Some(declared) = declared.filter(|d| *d != samples as f64) {
+        notes.push(Note::warning(
+            path,
+            format!("its header file says {declared} samples, {samples} are there"),
+        ));
+    }
     match (start, stop) {
         (Some(start), Some(stop)) if stop > start && samples > 1 => {
-            let step = (stop - start) / samples as f64;
+            // of a file that was cut, the samples that are there keep their distance
+            let whole = declared.map_or(samples as f64, |d| d.max(samples as f64));
+            let step = (stop - start) / whole;
             Ok(Some(
                 (0..samples).map(|i| start + i as f64 * step).collect(),
             ))

@@ -10,11 +10,12 @@ use std::path::Path;
 use std::sync::mpsc;
 
 use super::capture::{
-    Capture, Gaps, Note, ReadOptions, Section, Sink, column_gap_note, gap_notes, importer_for,
+    Capture, Column, ColumnRef, Gaps, Note, ReadOptions, Section, Sink, column_gap_note, gap_notes,
+    importer_for, nothing,
 };
 use super::error::Error;
 use super::open::section_markers;
-use crate::units::{Dimension, Unit};
+use crate::units::{Dimension, TimeScale, Unit};
 
 /// What is in a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,6 +83,9 @@ pub struct ColumnSurvey {
     pub missing: usize,
     /// Smallest and largest value, in `unit`.
     pub range: Option<[f64; 2]>,
+    /// Whether it is there in every row, of a plain table of two and more, and each value is larger than the one before: what a
+    /// clock does.
+    pub rises: bool,
 }
 
 /// A position.
@@ -108,6 +112,68 @@ pub enum DoubtKind {
     Unit,
     /// Time stamps that leap, step back or drift.
     Clock,
+}
+
+impl SectionSurvey {
+    /// Whether each row has a time of its own beside the columns: a header's clock, or the stamps of messages.
+    #[must_use]
+    pub fn has_own_clock(&self) -> bool {
+        self.frames.is_none() && self.time_column.is_none() && self.time_s.is_some()
+    }
+}
+
+impl Survey {
+    /// How a manifest names a column of this file so that no other is meant: by its header, with its group, else by its number;
+    /// `None` where none of them does.
+    #[must_use]
+    pub fn column_ref(&self, section: usize, column: usize) -> Option<ColumnRef> {
+        let own = self.sections.get(section)?.columns.get(column)?;
+        let groups = &self.sections[section].groups;
+        let group = groups.iter().find(|g| g.columns.contains(&column));
+        let mut names = match (group, own.axis.as_str()) {
+            (None, axis) => vec![axis.to_owned()],
+            (Some(g), "") => vec![g.name.clone()],
+            (Some(g), axis) => vec![format!("{}:{axis}", g.name)],
+        };
+        names.retain(|n| !n.is_empty());
+        let names = names.into_iter().map(ColumnRef::Name);
+        let frame = self.frame();
+        names
+            .chain([ColumnRef::Number(own.number)])
+            .find(|wanted| frame.find_column(Path::new(""), wanted).ok() == Some((section, column)))
+    }
+
+    /// The columns of the file, without their values.
+    fn frame(&self) -> Capture {
+        let section = |s: &SectionSurvey| {
+            let group_of = |i| {
+                s.groups
+                    .iter()
+                    .find(|g: &&GroupSurvey| g.columns.contains(&i))
+            };
+            Section {
+                name: s.name.clone(),
+                columns: s
+                    .columns
+                    .iter()
+                    .enumerate()
+                    .map(|(i, c)| Column {
+                        group: group_of(i).map_or(String::new(), |g| g.name.clone()),
+                        axis: c.axis.clone(),
+                        unit: c.unit.clone(),
+                        number: c.number,
+                        values: Vec::new(),
+                    })
+                    .collect(),
+                ..Section::default()
+            }
+        };
+        Capture {
+            format: self.format,
+            sections: self.sections.iter().map(section).collect(),
+            notes: Vec::new(),
+        }
+    }
 }
 
 impl DoubtKind {
@@ -153,7 +219,7 @@ pub fn survey_file(
     if path.metadata().is_ok_and(|m| m.len() < ALONE) {
         let mut sections = Sections::default();
         let capture = importer.stream(path, options, &mut sections)?;
-        return Ok(sections.finish(path, capture));
+        return sections.finish(path, capture);
     }
     // one thread reads, the other looks at what it has read
     let (to, batches) = mpsc::sync_channel(2);
@@ -177,7 +243,7 @@ pub fn survey_file(
         let sections = looking
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        Ok(sections.finish(path, read?))
+        sections.finish(path, read?)
     })
 }
 
@@ -272,12 +338,17 @@ impl Place {
 
     fn says(&self, s: &Section) -> String {
         match (self.time(s), self.frame, self.line) {
-            (Some(t), Some((frame, _)), _) => format!("at {t:.3} s (frame {frame})"),
-            (Some(t), None, _) => format!("at {t:.3} s"),
+            (Some(t), Some((frame, _)), _) => format!("at {} (frame {frame})", written(t, s)),
+            (Some(t), None, _) => format!("at {}", written(t, s)),
             (None, _, line) if line > 0 => format!("in line {line}"),
             _ => format!("in row {}", self.row + 1),
         }
     }
+}
+
+/// A time of a section, in words.
+fn written(t: f64, s: &Section) -> String {
+    TimeScale::new(t, s.rate_hz.map(f64::recip)).text(t)
 }
 
 /// One section while it goes by.
@@ -287,6 +358,8 @@ struct Running {
     first: Place,
     last: Place,
     columns: Vec<ColumnSurvey>,
+    /// The last value of each column of a plain table.
+    last_values: Vec<f64>,
     groups: Vec<RunningGroup>,
     markers: Vec<MarkerTrack>,
     unwatched: usize,
@@ -333,6 +406,18 @@ impl Running {
             if low <= high {
                 let [a, b] = seen.range.unwrap_or([low, high]);
                 seen.range = Some([a.min(low), b.max(high)]);
+            }
+        }
+        if section.groups.is_empty() {
+            for ((seen, last), column) in self
+                .columns
+                .iter_mut()
+                .zip(&mut self.last_values)
+                .zip(&section.columns)
+            {
+                // nothing is larger than what is not there
+                let larger = |v: &f64| *v > std::mem::replace(last, *v);
+                seen.rises = seen.rises && column.values.iter().all(larger);
             }
         }
         for (group, running) in section.groups.iter().zip(&mut self.groups) {
@@ -408,7 +493,9 @@ impl Running {
                 number: column.number,
                 missing: self.rows,
                 range: None,
+                rises: section.groups.is_empty() && self.rows == 0,
             });
+            self.last_values.push(f64::NEG_INFINITY);
         }
         while self.groups.len() < section.groups.len() {
             self.groups.push(RunningGroup {
@@ -1033,10 +1120,13 @@ impl Clock {
         let usual = self.steps.quantile(0.5, true);
         let (longest, at, from) = self.longest;
         if self.steps.total >= 20 && longest > 5.0 * usual {
+            let text = |t| TimeScale::new(t, Some(usual)).text(t);
             doubt(
                 from,
                 format!(
-                    "time leaps by {longest:.4} s after {from:.4} s{}; a usual step is below {usual:.2e} s",
+                    "time leaps by {} after {}{}; a usual step is below {usual:.2e} s",
+                    text(longest),
+                    text(from),
                     line(at)
                 ),
             );
@@ -1076,7 +1166,10 @@ impl Clock {
 }
 
 impl Sections {
-    fn finish(self, path: &Path, capture: Capture) -> Survey {
+    fn finish(self, path: &Path, capture: Capture) -> Result<Survey, Error> {
+        if self.all.iter().all(|s| s.rows == 0) {
+            return Err(nothing(path, &capture.notes));
+        }
         let Capture {
             format,
             sections,
@@ -1091,14 +1184,21 @@ impl Sections {
         ) {
             // a section without rows still has columns
             running.meet(section);
+            let before = doubts.len();
             all.push(running.finish(path, section, &mut notes, &mut doubts));
+            // the clocks of several sections are told apart by whose they are
+            for doubt in &mut doubts[before..] {
+                if doubt.kind == DoubtKind::Clock && sections.len() > 1 {
+                    doubt.says = format!("{}: {}", section.name, doubt.says);
+                }
+            }
         }
-        Survey {
+        Ok(Survey {
             format,
             sections: all,
             notes,
             doubts,
-        }
+        })
     }
 }
 
@@ -1178,7 +1278,13 @@ impl Running {
                 })
                 .collect(),
             time_column: self.clock.as_ref().and_then(|c| c.column),
-            columns: std::mem::take(&mut self.columns),
+            columns: std::mem::take(&mut self.columns)
+                .into_iter()
+                .map(|c| ColumnSurvey {
+                    rises: c.rises && self.rows > 1,
+                    ..c
+                })
+                .collect(),
         }
     }
 
@@ -1293,7 +1399,7 @@ impl Running {
                 (Some(r), _) => {
                     #[allow(clippy::cast_precision_loss)]
                     let s = row as f64 / r;
-                    format!("{s:.4} s after its beginning")
+                    format!("{} after its beginning", written(s, section))
                 }
                 _ => format!("in row {}", row + 1),
             };

@@ -168,6 +168,31 @@ fn stamp(seconds: i64, fraction: u64) -> f64 {
     (seconds as f64 - 2_082_844_800.0) + fraction as f64 / 18_446_744_073_709_551_616.0
 }
 
+/// A time as a date of the Gregorian calendar: `2012-09-07 18:58:23 UTC`. What is beyond all calendars is left in seconds.
+fn utc(since_1970_s: f64) -> String {
+    if since_1970_s.is_nan() || since_1970_s.abs() > 1e11 {
+        return format!("{since_1970_s:e} s since 1970");
+    }
+    #[allow(clippy::cast_possible_truncation)]
+    let seconds = since_1970_s.floor() as i64;
+    let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
+    // years that begin in March, 400 of which have 146097 days
+    let day = days + 719_468;
+    let (era, day) = (day.div_euclid(146_097), day.rem_euclid(146_097));
+    let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;
+    let day = day - (365 * year + year / 4 - year / 100);
+    let month = (5 * day + 2) / 153;
+    let day = day - (153 * month + 2) / 5 + 1;
+    let month = if month < 10 { month + 3 } else { month - 9 };
+    let year = year + 400 * era + i64::from(month <= 2);
+    format!(
+        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC",
+        second / 3_600,
+        second / 60 % 60,
+        second % 60
+    )
+}
+
 /// How the raw data of a channel lie in a segment.
 #[derive(Debug, Clone, PartialEq)]
 enum Layout {
@@ -479,7 +504,9 @@ impl Reader<'_> {
             let step = real("wf_increment").filter(|s| {
                 *s > 0.0 && s.recip().is_finite() && (offset + rows as f64 * s).is_finite()
             });
+            // the beginning of 1904 is what a clock says that was never set
             if let Some(Property::Time(start)) = object.properties.get("wf_start_time")
+                && *start != stamp(0, 0)
                 && starts.len() < 4
                 && !starts.contains(start)
             {
@@ -538,7 +565,8 @@ impl Reader<'_> {
             notes.push(Note::info(
                 path,
                 format!(
-                    "a waveform starts at {start} s since 1970; its times here count from there"
+                    "a waveform starts at {}; its times here count from there",
+                    utc(start)
                 ),
             ));
         }
@@ -1008,6 +1036,17 @@ mod tests {
     #[test]
     fn seconds_since_1904() {
         assert_eq!(stamp(2_082_844_800, 1 << 63), 0.5);
+    }
+
+    #[test]
+    fn dates() {
+        assert_eq!(utc(0.0), "1970-01-01 00:00:00 UTC");
+        assert_eq!(utc(951_782_399.5), "2000-02-28 23:59:59 UTC");
+        assert_eq!(utc(951_782_400.0), "2000-02-29 00:00:00 UTC");
+        assert_eq!(utc(1_347_044_303.9), "2012-09-07 18:58:23 UTC");
+        assert_eq!(utc(4_107_542_400.0), "2100-03-01 00:00:00 UTC");
+        assert_eq!(utc(stamp(0, 0)), "1904-01-01 00:00:00 UTC");
+        assert_eq!(utc(1e300), "1e300 s since 1970");
     }
 
     #[test]

@@ -527,6 +527,7 @@ pub enum Trouble {
 pub struct NumberColumn {
     notation: Notation,
     saw_dot: bool,
+    saw_comma: bool,
     between_commas: bool,
 }
 
@@ -537,6 +538,7 @@ impl NumberColumn {
         NumberColumn {
             notation,
             saw_dot: false,
+            saw_comma: false,
             between_commas: delimiter == Delimiter::Comma,
         }
     }
@@ -551,6 +553,12 @@ impl NumberColumn {
         (0..cells)
             .map(|cell| NumberColumn::new(delimiter, notation(cell)))
             .collect()
+    }
+
+    /// Whether dots part thousands in the column only because a number in it has two of them: no cell has a decimal comma.
+    #[must_use]
+    pub fn groups_by_dots_alone(&self) -> bool {
+        self.notation == Notation::Comma && !self.saw_comma
     }
 
     /// The notation as far as it is known.
@@ -628,6 +636,7 @@ impl NumberColumn {
                 return finite(sign * value);
             }
         }
+        self.saw_comma |= commas > 0;
         match normalised(body, b',', b'.') {
             Some(value) => finite(sign * value),
             None if normalised(body, b'.', b',').is_some() => Err(Trouble::Contradiction),
@@ -666,6 +675,14 @@ pub fn says_not_finite(cell: &[u8]) -> bool {
                 | b"#num!"
                 | b"#n/a"
         )
+}
+
+/// Whether a cell spells that nothing was measured: NaN in any of its spellings, or a spreadsheet's `#N/A`. Infinity is none: it was a
+/// number once.
+#[must_use]
+pub fn says_missing(cell: &[u8]) -> bool {
+    let text = cell.to_ascii_lowercase();
+    says_not_finite(cell) && !text.windows(3).any(|w| w == b"inf")
 }
 
 /// A number without a sign, with its decimal mark made a dot and its groups checked and joined.
@@ -863,6 +880,18 @@ mod tests {
     fn read(delimiter: Delimiter, cells: &[&str]) -> Result<Vec<f64>, Trouble> {
         let mut column = NumberColumn::new(delimiter, Notation::Dot);
         cells.iter().map(|c| column.parse(c.as_bytes())).collect()
+    }
+
+    #[test]
+    fn missing_is_not_infinite() {
+        for cell in [
+            "NaN", "nan", "-nan", "1.#QNAN", "-1.#IND", "nan(0x1)", "#N/A",
+        ] {
+            assert!(says_missing(cell.as_bytes()), "{cell}");
+        }
+        for cell in ["inf", "-Infinity", "1.#INF", "1e400", "0", "", "nano"] {
+            assert!(!says_missing(cell.as_bytes()), "{cell}");
+        }
     }
 
     #[test]

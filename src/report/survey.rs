@@ -3,8 +3,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use crate::recording::{DoubtKind, Level, MarkerSurvey, SectionSurvey, Survey};
-use crate::units::{Dimension, Unit};
+use crate::recording::{ColumnRef, DoubtKind, Level, MarkerSurvey, SectionSurvey, Survey};
+use crate::units::{Dimension, TimeScale, Unit};
 
 /// Lines shown of what there may be many of; `import.json` has all.
 const SHOWN: usize = 30;
@@ -31,9 +31,14 @@ pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
         let of_kind: Vec<_> = survey.doubts.iter().filter(|d| d.kind == kind).collect();
         out.extend(of_kind.iter().take(6).map(|d| format!("  ? {}", d.says)));
         if of_kind.len() > 6 {
+            // what has no name of its own is called by its table
             let mut names: Vec<&str> = of_kind[6..]
                 .iter()
-                .flat_map(|d| d.what.iter().map(String::as_str))
+                .flat_map(|d| match d.what.as_slice() {
+                    [] => std::slice::from_ref(&d.section),
+                    what => what,
+                })
+                .map(String::as_str)
                 .collect();
             let more = names.len();
             names.truncate(12);
@@ -56,8 +61,10 @@ fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
+const NEVER: &str = "never seen";
+
 fn range(values: Option<[f64; 2]>) -> String {
-    values.map_or("never seen".to_owned(), |[a, b]| {
+    values.map_or(NEVER.to_owned(), |[a, b]| {
         format!("{} to {}", short(a), short(b))
     })
 }
@@ -81,15 +88,22 @@ fn short(v: f64) -> String {
 }
 
 fn section(s: &SectionSurvey, out: &mut Vec<String>) {
-    let mut head = format!("  {}: {} rows", s.name, s.rows);
+    let mut head = format!("  {}: {}", s.name, count(s.rows, "row"));
     if let Some(rate) = s.rate_hz {
         let _ = write!(head, " at {} Hz", short(rate));
     }
     if let Some([first, last]) = s.frames {
         let _ = write!(head, ", frames {first} to {last}");
     }
-    if let Some([from, to]) = s.time_s {
-        let _ = write!(head, ", {from:.3} to {to:.3} s");
+    match s.time_s {
+        Some([at, to]) if s.rows == 1 || at == to => {
+            let _ = write!(head, ", at {}", TimeScale::new(at, None).text(at));
+        }
+        Some([from, to]) => {
+            let times = TimeScale::new(from.abs().max(to.abs()), s.rate_hz.map(f64::recip));
+            let _ = write!(head, ", {} to {}", times.number(from), times.text(to));
+        }
+        None => {}
     }
     out.push(head);
 
@@ -172,8 +186,13 @@ fn more(count: usize, what: &str, out: &mut Vec<String>) {
 }
 
 fn marker(s: &SectionSurvey, m: &MarkerSurvey, width: usize) -> String {
-    let [x, y, z] = m.columns.map(|c| range(s.columns[c].range));
-    let mut text = format!("    {:width$}  x {x}, y {y}, z {z}", m.label);
+    let ranges = m.columns.map(|c| s.columns[c].range);
+    let mut text = format!("    {:width$}  ", m.label);
+    if ranges.iter().all(Option::is_none) {
+        return text + NEVER;
+    }
+    let [x, y, z] = ranges.map(range);
+    let _ = write!(text, "x {x}, y {y}, z {z}");
     let group = s.groups.iter().find(|g| g.columns.contains(&m.columns[0]));
     if let Some(g) = group.filter(|g| g.gaps.missing > 0) {
         let _ = write!(
@@ -207,26 +226,161 @@ fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// A `recording.toml` to start from, for files beside it. What is a guess has a question mark behind it.
-#[must_use]
-pub fn manifest(files: &[(String, &Survey)]) -> String {
-    let mut motion = None;
-    let mut volts = None;
-    for (name, survey) in files {
-        for s in &survey.sections {
-            if motion.is_none() && !s.markers.is_empty() {
-                motion = Some((name, s));
-            }
-            let columns: Vec<usize> = (0..s.columns.len())
-                .filter(|i| {
-                    Unit::parse(&s.columns[*i].unit).is_some_and(|u| matches!(u.symbol, "V" | "kV"))
-                })
-                .collect();
-            if volts.is_none() && !columns.is_empty() {
-                volts = Some((name, s, columns));
+/// A table of a file.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    file: &'a str,
+    survey: &'a Survey,
+    index: usize,
+}
+
+impl<'a> Place<'a> {
+    fn section(&self) -> &'a SectionSurvey {
+        &self.survey.sections[self.index]
+    }
+
+    /// A column as a manifest names it, and no other.
+    fn column(&self, i: usize) -> String {
+        match self.survey.column_ref(self.index, i) {
+            Some(ColumnRef::Name(name)) => quoted(&name),
+            Some(ColumnRef::Number(number)) => number.to_string(),
+            None => quoted(&self.section().columns[i].title),
+        }
+    }
+
+    /// The lines that say where the times are, each behind `mark`.
+    fn clock(&self, mark: &str, out: &mut String) {
+        let s = self.section();
+        if s.frames.is_some() {
+            return;
+        }
+        if s.has_own_clock() {
+            let rate = s
+                .rate_hz
+                .map_or(String::new(), |r| format!(", {} Hz", short(r)));
+            let _ = writeln!(out, "{mark}# the times are the file's own{rate}");
+            return;
+        }
+        let rising = || s.columns.iter().position(|c| c.rises && c.unit.is_empty());
+        let Some(c) = s.time_column.or_else(rising) else {
+            let _ = writeln!(
+                out,
+                "{mark}# rate_hz = 1000.0             # ? the file has no clock: state its samples per second"
+            );
+            return;
+        };
+        let guess = match s.time_column {
+            Some(_) => "",
+            None => "  # ? it rises from row to row",
+        };
+        let _ = writeln!(out, "{mark}time = {}{guess}", self.column(c));
+        let step = s.columns[c].range.map_or(f64::NAN, |[a, b]| {
+            #[allow(clippy::cast_precision_loss)]
+            let steps = s.rows.saturating_sub(1) as f64;
+            (b - a) / steps
+        });
+        // the largest unit in which there is a sample a second
+        let likely = ["s", "ms", "us", "ns"]
+            .into_iter()
+            .find(|u| Unit::parse(u).is_some_and(|u| step * u.to_si <= 1.0));
+        if s.columns[c].unit.is_empty()
+            && let Some(unit) = likely
+            && let Some(known) = Unit::parse(unit)
+        {
+            let _ = writeln!(
+                out,
+                "{mark}time_unit = {}              # ? a sample every {} {unit}: {} Hz",
+                quoted(unit),
+                short(step),
+                short(1.0 / (step * known.to_si))
+            );
+        }
+    }
+}
+
+/// Markers of a table with how far they move, the farthest first. A single row shows no motion.
+fn movers(s: &SectionSurvey) -> Vec<(f64, &MarkerSurvey)> {
+    let mut all: Vec<(f64, &MarkerSurvey)> = s
+        .markers
+        .iter()
+        .map(|m| (travel(s, m), m))
+        .filter(|(t, _)| t.is_finite() && s.rows > 1)
+        .collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    all
+}
+
+/// A length of a table in m; what has no unit is taken for mm.
+fn metres(s: &SectionSurvey, m: &MarkerSurvey, length: f64) -> f64 {
+    length * Unit::parse(&s.columns[m.columns[0]].unit).map_or(1e-3, |u| u.to_si)
+}
+
+/// The table whose markers are the motion: the first with markers that were seen in more than one row; of topics, which are a table each,
+/// the one that moves farthest.
+fn motion_place<'a>(places: &[Place<'a>]) -> Option<Place<'a>> {
+    let far = |p: &Place| {
+        let s = p.section();
+        movers(s).first().map_or(0.0, |(t, m)| metres(s, m, *t))
+    };
+    let mut seen = places.iter().filter(|p| !movers(p.section()).is_empty());
+    let mut best = *seen.next()?;
+    if best.section().has_own_clock() {
+        let own = |p: &&Place| p.file == best.file && p.section().has_own_clock();
+        for p in seen.filter(own).copied().collect::<Vec<_>>() {
+            if far(&p) > far(&best) {
+                best = p;
             }
         }
     }
+    Some(best)
+}
+
+/// The marker that moves least: of the same table, or where each marker is a table of its own, of the others of the file.
+fn base<'a>(places: &[Place<'a>], motion: Place<'a>) -> Option<(f64, &'a MarkerSurvey, &'a str)> {
+    let s = motion.section();
+    let unit = |s: &'a SectionSurvey, m: &MarkerSurvey| s.columns[m.columns[0]].unit.as_str();
+    if let [_, .., (near, rests)] = movers(s).as_slice() {
+        return Some((*near, rests, unit(s, rests)));
+    }
+    places
+        .iter()
+        .filter(|p| p.file == motion.file && p.index != motion.index)
+        .flat_map(|p| {
+            movers(p.section())
+                .into_iter()
+                .map(move |(t, m)| (t, m, p.section()))
+        })
+        .filter(|(_, m, _)| s.markers.iter().all(|own| own.label != m.label))
+        .min_by(|a, b| metres(a.2, a.1, a.0).total_cmp(&metres(b.2, b.1, b.0)))
+        .map(|(t, m, s)| (t, m, unit(s, m)))
+}
+
+/// A `recording.toml` to start from, for files beside it. What is a guess has a question mark behind it; what the files do not say is left
+/// to be filled in.
+#[must_use]
+pub fn manifest(files: &[(String, &Survey)]) -> String {
+    let places: Vec<Place> = files
+        .iter()
+        .flat_map(|(file, survey)| {
+            (0..survey.sections.len()).map(move |index| Place {
+                file,
+                survey,
+                index,
+            })
+        })
+        .collect();
+    let motion = motion_place(&places);
+    let in_volts = |s: &SectionSurvey| -> Vec<usize> {
+        (0..s.columns.len())
+            .filter(|i| {
+                Unit::parse(&s.columns[*i].unit).is_some_and(|u| matches!(u.symbol, "V" | "kV"))
+            })
+            .collect()
+    };
+    let volts = places
+        .iter()
+        .filter(|p| p.section().rows > 1)
+        .find_map(|p| Some((*p, in_volts(p.section()))).filter(|(_, c)| !c.is_empty()));
     let id = files.first().map_or("recording", |(name, _)| name.as_str());
     let id = Path::new(id)
         .file_stem()
@@ -240,112 +394,121 @@ pub fn manifest(files: &[(String, &Survey)]) -> String {
         quoted(&id)
     );
     match motion {
-        Some((name, s)) => {
-            let mut by_travel: Vec<(f64, &MarkerSurvey)> = s
-                .markers
-                .iter()
-                .map(|m| (travel(s, m), m))
-                .filter(|(t, _)| t.is_finite())
-                .collect();
-            by_travel.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let unit = &s.columns[s.markers[0].columns[0]].unit;
-            let _ = write!(out, "\n[motion]\nfile = {}\n", quoted(name));
-            if Unit::parse(unit).is_none_or(|u| u.dimension != Dimension::Length) {
-                out += "unit = \"mm\"                    # ? the file does not say\n";
-            }
-            match by_travel.as_slice() {
-                [] => out += "end_effector = \"*\"            # ? no marker was ever seen\n",
-                all @ [(far, moves), ..] => {
-                    let _ = writeln!(
-                        out,
-                        "end_effector = {}  # ? of {} it moves most: {} {unit}",
-                        quoted(&moves.label),
-                        count(all.len(), "position"),
-                        short(*far)
-                    );
-                    if let [_, .., (near, rests)] = all {
-                        let _ = writeln!(
-                            out,
-                            "base = {}  # ? it moves least: {} {unit}\nbase_position_mm = [0.0, 0.0, 0.0]           # ? of the base marker in the robot's axes",
-                            quoted(&rests.label),
-                            short(*near)
-                        );
-                    }
-                    out += "end_effector_offset_mm = [0.0, 0.0, 0.0]     # ? from the end effector's centre to its marker\nrotation_deg = [0.0, 0.0, 0.0]               # ? capture axes to robot axes: v = Rx Ry Rz v_capture\n";
-                }
-            }
-            if s.frames.is_none() {
-                match s.time_column {
-                    Some(c) => {
-                        let _ = writeln!(out, "time = {}", column(s, c));
-                    }
-                    None => out += "rate_hz = 100.0                # ? the file has no clock\n",
-                }
-            }
+        Some(place) => moving(place, base(&places, place), &mut out),
+        None if places.iter().any(|p| !p.section().markers.is_empty()) => {
+            out += "\n# [motion]                     # ? no marker was seen in more than one row\n";
         }
         None => out += "\n# [motion]                     # ? no marker is in the files\n",
     }
     match volts {
-        Some((name, s, columns)) => {
-            let channels: Vec<String> = columns.iter().take(3).map(|c| column(s, *c)).collect();
-            // a table that cannot be read yet is worse than one that says what is missing
-            let mark = if channels.len() == 3 { "" } else { "# " };
-            let _ = write!(out, "\n{mark}[voltage]\n{mark}file = {}\n", quoted(name));
-            if s.frames.is_none() {
-                match s.time_column {
-                    Some(c) => {
-                        let _ = writeln!(out, "{mark}time = {}", column(s, c));
-                    }
-                    None => {
-                        let _ = writeln!(
-                            out,
-                            "{mark}rate_hz = 1000.0               # ? the file has no clock"
-                        );
-                    }
-                }
-            }
-            let _ = writeln!(
-                out,
-                "{mark}channels = [{}]  # ? chains 1, 2, 3{}",
-                channels.join(", "),
-                match columns.len() {
-                    3 => String::new(),
-                    n => format!("; {n} columns are voltages"),
-                }
-            );
-            let largest = columns
-                .iter()
-                .take(3)
-                .filter_map(|c| {
-                    let to_si = Unit::parse(&s.columns[*c].unit)?.to_si;
-                    Some(s.columns[*c].range?.map(|v| (v * to_si).abs()))
-                })
-                .flatten()
-                .fold(0.0, f64::max);
-            if largest < 20.0 {
-                let _ = writeln!(
-                    out,
-                    "{mark}# scale = 1000.0               # ? the largest is {} V: a monitor output of 1 V for 1 kV?",
-                    short(largest)
-                );
-            }
-            out += "\n[sync]\noffset_s = 0.0                 # ? voltage clock minus motion clock; \"estimate\" lets the fit find it\n";
-        }
+        Some((place, columns)) => driven(place, &columns, &mut out),
         None => {
-            out += "\n# [voltage]                    # ? no column in V or kV is in the files\n# file = \"voltage.csv\"\n# time = \"time_s\"\n# channels = [\"phi1_kV\", \"phi2_kV\", \"phi3_kV\"]\n"
+            let other = |p: &&Place| {
+                let s = p.section();
+                s.groups.is_empty() && s.markers.is_empty() && s.rows > 1
+            };
+            let without_unit = places.iter().filter(other).find_map(|p| {
+                let s = p.section();
+                let columns: Vec<usize> = (0..s.columns.len())
+                    .filter(|i| s.columns[*i].unit.is_empty())
+                    .filter(|i| s.time_column != Some(*i) && !s.columns[*i].rises)
+                    .collect();
+                Some((*p, columns)).filter(|(_, c)| !c.is_empty())
+            });
+            undriven(without_unit, &mut out);
         }
     }
     out
 }
 
-/// A column as a manifest names it.
-fn column(s: &SectionSurvey, i: usize) -> String {
-    let c = &s.columns[i];
-    let group = s.groups.iter().find(|g| g.columns.contains(&i));
-    match (group, c.axis.as_str()) {
-        (Some(g), "") => quoted(&g.name),
-        (Some(g), axis) => quoted(&format!("{}:{axis}", g.name)),
-        (None, "") => c.number.to_string(),
-        (None, axis) => quoted(axis),
+/// `[motion]`.
+fn moving(place: Place, base: Option<(f64, &MarkerSurvey, &str)>, out: &mut String) {
+    let s = place.section();
+    let all = movers(s);
+    let unit = &s.columns[s.markers[0].columns[0]].unit;
+    let _ = write!(out, "\n[motion]\nfile = {}\n", quoted(place.file));
+    if Unit::parse(unit).is_none_or(|u| u.dimension != Dimension::Length) {
+        *out += "unit = \"mm\"                    # ? the file does not say\n";
+    }
+    if let Some((far, moves)) = all.first() {
+        let _ = writeln!(
+            out,
+            "end_effector = {}  # ? of {} it moves most: {} {unit}",
+            quoted(&moves.label),
+            count(all.len(), "position"),
+            short(*far)
+        );
+    }
+    if let Some((near, rests, unit)) = base {
+        let _ = writeln!(
+            out,
+            "base = {}  # ? it moves least: {} {unit}\nbase_position_mm = [0.0, 0.0, 0.0]           # ? of the base marker in the robot's axes",
+            quoted(&rests.label),
+            short(near)
+        );
+    }
+    *out += "end_effector_offset_mm = [0.0, 0.0, 0.0]     # ? from the end effector's centre to its marker\nrotation_deg = [0.0, 0.0, 0.0]               # ? capture axes to robot axes: v = Rx Ry Rz v_capture\n";
+    place.clock("", out);
+}
+
+/// `[voltage]` and `[sync]`, with columns in V or kV.
+fn driven(place: Place, columns: &[usize], out: &mut String) {
+    let s = place.section();
+    let channels: Vec<String> = columns.iter().take(3).map(|c| place.column(*c)).collect();
+    // a table that cannot be read yet is worse than one that says what is missing
+    let mark = if channels.len() == 3 { "" } else { "# " };
+    let _ = write!(
+        out,
+        "\n{mark}[voltage]\n{mark}file = {}\n",
+        quoted(place.file)
+    );
+    place.clock(mark, out);
+    let _ = writeln!(
+        out,
+        "{mark}channels = [{}]  # ? chains 1, 2, 3{}",
+        channels.join(", "),
+        match columns.len() {
+            3 => String::new(),
+            1 => "; 1 column is a voltage".to_owned(),
+            n => format!("; {n} columns are voltages"),
+        }
+    );
+    let largest = columns
+        .iter()
+        .take(3)
+        .filter_map(|c| {
+            let to_si = Unit::parse(&s.columns[*c].unit)?.to_si;
+            Some(s.columns[*c].range?.map(|v| (v * to_si).abs()))
+        })
+        .flatten()
+        .fold(0.0, f64::max);
+    if largest < 20.0 {
+        let _ = writeln!(
+            out,
+            "{mark}# scale = 1000.0               # ? the largest is {} V: a monitor output of 1 V for 1 kV?",
+            short(largest)
+        );
+    }
+    *out += "\n[sync]\noffset_s = 0.0                 # ? voltage clock minus motion clock; \"estimate\" lets the fit find it\n";
+}
+
+/// `[voltage]` to be filled in: of a table that names no unit, or of none.
+fn undriven(table: Option<(Place, Vec<usize>)>, out: &mut String) {
+    *out += "\n# [voltage]                    # ? no column in V or kV is in the files\n";
+    let Some((place, columns)) = table else {
+        *out += "# file = \"voltage.csv\"\n# time = \"time_s\"\n# channels = [\"phi1_kV\", \"phi2_kV\", \"phi3_kV\"]\n";
+        return;
+    };
+    let _ = writeln!(out, "# file = {}", quoted(place.file));
+    place.clock("# ", out);
+    let channels: Vec<String> = columns.iter().take(3).map(|c| place.column(*c)).collect();
+    let _ = writeln!(
+        out,
+        "# channels = [{}]  # ? chains 1, 2, 3; which are the voltages?\n# unit = \"V\"                   # ? or \"kV\"",
+        channels.join(", ")
+    );
+    for c in columns.iter().take(SHOWN) {
+        let column = &place.section().columns[*c];
+        let _ = writeln!(out, "#   {}: {}", place.column(*c), range(column.range));
     }
 }

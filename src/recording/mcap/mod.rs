@@ -21,7 +21,7 @@ mod table;
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Section, Sink};
+use super::capture::{BATCH, Capture, Importer, Note, ReadOptions, Section, Sink, nothing};
 use super::error::{Error, ErrorKind, quote};
 use super::text::decode;
 pub use records::{MAX_RECORD_BYTES, Record, RecordReader};
@@ -139,6 +139,8 @@ struct Gathered {
     channels: Vec<Channel>,
     unknown: u64,
     broken: u64,
+    /// How many messages the recorder counted.
+    declared: Option<u64>,
     /// The rows were too many, and what follows was not read.
     stopped: bool,
 }
@@ -330,6 +332,7 @@ fn gather(
     let mut by_id: Vec<u32> = vec![u32::MAX; 1 << 16];
     let mut unknown: u64 = 0;
     let mut broken: u64 = 0;
+    let mut declared = None;
     let mut stopped = false;
     let mut budget = match keeping {
         Keeping::All => table::MAX_VALUES,
@@ -386,6 +389,7 @@ fn gather(
                 None => broken += 1,
             },
             op::MESSAGE => broken += 1,
+            op::STATISTICS if body.len() >= 8 => declared = Some(u64_at(body, 0)),
             // what follows is the summary: the same schemas and channels again
             op::DATA_END => schemas.clear(),
             _ => {}
@@ -396,6 +400,7 @@ fn gather(
         channels,
         unknown,
         broken,
+        declared,
         stopped,
     })
 }
@@ -419,6 +424,7 @@ fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Er
         channels,
         unknown,
         broken,
+        declared,
         ..
     } = gathered;
     let mut notes = Vec::new();
@@ -508,6 +514,13 @@ fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Er
         notes.push(Note::warning(
             path,
             format!("{broken} records are too short for what they are, and are left out"),
+        ));
+    }
+    let found = messages + unknown + broken;
+    if let Some(declared) = declared.filter(|d| *d != found && reader.passed_over() == 0) {
+        notes.push(Note::warning(
+            path,
+            format!("the recorder counted {declared} messages, {found} are there"),
         ));
     }
     if reader.passed_over() > 0 {
@@ -602,12 +615,6 @@ fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Er
             format!("{} topics hold no number: {}", empty.len(), some(&names)),
         ));
     }
-    if sections.is_empty() {
-        notes.push(Note::warning(
-            path,
-            "there is nothing to import in this file",
-        ));
-    }
     notes.insert(
         0,
         Note::info(
@@ -615,6 +622,9 @@ fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Er
             format!("{messages} messages in {} chunks", reader.chunks()),
         ),
     );
+    if sections.is_empty() {
+        return Err(nothing(path, &notes));
+    }
     let capture = Capture {
         format: "mcap",
         sections,

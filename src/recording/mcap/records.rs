@@ -38,6 +38,7 @@ pub(super) mod op {
     pub const CHANNEL: u8 = 0x04;
     pub const MESSAGE: u8 = 0x05;
     pub const CHUNK: u8 = 0x06;
+    pub const STATISTICS: u8 = 0x0b;
     pub const DATA_END: u8 = 0x0f;
 }
 

@@ -3,6 +3,10 @@
 //! ROS 2 writes CDR: four bytes say the byte order, numbers are aligned to their size (counted from behind those four), a text is
 //! its length with the final NUL. ROS 1 writes little-endian without alignment. A definition is the text of the `.msg` (its
 //! own first, those that it uses after a line of `=`), or OMG IDL.
+//!
+//! What a service was asked and answered is recorded as messages of type `pkg/srv/Name_Event`, beside which recorders write the
+//! text of the `.srv`. That describes what is asked and what is answered, and no message: this is a `service_msgs/ServiceEventInfo`
+//! with at most one request and at most one response behind it, as rosidl makes it.
 
 use std::collections::HashMap;
 
@@ -49,6 +53,8 @@ enum List {
     One,
     Fixed(usize),
     Counted,
+    /// A list of one or none: what a service was asked, or answered.
+    Maybe,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -90,19 +96,41 @@ fn primitive(name: &str, ros1: bool) -> Option<Type> {
     })
 }
 
+/// The end of the names of messages that tell what a service was asked and answered.
+const EVENT: &str = "_Event";
+
 /// The definitions of a `ros1msg` or `ros2msg` schema.
 fn parse_msg(name: &str, text: &str, ros1: bool) -> Result<Definitions, String> {
     let mut all = Definitions::new();
     let mut current = plain_name(name);
     let mut fields = Vec::new();
+    // a line of `=` may stand above the first definition too
+    let mut begun = false;
     for line in text.lines() {
         let line = line.trim();
         if line.starts_with("====") {
-            all.insert(std::mem::take(&mut current), std::mem::take(&mut fields));
+            let done = std::mem::take(&mut current);
+            if begun {
+                all.insert(done, std::mem::take(&mut fields));
+            }
+            begun = true;
             continue;
         }
-        if let Some(next) = line.strip_prefix("MSG:") {
+        begun |= !line.is_empty();
+        if let Some(next) = ["MSG:", "SRV:"].iter().find_map(|k| line.strip_prefix(k)) {
             current = plain_name(next.trim());
+            continue;
+        }
+        if line == "---" {
+            // of a .srv: what is asked above, what is answered below
+            if current.ends_with("_Response") {
+                return Err(
+                    "a definition of three parts is an action's, which is not read".to_owned(),
+                );
+            }
+            let service = current.strip_suffix(EVENT).unwrap_or(&current).to_owned();
+            all.insert(format!("{service}_Request"), std::mem::take(&mut fields));
+            current = format!("{service}_Response");
             continue;
         }
         let line = line.split('#').next().unwrap_or("").trim();
@@ -150,6 +178,55 @@ fn parse_msg(name: &str, text: &str, ros1: bool) -> Result<Definitions, String> 
     }
     all.insert(current, fields);
     Ok(all)
+}
+
+/// Puts the definition of a service's event in place where the schema is of one and has only what is asked and answered; where
+/// the event is defined, its lists are of one or none. Whether the schema is of an event.
+///
+/// # Errors
+/// The schema is of an event, and the file does not say of what service.
+fn service_event(name: &str, definitions: &mut Definitions) -> Result<bool, String> {
+    let service = name.strip_suffix(EVENT);
+    let (request, response) = (
+        format!("{}_Request", service.unwrap_or(name)),
+        format!("{}_Response", service.unwrap_or(name)),
+    );
+    let known = definitions.contains_key(&request) && definitions.contains_key(&response);
+    let defined = definitions.get(name).is_some_and(|f| !f.is_empty());
+    if service.is_none() && (defined || !known) {
+        return Ok(false);
+    }
+    if !known {
+        return Err("the file does not define what its service is asked and answers".to_owned());
+    }
+    let one = |name: &str, of: Type, list: List| Field {
+        name: name.to_owned(),
+        of,
+        list,
+    };
+    let info = "service_msgs/ServiceEventInfo";
+    // service_msgs/msg/ServiceEventInfo.msg of ROS 2 Iron and later
+    definitions.entry(info.to_owned()).or_insert_with(|| {
+        vec![
+            one("event_type", Type::Number(Number::U8), List::One),
+            one(
+                "stamp",
+                Type::Message("builtin_interfaces/Time".to_owned()),
+                List::One,
+            ),
+            one("client_gid", Type::Number(Number::U8), List::Fixed(16)),
+            one("sequence_number", Type::Number(Number::I64), List::One),
+        ]
+    });
+    definitions.insert(
+        name.to_owned(),
+        vec![
+            one("info", Type::Message(info.to_owned()), List::One),
+            one("request", Type::Message(request), List::Maybe),
+            one("response", Type::Message(response), List::Maybe),
+        ],
+    );
+    Ok(true)
 }
 
 /// Words and signs of an IDL text, without comments, preprocessor lines and annotations.
@@ -392,6 +469,8 @@ enum Node {
         table: Option<usize>,
         key: Option<usize>,
     },
+    /// A message that is there once or not at all.
+    Maybe(Box<Node>),
 }
 
 /// A message type, ready to be read.
@@ -404,6 +483,8 @@ pub(super) struct Layout {
 struct Compiler<'a> {
     definitions: &'a Definitions,
     aligned: bool,
+    /// Of what a service was asked and answered.
+    event: bool,
     nodes: usize,
 }
 
@@ -455,6 +536,8 @@ impl Compiler<'_> {
                 }
                 (Type::Number(of), list) => {
                     let fixed = fixed(list);
+                    // who asked is a number of 16 bytes, and no measurement
+                    let at = at.filter(|_| !(self.event && here == "info.client_gid"));
                     let most = fixed.unwrap_or(MAX_LIST).min(MAX_LIST);
                     // long lists (covariances are not) are pictures and clouds
                     let small = fixed.is_none_or(|n| n <= MAX_LIST);
@@ -482,6 +565,10 @@ impl Compiler<'_> {
                 (Type::Message(m), List::One) if is_time(m) => self.time(false, &here, at, tables),
                 (Type::Message(m), List::One) => {
                     self.message(m, &field.name, &own, at, tables, depth + 1)?
+                }
+                (Type::Message(m), List::Maybe) => {
+                    let once = self.message(m, &field.name, &own, at, tables, depth + 1)?;
+                    Node::Maybe(Box::new(once))
                 }
                 (of, list) => {
                     let mut table = None;
@@ -530,7 +617,9 @@ impl Compiler<'_> {
     fn time(&self, ros1: bool, here: &str, at: Option<usize>, tables: &mut Tables) -> Node {
         // ROS 1 times are unsigned, ROS 2 seconds are signed; durations are signed in both
         let signed = !ros1;
-        if matches!(here, "header.stamp" | "stamp" | "timestamp") && at.is_some() {
+        let stamp = matches!(here, "header.stamp" | "stamp" | "timestamp")
+            || (self.event && here == "info.stamp");
+        if stamp && at.is_some() {
             return Node::Stamp { signed };
         }
         Node::Seconds {
@@ -600,16 +689,18 @@ impl Layout {
         tables: &mut Tables,
     ) -> Result<Self, String> {
         let ros1 = encoding == "ros1msg";
-        let definitions = match encoding {
+        let mut definitions = match encoding {
             "ros2idl" => parse_idl(text)?,
             _ => parse_msg(schema, text, ros1)?,
         };
+        let name = plain_name(schema);
+        let event = !ros1 && service_event(&name, &mut definitions)?;
         let mut compiler = Compiler {
             definitions: &definitions,
             aligned: !ros1,
+            event,
             nodes: 0,
         };
-        let name = plain_name(schema);
         tables.list[0].texts = compiler.texts(&name, false);
         let root = compiler.message(&name, "", "", Some(0), tables, 0)?;
         Ok(Layout {
@@ -767,6 +858,11 @@ impl<'a> Cursor<'a> {
                     self.node(field, table, time_s, tables)?;
                 }
             }
+            Node::Maybe(once) => match self.u32()? {
+                0 => {}
+                1 => self.node(once, table, time_s, tables)?,
+                _ => return Err("it has more than one request or response"),
+            },
             Node::Numbers {
                 of,
                 fixed,

@@ -392,11 +392,9 @@ fn chain<S: Subject>(
         let causes = best.fitted.cost() / noise + best.fitted.free.len() as f64 * rows.ln()
             - 2.0 * best.prior(each);
         let most = causes + WORTH_A_FIT * (plain.fitted.cost() / noise - causes).max(0.0);
-        // what lies within its tolerance is to be expected; anything else has to be outdone by more than chance makes of a scan
         let list = problem.train.tolerances();
         let within = |a: &Acting| tolerance::holds(&list, a);
         let expected = best.fitted.effects.iter().any(within);
-        let margin = if expected { allowed } else { -allowed } / noise;
         // parts alone, and beside the cause that is none of them
         let mut starts = vec![plain.fitted.clone()];
         let loud = best.fitted.cost() > BEYOND_NOISE * noise * plain.fitted.state.rows as f64;
@@ -420,9 +418,17 @@ fn chain<S: Subject>(
                 };
                 others.push(fit.clone());
                 let price = |f: &Fitted| built.likelihood(f, noise) + picked(f);
-                let least = others.iter().map(price).fold(f64::INFINITY, f64::min);
-                if least < causes + margin && chosen.as_ref().is_none_or(|c| least < c.0) {
-                    chosen = Some((least, built, fit));
+                let by_price = |a: &&Fitted, b: &&Fitted| price(a).total_cmp(&price(b));
+                let cheapest = others.iter().min_by(by_price);
+                let cheapest = cheapest.expect("the parts alone are among them");
+                // they are believed where they explain more than chance makes of a scan, and foretell no less
+                let explains = price(cheapest) < causes - allowed / noise;
+                let foretold = || Judged::new(&problem, &chance.blocks, cheapest.clone()).holdout;
+                if explains
+                    && chosen.as_ref().is_none_or(|c| price(cheapest) < c.0)
+                    && (best.holdout.is_nan() || foretold() <= best.holdout)
+                {
+                    chosen = Some((price(cheapest), built, fit));
                 }
             }
             Built::leave(&mut problem)?;

@@ -11,8 +11,8 @@
 //! where G and g are the products of the columns with each other and with the residual, the plain model's tangent space projected out
 //! (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the columns are worked out again about the mechanism and the
 //! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
-//! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts are believed where they are likelier
-//! by more than chance makes of a scan, and none is off by more than four of its tolerances.
+//! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts, alone or beside a cause, are believed
+//! where they are likelier by more than chance makes of a scan, and foretell what was held out no worse.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 

@@ -12,7 +12,7 @@
 //! (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the columns are worked out again about the mechanism and the
 //! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
 //! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts, alone or beside a cause, are believed
-//! where they are likelier by more than chance makes of a scan, and foretell what was held out no worse.
+//! where they are likelier by more than chance makes of a scan, and foretell what was held out about as well.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 

@@ -90,10 +90,9 @@ const BASELINE: Effort = Effort {
 };
 /// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
 const WORTH_A_FIT: f64 = 0.5;
-/// Mean square of parts on what was held out, over that of causes, from which they foretell worse. Recordings that were held out have clocks of their own, so
-/// that right parts have up to 1.8 times that of wrong causes; wrong parts beside a right cause have 2.1 times and more (each of some ten robots of two
-/// seeds, which are not quoted).
-const FORETELLS_WORSE: f64 = 2.0;
+/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: twice the error. Recordings that were held out have clocks
+/// of their own, so that right parts may foretell worse than wrong causes.
+const FORETELLS_WORSE: f64 = 4.0;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
 /// Causes that are fitted beside parts that differ.
@@ -399,6 +398,8 @@ fn chain<S: Subject>(
         let list = problem.train.tolerances();
         let within = |a: &Acting| tolerance::holds(&list, a);
         let expected = best.fitted.effects.iter().any(within);
+        // a cause that lies within its tolerance is to be expected; any other has to be outdone by more than chance makes of a scan
+        let margin = if expected { 0.0 } else { allowed / noise };
         // parts alone, and beside the cause that is none of them
         let mut starts = vec![plain.fitted.clone()];
         let loud = best.fitted.cost() > BEYOND_NOISE * noise * plain.fitted.state.rows as f64;
@@ -425,8 +426,8 @@ fn chain<S: Subject>(
                 let by_price = |a: &&Fitted, b: &&Fitted| price(a).total_cmp(&price(b));
                 let cheapest = others.iter().min_by(by_price);
                 let cheapest = cheapest.expect("the parts alone are among them");
-                // they are believed where they explain more than chance makes of a scan, and foretell about as well
-                let explains = price(cheapest) < causes - allowed / noise;
+                // they are believed where they explain more, and what they foretell does not speak against them
+                let explains = price(cheapest) < causes - margin;
                 let foretold = || Judged::new(&problem, &chance.blocks, cheapest.clone()).holdout;
                 if explains
                     && chosen.as_ref().is_none_or(|c| price(cheapest) < c.0)

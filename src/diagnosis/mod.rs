@@ -90,9 +90,9 @@ const BASELINE: Effort = Effort {
 };
 /// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
 const WORTH_A_FIT: f64 = 0.5;
-/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: twice the error. Recordings that were held out have clocks
-/// of their own, so that right parts may foretell worse than wrong causes.
-const FORETELLS_WORSE: f64 = 4.0;
+/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: three times the error. Recordings that were held out have
+/// clocks of their own, so that right parts may foretell worse than wrong causes.
+const FORETELLS_WORSE: f64 = 9.0;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
 /// Causes that are fitted beside parts that differ.
@@ -398,8 +398,8 @@ fn chain<S: Subject>(
         let list = problem.train.tolerances();
         let within = |a: &Acting| tolerance::holds(&list, a);
         let expected = best.fitted.effects.iter().any(within);
-        // a cause that lies within its tolerance is to be expected; any other has to be outdone by more than chance makes of a scan
-        let margin = if expected { 0.0 } else { allowed / noise };
+        // what lies within its tolerance is to be expected; any other cause has to be outdone by more than chance makes of a scan
+        let margin = if expected { -allowed } else { allowed } / noise;
         // parts alone, and beside the cause that is none of them
         let mut starts = vec![plain.fitted.clone()];
         let loud = best.fitted.cost() > BEYOND_NOISE * noise * plain.fitted.state.rows as f64;

@@ -404,7 +404,9 @@ fn chain<S: Subject>(
         let mut starts = vec![plain.fitted.clone()];
         let loud = best.fitted.cost() > BEYOND_NOISE * noise * plain.fitted.state.rows as f64;
         let other = best.fitted.effects.iter().find(|a| !within(a));
-        if let Some(other) = other.filter(|_| expected || loud) {
+        // a name that holds as drawn gives way to parts alone, which then leave nothing to name; one that does not, to parts beside a cause too
+        let doubtful = expected || verdict == Verdict::Unexplained;
+        if let Some(other) = other.filter(|_| expected || (loud && doubtful)) {
             let single = singles.iter().find(|s| s.fitted.effects[0].is(other));
             starts.push(single.map_or_else(
                 || problem.nominal(std::slice::from_ref(other), POLISH),
@@ -417,7 +419,7 @@ fn chain<S: Subject>(
                 // the same parts, with one cause more
                 let tangent = Tangent::new(&problem, &fit)?;
                 let beside = scan(&problem, &tangent, &groups, &units, &wanted);
-                let mut others = match start.effects.is_empty() {
+                let mut others = match start.effects.is_empty() && doubtful {
                     true => refit(&problem, &fit, &choose(&beside, BESIDE_PARTS), &[]),
                     false => Vec::new(),
                 };
@@ -428,7 +430,8 @@ fn chain<S: Subject>(
                 let cheapest = cheapest.expect("the parts alone are among them");
                 // they are believed where they explain more, and what they foretell does not speak against them
                 let explains = price(cheapest) < causes - margin;
-                let foretold = || Judged::new(&problem, &chance.blocks, cheapest.clone()).holdout;
+                let of = |f: &Fitted| Judged::new(&problem, &chance.blocks, f.clone()).holdout;
+                let foretold = || of(&fit).min(of(cheapest));
                 if explains
                     && chosen.as_ref().is_none_or(|c| price(cheapest) < c.0)
                     && (best.holdout.is_nan() || foretold() <= FORETELLS_WORSE * best.holdout)

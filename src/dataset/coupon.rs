@@ -24,6 +24,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::noise::{difference, digit, of_differences};
 use crate::film::InitialState;
 pub use crate::recording::CouponMode;
 use crate::recording::{FilmState, RawCoupon, RawElongation, RawLoad, Recording};
@@ -533,34 +534,17 @@ fn noise(counted: &[usize], time_s: &[f64], stress_pa: &[f64], step_s: f64) -> f
         counted
             .windows(4)
             .filter(|w| all || equal(w))
-            .map(|w| {
-                let s = [0, 1, 2, 3].map(|k| stress_pa[w[k]]);
-                (s[3] - 3.0 * s[2] + 3.0 * s[1] - s[0]).abs()
-            })
+            .map(|w| difference(&[0, 1, 2, 3].map(|k| stress_pa[w[k]])))
             .collect()
     };
     let mut third = differences(false);
     if third.len() < 8 {
         third = differences(true);
     }
-    // Median of |normal| = 0.6745 sd; variance of a third difference = 1 + 9 + 9 + 1.
-    let white = median(&third) / 0.674_489_75 / 20f64.sqrt();
-    let mut sorted: Vec<f64> = counted.iter().map(|&i| stress_pa[i]).collect();
-    sorted.sort_by(f64::total_cmp);
-    let span = sorted[sorted.len() - 1] - sorted[0];
-    let digit = sorted
-        .windows(2)
-        .map(|w| w[1] - w[0])
-        .filter(|d| *d > 1e-9 * span)
-        .fold(f64::INFINITY, f64::min);
-    let resolution = if digit.is_finite() {
-        digit / 12f64.sqrt()
-    } else {
-        0.0
-    };
-    // Digits of a smooth curve lie close by chance; only a median of zero says that they are coarse.
-    let floor = if white == 0.0 { resolution } else { 0.0 };
-    white.max(floor).max(1e-9 * span)
+    let stresses = || counted.iter().map(|&i| stress_pa[i]);
+    let span =
+        stresses().fold(f64::NEG_INFINITY, f64::max) - stresses().fold(f64::INFINITY, f64::min);
+    of_differences(third, 3, digit(stresses())).max(1e-9 * span)
 }
 
 fn range(values: &[f64]) -> f64 {
@@ -638,11 +622,8 @@ fn corners(t: &[f64], x: &[f64], tolerance: f64) -> Vec<usize> {
 
 /// The grid of the module's description, and the corners, s.
 fn lay_grid(t: &[f64], x: &[f64], jump: bool, choice: &GridChoice) -> (Grid, Vec<f64>) {
-    let jitter: Vec<f64> = x
-        .windows(4)
-        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs())
-        .collect();
-    let noise = median(&jitter) / 0.674_489_75 / 20f64.sqrt();
+    let jitter = x.windows(4).map(difference).collect();
+    let noise = of_differences(jitter, 3, 0.0);
     let tolerance = (choice.corner_tolerance * range(x)).max(4.0 * noise);
     let knots = corners(t, x, tolerance);
     // Ordinary step of the rows in an interval: of its first rows, which follow the corner.

@@ -7,6 +7,7 @@
 //! differentiated that was not measured. f is where a wider band would bring more noise than motion to the balance, read from the spectrum of the coordinate and its floor.
 
 use super::coupon::LARGEST;
+use super::noise::white;
 use super::{Coupon, CouponError};
 use crate::recording::{
     AxisInertia, CouponMode, NumberOrEstimate, RawBench, RawCoordinate, Recording,
@@ -85,7 +86,7 @@ pub struct Line {
     pub step_s: f64,
     /// Angle rad, position m, velocity m/s, stretch.
     pub x: Vec<f64>,
-    /// Standard deviation of its noise (axis).
+    /// Standard deviation of its noise.
     pub x_noise: f64,
     /// Samples that count.
     pub usable: Vec<bool>,
@@ -382,21 +383,6 @@ fn unlikely(what: &str, range: f64, [low, high]: [f64; 2], unit: &str) -> Option
     })
 }
 
-/// The noise of evenly taken samples: the median magnitude of their third differences, which a smooth course does not touch.
-fn noise_of(values: &[f64]) -> f64 {
-    let mut d: Vec<f64> = values
-        .windows(4)
-        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs())
-        .filter(|d| d.is_finite())
-        .collect();
-    if d.is_empty() {
-        return 0.0;
-    }
-    d.sort_by(f64::total_cmp);
-    // the variance of a third difference is 20 times that of a value; the median magnitude of a normal variable 0.6745 deviations
-    d[d.len() / 2] / 0.6745 / 20.0_f64.sqrt()
-}
-
 fn range(values: &[f64]) -> f64 {
     let finite = || values.iter().copied().filter(|v| v.is_finite());
     finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min)
@@ -419,7 +405,7 @@ fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineE
     if !timed {
         notes.push("the file has no time: what depends on a rate cannot be told".to_owned());
     }
-    let noise = noise_of(&torque).max(1e-9 * range(&torque).max(f64::MIN_POSITIVE));
+    let noise = white(&torque, 3).max(1e-9 * range(&torque).max(f64::MIN_POSITIVE));
     let rail = at_rail(&x, &torque, noise);
     let count = rail.iter().filter(|r| **r).count();
     if count > 0 {
@@ -447,8 +433,8 @@ fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineE
         step_s: median_step(&time_s),
         time_s,
         timed,
+        x_noise: white(&x, 3),
         x,
-        x_noise: 0.0,
         usable,
         measured: Measured::Torque(torque),
         noise,
@@ -569,7 +555,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
     }
     // what the input did at a sample is known where both are on one clock
     if raw.input_time_s.is_none() {
-        let mut rail = at_rail(&x, &input, noise_of(&input));
+        let mut rail = at_rail(&x, &input, white(&input, 3));
         let slow = rail.iter().filter(|r| **r).count() <= x.len() / MANY;
         if slow {
             keep_jumps(&x, &mut rail);

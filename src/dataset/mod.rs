@@ -6,6 +6,7 @@ mod coupon;
 mod cycles;
 mod gap;
 pub mod line;
+mod noise;
 mod plan;
 mod robot;
 mod sample;

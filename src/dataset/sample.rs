@@ -2,6 +2,7 @@
 //!
 //! Nothing is smoothed here: the capture's noise is in x alone, and a model that predicts x is held against x as captured.
 
+use super::noise::white;
 use super::robot::{grid, possible_m, signs, volts, world_frame};
 use super::smoother::{SmoothedAxis, smooth_axis};
 use super::{Error, OffsetSource, Plan, SmoothingPlan, Voltage, coarse_offset, plan, runs};
@@ -136,7 +137,7 @@ impl HangingDataset {
             ));
         }
         let x_m: Vec<f64> = parts.below_m.iter().map(|b| b - rest_below_m).collect();
-        let noise_m = noise(&x_m).max(LEAST_NOISE_M);
+        let noise_m = white(&x_m, 4).max(LEAST_NOISE_M);
         Ok(HangingDataset {
             id: parts.id,
             step_s,
@@ -243,7 +244,7 @@ impl HangingDataset {
                 *x = f64::NAN;
             }
         }
-        self.noise_m = noise(&self.x_m).max(LEAST_NOISE_M);
+        self.noise_m = white(&self.x_m, 4).max(LEAST_NOISE_M);
     }
 
     /// Number of frames.
@@ -328,41 +329,9 @@ fn bridged(values: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Standard deviation of white noise from fourth differences, whose variance is 70 times its own and in which a smooth motion at capture
-/// rate leaves nothing; by the median, which a jump does not move.
-fn noise(x: &[f64]) -> f64 {
-    let mut size: Vec<f64> = x
-        .windows(5)
-        .map(|w| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs())
-        .filter(|d| !d.is_nan())
-        .collect();
-    if size.is_empty() {
-        return 0.0;
-    }
-    size.sort_by(f64::total_cmp);
-    // The median magnitude of a normal deviate is 0.6745 of its standard deviation.
-    size[size.len() / 2] / 0.674_489_75 / 70f64.sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn noise_from_fourth_differences() {
-        let mut seed = 5_u64;
-        let mut uniform = move || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1);
-            (seed >> 33) as f64 / (1u64 << 31) as f64 - 0.5
-        };
-        // The sum of twelve uniform deviates has standard deviation 1.
-        let mut normal = move || (0..12).map(|_| uniform()).sum::<f64>();
-        let x: Vec<f64> = (0..20_000)
-            .map(|i| (i as f64 * 0.02).sin() + 0.03 * normal())
-            .collect();
-        let found = noise(&x);
-        assert!((found / 0.03 - 1.0).abs() < 0.03, "{found}");
-    }
 
     #[test]
     fn gaps_are_bridged_by_lines() {

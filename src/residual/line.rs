@@ -103,11 +103,23 @@ struct Part<'a> {
     /// Kept places, and their measured value (bench, coupon).
     kept: Arc<Vec<usize>>,
     measured: Arc<Vec<f64>>,
+    /// Where between nodes the kept values of a coupon were measured.
+    means: Arc<Vec<Mean>>,
     kernel: Option<Arc<Kernel>>,
     /// Whitening of the kept places.
     weight: Vec<f64>,
     /// Filtered columns of an axis at the kept places, without effects.
     base: Arc<Base>,
+}
+
+/// The mean of the rows of a coupon that are nearest to a node of its grid.
+#[derive(Debug, Clone, Copy)]
+struct Mean {
+    /// The node on the other side of the rows' mean time, and its share of what the model says there.
+    other: usize,
+    share: f64,
+    /// How many rows.
+    rows: f64,
 }
 
 /// Filtered columns of an axis at its kept places.
@@ -949,11 +961,14 @@ impl<'a> LineResidual<'a> {
             }
             Plain::Coupon { branches } => {
                 let at_node = self.stresses(number, eta, *branches, &terms)?;
-                for (row, &i) in p.kept.iter().enumerate() {
+                let at = |i: usize, j: usize| at_node[(i, j)] * terms.factor[i][usize::from(j > 0)];
+                for (row, (&i, mean)) in p.kept.iter().zip(p.means.iter()).enumerate() {
+                    let between = |near: f64, other: f64| near + mean.share * (other - near);
                     for j in 0..=*branches {
-                        b[(row, j)] = at_node[(i, j)] * terms.factor[i][usize::from(j > 0)];
+                        b[(row, j)] = between(at(i, j), at(mean.other, j));
                     }
-                    d[row] = p.measured[row] - s.force * terms.force[i];
+                    let force = between(terms.force[i], terms.force[mean.other]);
+                    d[row] = p.measured[row] - s.force * force;
                 }
             }
         }
@@ -1120,17 +1135,32 @@ impl<'a> LineResidual<'a> {
                 ) => axis_noise(p, terms, known, *over_gain, a, beta),
                 _ => p.line.noise,
             };
-            p.weight.fill(1.0 / sd.max(1e-12 * self.scales.force));
+            let least = 1e-12 * self.scales.force;
+            match &*plain {
+                // noise of the angle moves along the curve
+                Plain::Bench(curve) => {
+                    let curve = curve.with_torques(beta);
+                    let angle = |i: usize| self.scales.rest + self.scales.coordinate * p.xi[i];
+                    for (w, &i) in p.weight.iter_mut().zip(p.kept.iter()) {
+                        let at = |by: f64| curve.torque_n_m_at(angle(i) + by * p.line.x_noise);
+                        let along = 0.5 * (at(1.0) - at(-1.0));
+                        *w = 1.0 / sd.hypot(along).max(least);
+                    }
+                }
+                _ => p.weight.fill(1.0 / sd.max(least)),
+            }
+            for (w, mean) in p.weight.iter_mut().zip(p.means.iter()) {
+                *w *= mean.rows.sqrt();
+            }
         }
     }
 
-    /// Standard deviation of the noise of a recording's residual, N, N m or Pa, as the weights have it.
+    /// Standard deviation of the noise of a recording's residual, N, N m or Pa, as the weights have it (root mean square over the rows).
     #[must_use]
     pub fn noise(&self, number: usize) -> f64 {
-        self.parts[number]
-            .weight
-            .first()
-            .map_or(f64::NAN, |w| 1.0 / w)
+        let weight = &self.parts[number].weight;
+        let squares: f64 = weight.iter().map(|w| w.powi(-2)).sum();
+        (squares / weight.len() as f64).sqrt()
     }
 
     /// Noise of the whitened residual, drawn so many times: white.
@@ -1585,6 +1615,11 @@ impl<'a> LineResidual<'a> {
                 rows.iter().filter_map(|&i| v.get(i).copied()).collect()
             };
             p.measured = Arc::new(pick(&p.measured));
+            p.means = Arc::new(
+                rows.iter()
+                    .filter_map(|&i| p.means.get(i).copied())
+                    .collect(),
+            );
             p.weight = pick(&p.weight);
             p.base = Arc::new(Base {
                 mass: pick(&p.base.mass),
@@ -1690,6 +1725,7 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
             .collect()
     };
     let mut kernel = None;
+    let mut means = Vec::new();
     let mut base = Base::default();
     let (time_s, xi, rate, second, kept, measured);
     match &line.measured {
@@ -1794,21 +1830,31 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
                 .map(|l| second_invariant(coupon, *l))
                 .collect();
             // measured stress at a node: the mean of the rows that are nearest to it
-            let mut sum = vec![(0.0, 0.0); time_s.len()];
+            let mut sum = vec![[0.0; 3]; time_s.len()];
             for i in coupon.rows() {
                 let t = coupon.time_s[i];
-                let above = time_s.partition_point(|x| *x < t).min(time_s.len() - 1);
-                let below = above.saturating_sub(1);
-                let near = if (time_s[above] - t).abs() < (t - time_s[below]).abs() {
-                    above
-                } else {
-                    below
-                };
-                sum[near].0 += coupon.stress_pa[i];
-                sum[near].1 += 1.0;
+                let (before, share) = grid.place(t);
+                let own = &mut sum[before + usize::from(share > 0.5)];
+                for (sum, v) in own.iter_mut().zip([1.0, t, coupon.stress_pa[i]]) {
+                    *sum += v;
+                }
             }
-            kept = (0..sum.len()).filter(|&k| sum[k].1 > 0.0).collect();
-            measured = kept.iter().map(|&k: &usize| sum[k].0 / sum[k].1).collect();
+            kept = (0..sum.len()).filter(|&k| sum[k][0] > 0.0).collect();
+            measured = kept
+                .iter()
+                .map(|&k: &usize| sum[k][2] / sum[k][0])
+                .collect();
+            let mean = |&k: &usize| {
+                let [rows, times, _] = sum[k];
+                let (before, share) = grid.place(times / rows);
+                let (other, share) = if before == k {
+                    (before + 1, share)
+                } else {
+                    (before, 1.0 - share)
+                };
+                Mean { other, share, rows }
+            };
+            means = kept.iter().map(mean).collect();
         }
     }
     Part {
@@ -1821,6 +1867,7 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
         second: Arc::new(second),
         kept: Arc::new(kept),
         measured: Arc::new(measured),
+        means: Arc::new(means),
         kernel,
         base: Arc::new(base),
     }

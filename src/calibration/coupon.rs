@@ -38,8 +38,6 @@ const SHORTEST_SHARE: f64 = 0.5;
 const START_LOCKING_SHARE: f64 = 3.0;
 /// Upper bound of J: a film that is neo-Hookean as far as a coupon can tell.
 const LARGEST_LOCKING: f64 = 1e4;
-/// Misfit over noise up to which a fit counts as down to the noise.
-const DOWN_TO_NOISE: f64 = 1.25;
 /// Error over the stress range, %, that the grid itself may make (measured in `tests/coupon.rs`): less is not a misfit.
 const GRID_ERROR_PERCENT: f64 = 0.01;
 
@@ -136,7 +134,7 @@ impl CouponFit {
     #[must_use]
     pub fn exceeds_noise(&self) -> bool {
         self.noise_known
-            && self.rmse_pa > DOWN_TO_NOISE * self.noise_pa
+            && Standing::of(self.rmse_pa / self.noise_pa) != Standing::Fits
             && self.nrmse_percent > GRID_ERROR_PERCENT
     }
 }

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 
 use nalgebra::DMatrix;
 
-use super::{AtBound, Error, Estimate};
+use super::{AtBound, Error, Estimate, Standing};
 use crate::dataset::line::{Constant, Line, Measured};
 use crate::effects::Acting;
 use crate::effects::line::Kind;
@@ -105,12 +105,20 @@ impl LineOutcome {
             mean(&|r| r.noise),
         )
     }
+
+    /// How the error stands to the noise.
+    #[must_use]
+    pub fn standing(&self) -> Standing {
+        let (rmse, _, _, noise) = self.total();
+        match noise > SEEN * rmse {
+            true => Standing::of(rmse / noise),
+            false => Standing::CannotBeJudged,
+        }
+    }
 }
 
 /// Share of the error below which noise is none: what rounding leaves of exact numbers.
 const SEEN: f64 = 1e-12;
-/// Error over noise up to which a plain model fits.
-const FITS: f64 = 1.5;
 /// Heavier, stiffer or stronger than any laboratory axis: more likely a wrong unit.
 const IMPLAUSIBLE: [(&str, f64, f64); 4] = [
     ("mass", 1e-7, 1e5),
@@ -294,12 +302,12 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
             out.unit
         )));
     }
-    out.verdict = if noise <= SEEN * rmse {
+    out.verdict = if out.standing() == Standing::CannotBeJudged {
         format!(
             "The error of the {what} is {rmse:.3e} {} rms over {n} samples; the recordings show no noise to hold it against.",
             out.unit
         )
-    } else if rmse < FITS * noise {
+    } else if out.standing() == Standing::Fits {
         format!(
             "The model fits: the error of the {what} is {rmse:.3e} {} rms over {n} samples, the noise {noise:.3e}.",
             out.unit

@@ -33,8 +33,8 @@ pub use line::{
     LineFit, LineModel, LineOutcome, LineRequest, calibrate_lines, predict_line, validate_lines,
 };
 pub use outcome::{
-    AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
-    WorstPlace,
+    AtBound, ChainError, Estimate, Outcome, RecordingOutcome, Standing, StartOutcome,
+    WeakDirection, WorstPlace,
 };
 pub use robot::{
     Request, Stage, calibrate_robot, predict_command, predict_force, validate_robot,

@@ -12,6 +12,35 @@ pub enum AtBound {
     Upper,
 }
 
+/// How the error that a model leaves stands to the noise: decided here for all kinds of recordings and all pages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// There is no error, or no noise to hold it against.
+    CannotBeJudged,
+    /// As good as the data.
+    Fits,
+    /// More than noise, less than what would be a wrong model.
+    NearlyFits,
+    /// Something is left out.
+    DoesNotFit,
+}
+
+impl Standing {
+    /// Error over noise below which a model fits, and nearly fits: noise that is read from a recording is known to a quarter or so.
+    pub const RATIOS: [f64; 2] = [1.25, 2.0];
+
+    /// Of an error over the noise.
+    #[must_use]
+    pub fn of(ratio: f64) -> Self {
+        match ratio {
+            r if !r.is_finite() => Standing::CannotBeJudged,
+            r if r < Standing::RATIOS[0] => Standing::Fits,
+            r if r < Standing::RATIOS[1] => Standing::NearlyFits,
+            _ => Standing::DoesNotFit,
+        }
+    }
+}
+
 /// One estimated (or fixed) parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {

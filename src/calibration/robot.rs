@@ -1088,6 +1088,7 @@ fn assemble(
     }
     let total = total.error();
     let ratio = total.rmse_v / total.noise_floor_v;
+    let standing = Standing::of(ratio);
     let verdict = if total.samples == 0 {
         "No sample has a command above 1 kV: the fit cannot be judged in volts.".to_string()
     } else if !total.noise_floor_v.is_finite() {
@@ -1096,12 +1097,12 @@ fn assemble(
     } else if !ratio.is_finite() {
         "The fit cannot be judged: at the poses of the motion its noise moves no voltage at all; check the rig's lengths and angles."
             .to_string()
-    } else if ratio < 1.25 {
+    } else if standing == Standing::Fits {
         format!(
             "The model fits to the noise: {:.1} V rms above 1 kV, where the noise of the capture alone makes {:.1} V.",
             total.rmse_v, total.noise_floor_v
         )
-    } else if ratio < 2.0 {
+    } else if standing == Standing::NearlyFits {
         format!(
             "The model nearly fits: {:.1} V rms above 1 kV, {ratio:.1} times the {:.1} V that the noise of the capture makes.",
             total.rmse_v, total.noise_floor_v

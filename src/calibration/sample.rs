@@ -53,8 +53,6 @@ const HIGH_V: f64 = 1e3;
 const EDGE_S: f64 = 0.3;
 /// Tracks that are drawn for the noise of the predicted voltage.
 const DRAWS: u64 = 8;
-/// Misfit over noise up to which a fit is down to the noise, and up to which it nearly is.
-const RATIOS: [f64; 2] = [1.1, 2.0];
 
 /// What a calibration on hanging samples is asked to do.
 #[derive(Debug, Clone)]
@@ -1004,6 +1002,15 @@ fn one(
     })
 }
 
+impl SampleOutcome {
+    /// Error of x over its noise, of the recording where that is largest.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        let each = self.recordings.iter().map(|r| r.rmse_m / r.noise_rmse_m);
+        each.fold(0.0, f64::max)
+    }
+}
+
 fn verdict(outcome: &SampleOutcome) -> String {
     let rms = |f: fn(&SampleFit) -> f64| -> f64 {
         let squares: f64 = outcome.recordings.iter().map(|r| f(r).powi(2)).sum();
@@ -1014,14 +1021,18 @@ fn verdict(outcome: &SampleOutcome) -> String {
         "x is {error:.2} um rms off, the noise of the same averages is {noise:.2} um; {} rms above 1 kV",
         in_volts(outcome.total.rmse_v)
     );
-    let ratio = error / noise;
-    if ratio < RATIOS[0] {
-        format!("The model fits to the noise: {size}.")
-    } else if ratio < RATIOS[1] {
-        format!("The model nearly fits: {size}.")
-    } else {
-        format!(
-            "The model does not fit: {size}, {ratio:.1} times the noise. Something is left out or a stated number is wrong."
-        )
+    let ratio = outcome.ratio();
+    match Standing::of(ratio) {
+        Standing::CannotBeJudged => format!("The fit cannot be judged: {size}."),
+        Standing::Fits => format!("The model fits to the noise: {size}."),
+        Standing::NearlyFits => {
+            format!(
+                "The model nearly fits: {size}; in the worst recording {ratio:.1} times the noise."
+            )
+        }
+        Standing::DoesNotFit => format!(
+            "The model does not fit: {size}; in the worst recording {ratio:.1} times the noise. Something is left out or a stated number is \
+             wrong."
+        ),
     }
 }

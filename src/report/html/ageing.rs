@@ -484,11 +484,7 @@ fn difference(json: &AgeingJson) -> Option<Section> {
             Cell::text(d.electrodes.join(" and ")),
             Cell::text(&d.at),
             Cell::number(interval(&d.change_percent, 2)),
-            Cell::number(match d.p_value {
-                Some(p) if p < 1e-15 => "< 1e-15".into(),
-                Some(p) => format!("{p:.1e}"),
-                None => number::MISSING.into(),
-            }),
+            Cell::number(d.p_value.map_or(number::MISSING.into(), number::chance)),
             Cell::number(
                 d.samples_needed
                     .map_or(number::MISSING.into(), |n| n.to_string()),

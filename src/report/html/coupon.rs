@@ -7,7 +7,7 @@ use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, capital, item, note, tile};
 use super::{Provenance, number, parameters, provenance, quality, starts};
-use crate::calibration::{CouponFit, CouponOutcome, Estimate};
+use crate::calibration::{CouponFit, CouponOutcome, Estimate, Standing};
 use crate::dataset::CouponMode;
 use crate::film::InitialState;
 
@@ -60,7 +60,7 @@ fn first_screen(outcome: &CouponOutcome) -> Summary {
         (Status::Unknown, "cannot be judged")
     } else if exceeding().next().is_none() {
         (Status::Good, "fits")
-    } else if exceeding().all(|c| c.rmse_pa < summary::RATIOS[1] * c.noise_pa) {
+    } else if exceeding().all(|c| c.rmse_pa < Standing::RATIOS[1] * c.noise_pa) {
         (Status::Fair, "nearly fits")
     } else {
         (Status::Poor, "misfit above noise")

@@ -725,7 +725,7 @@ fn located(d: &Diagnosis) -> Option<Section> {
             Cell::text(place(p)),
             Cell::number(number::per_cent(p.share_of_excess)),
             Cell::number(number::per_cent(p.share_of_samples)),
-            Cell::number(number::significant(p.p_value, 1)),
+            Cell::number(number::chance(p.p_value)),
             Cell::text(number::words(&p.says)),
         ]);
     }

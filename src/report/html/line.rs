@@ -2,10 +2,10 @@
 
 use minijinja::{Value, context};
 
-use super::page::{self, Section, Status, Summary, safe};
+use super::page::{self, Section, Summary, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Width};
 use super::recordings::curve;
-use super::summary::{remarks, tile};
+use super::summary::{self, remarks, tile};
 use super::{Provenance, number, parameters, provenance};
 use crate::calibration::{LineFit, LineOutcome};
 use crate::effects::line::Kind;
@@ -18,11 +18,7 @@ const POINTS: usize = 2500;
 pub fn render_lines(outcome: &LineOutcome, made_of: &Provenance) -> String {
     let (rmse, largest, n, noise) = outcome.total();
     let figure = |v: f64| number::significant(v, 3);
-    let status = match rmse / noise {
-        r if r < 1.5 => (Status::Good, "fits"),
-        r if r < 5.0 => (Status::Fair, "nearly fits"),
-        _ => (Status::Poor, "misfit above noise"),
-    };
+    let status = summary::standing(outcome.standing());
     let summary = Summary {
         status: status.0,
         word: status.1.into(),

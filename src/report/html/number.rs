@@ -45,6 +45,14 @@ fn decimals(value: f64, digits: usize) -> usize {
     exponent(value, digits).map_or(0, |e| (digits as i32 - 1 - e).clamp(0, 12) as usize)
 }
 
+/// A probability that something is chance.
+pub fn chance(probability: f64) -> String {
+    match probability {
+        p if p < 1e-3 => "< 0.001".into(),
+        p => significant(p, 1),
+    }
+}
+
 /// `value` to `digits` significant digits; powers of ten where it is very large or very small.
 pub fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {

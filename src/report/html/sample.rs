@@ -2,12 +2,12 @@
 
 use minijinja::{Value, context};
 
-use super::page::{self, Cell, Section, Status, Summary, Table, safe};
+use super::page::{self, Cell, Section, Summary, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, note, tile};
 use super::{Provenance, number, parameters, provenance, reduce, starts};
-use crate::calibration::{SampleFit, SampleOutcome};
+use crate::calibration::{SampleFit, SampleOutcome, Standing};
 
 const TEMPLATE: &str = include_str!("samples.html");
 const ERRORS: &str = include_str!("coupon_errors.html");
@@ -40,14 +40,7 @@ pub fn render_samples(outcome: &SampleOutcome, provenance: &Provenance) -> Strin
 
 fn first_screen(outcome: &SampleOutcome) -> Summary {
     let worst = |f: fn(&SampleFit) -> f64| outcome.recordings.iter().map(f).fold(0.0, f64::max);
-    let ratio = worst(|r| r.rmse_m / r.noise_rmse_m);
-    let (status, word) = if ratio < summary::RATIOS[0] {
-        (Status::Good, "fits")
-    } else if ratio < summary::RATIOS[1] {
-        (Status::Fair, "nearly fits")
-    } else {
-        (Status::Poor, "does not fit")
-    };
+    let (status, word) = summary::standing(Standing::of(outcome.ratio()));
     let figure = |v: f64| number::significant(v, 3);
     let mut tiles = vec![
         tile(

@@ -2,7 +2,7 @@
 
 use super::number;
 use super::page::{Item, Note, Status, Summary, Tile};
-use crate::calibration::{Estimate, Outcome, WeakDirection};
+use crate::calibration::{Estimate, Outcome, Standing, WeakDirection};
 
 /// Questions that every report of a fit answers.
 pub const WHERE: &str = "Where does it err most?";
@@ -24,21 +24,22 @@ pub fn title(outcome: &Outcome) -> &'static str {
     }
 }
 
-/// Error over noise up to which a fit is as good as the data, and up to which it nearly is: where the verdict draws its lines.
-pub const RATIOS: [f64; 2] = [1.25, 2.0];
+/// Colour and word of a standing.
+pub fn standing(of: Standing) -> (Status, &'static str) {
+    match of {
+        Standing::CannotBeJudged => (Status::Unknown, "cannot be judged"),
+        Standing::Fits => (Status::Good, "fits"),
+        Standing::NearlyFits => (Status::Fair, "nearly fits"),
+        Standing::DoesNotFit => (Status::Poor, "does not fit"),
+    }
+}
 
 /// The first screen.
 pub fn summary(outcome: &Outcome) -> Summary {
-    let ratio = outcome.total.rmse_v / outcome.total.noise_floor_v;
-    let (status, word) = if outcome.total.samples == 0 || !ratio.is_finite() {
-        (Status::Unknown, "cannot be judged")
-    } else if ratio < RATIOS[0] {
-        (Status::Good, "fits")
-    } else if ratio < RATIOS[1] {
-        (Status::Fair, "nearly fits")
-    } else {
-        (Status::Poor, "does not fit")
-    };
+    let (status, word) = standing(match outcome.total.samples {
+        0 => Standing::CannotBeJudged,
+        _ => Standing::of(outcome.total.rmse_v / outcome.total.noise_floor_v),
+    });
     let notes = [
         worst(outcome),
         trusted(outcome),
@@ -111,7 +112,7 @@ fn worst(outcome: &Outcome) -> Option<Note> {
     }
     let lead = match outcome.worst.first() {
         None => "No place has enough samples above 1 kV to be judged by itself.",
-        Some(w) if w.ratio < RATIOS[0] => {
+        Some(w) if w.ratio < Standing::RATIOS[0] => {
             "Nowhere does the error stand out from the noise. The places with the largest error, against what the noise makes there:"
         }
         Some(_) => {
@@ -119,7 +120,10 @@ fn worst(outcome: &Outcome) -> Option<Note> {
         }
     };
     // Where nothing stands out, shares of an excess mean nothing.
-    let stands_out = outcome.worst.first().is_some_and(|w| w.ratio >= RATIOS[0]);
+    let stands_out = outcome
+        .worst
+        .first()
+        .is_some_and(|w| w.ratio >= Standing::RATIOS[0]);
     let items = outcome
         .worst
         .iter()

@@ -25,6 +25,7 @@ mod likeness;
 mod line;
 mod locate;
 mod outcome;
+mod parts;
 mod problem;
 mod rewhiten;
 mod rivals;
@@ -88,15 +89,6 @@ const BASELINE: Effort = Effort {
     evaluations: 40,
     ..POLISH
 };
-/// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
-const WORTH_A_FIT: f64 = 0.5;
-/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: three times the error. Recordings that were held out have
-/// clocks of their own, so that right parts may foretell worse than wrong causes.
-const FORETELLS_WORSE: f64 = 9.0;
-/// Mean square of the best causes, over the noise, above which parts are looked for beside them.
-const BEYOND_NOISE: f64 = 1.1;
-/// Causes that are fitted beside parts that differ.
-const BESIDE_PARTS: usize = 6;
 /// Leading effects that are fitted again at the leader's weights.
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
@@ -388,60 +380,20 @@ fn chain<S: Subject>(
     // Parts that differ within their tolerances may do it better than any cause.
     if verdict != Verdict::Adequate && built.is_none() {
         watch("looking at tolerances");
-        let rows = INDEPENDENT * plain.fitted.state.rows as f64;
-        // with what it costs to pick the causes among all that there are
-        let picked =
-            |f: &Fitted| f.free.len() as f64 * rows.ln() - 2.0 * f.effects.len() as f64 * each;
-        let causes = best.fitted.cost() / noise + best.fitted.free.len() as f64 * rows.ln()
-            - 2.0 * best.prior(each);
-        let most = causes + WORTH_A_FIT * (plain.fitted.cost() / noise - causes).max(0.0);
-        let list = problem.train.tolerances();
-        let within = |a: &Acting| tolerance::holds(&list, a);
-        let expected = best.fitted.effects.iter().any(within);
-        // what lies within its tolerance is to be expected; any other cause has to be outdone by more than chance makes of a scan
-        let margin = if expected { -allowed } else { allowed } / noise;
-        // parts alone, and beside the cause that is none of them
-        let mut starts = vec![plain.fitted.clone()];
-        let loud = best.fitted.cost() > BEYOND_NOISE * noise * plain.fitted.state.rows as f64;
-        let other = best.fitted.effects.iter().find(|a| !within(a));
-        // a name that holds as drawn gives way to parts alone, which then leave nothing to name; one that does not, to parts beside a cause too
-        let doubtful = expected || verdict == Verdict::Unexplained;
-        if let Some(other) = other.filter(|_| expected || (loud && doubtful)) {
-            let single = singles.iter().find(|s| s.fitted.effects[0].is(other));
-            starts.push(single.map_or_else(
-                || problem.nominal(std::slice::from_ref(other), POLISH),
-                |s| s.fitted.clone(),
-            ));
-        }
-        let mut chosen: Option<(f64, Built, Fitted)> = None;
-        for start in starts {
-            if let Ok(Some((built, fit))) = Built::fit(&mut problem, &start, noise, most) {
-                // the same parts, with one cause more
-                let tangent = Tangent::new(&problem, &fit)?;
-                let beside = scan(&problem, &tangent, &groups, &units, &wanted);
-                let mut others = match start.effects.is_empty() && doubtful {
-                    true => refit(&problem, &fit, &choose(&beside, BESIDE_PARTS), &[]),
-                    false => Vec::new(),
-                };
-                others.push(fit.clone());
-                let price = |f: &Fitted| built.likelihood(f, noise) + picked(f);
-                let by_price = |a: &&Fitted, b: &&Fitted| price(a).total_cmp(&price(b));
-                let cheapest = others.iter().min_by(by_price);
-                let cheapest = cheapest.expect("the parts alone are among them");
-                // they are believed where they explain more, and what they foretell does not speak against them
-                let explains = price(cheapest) < causes - margin;
-                let of = |f: &Fitted| Judged::new(&problem, &chance.blocks, f.clone()).holdout;
-                let foretold = || of(&fit).min(of(cheapest));
-                if explains
-                    && chosen.as_ref().is_none_or(|c| price(cheapest) < c.0)
-                    && (best.holdout.is_nan() || foretold() <= FORETELLS_WORSE * best.holdout)
-                {
-                    chosen = Some((price(cheapest), built, fit));
-                }
-            }
-            Built::leave(&mut problem)?;
-        }
-        if let Some((_, built, fit)) = chosen {
+        let causes = parts::Causes {
+            plain: &plain,
+            singles: &singles,
+            best: &best,
+            unexplained: verdict == Verdict::Unexplained,
+            allowed,
+            noise,
+            each,
+        };
+        let scanned = |problem: &Problem<S>, fit: &Fitted| {
+            let tangent = Tangent::new(problem, fit)?;
+            Ok::<_, Error>(scan(problem, &tangent, &groups, &units, &wanted))
+        };
+        if let Some((built, fit)) = causes.outdone(&mut problem, &chance.blocks, scanned)? {
             built.restore(&mut problem)?;
             return chain(problem, remarks, request, watch, Some((built, fit)));
         }
@@ -474,11 +426,26 @@ fn chain<S: Subject>(
         }
     }
     watch("judging");
+    // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or stand in for what is: the
+    // remark says which, and no cause is named.
+    let beyond = built.as_ref().and_then(|b| b.beyond(&plain.fitted));
+    let of_part = beyond
+        .filter(|_| verdict == Verdict::Adequate)
+        .map(|times| {
+            verdict = Verdict::Unexplained;
+            let rows = INDEPENDENT * plain.fitted.state.rows as f64;
+            // what it costs to keep the part near the drawing, against what a cause of one value costs
+            let gain = 0.5 * times.powi(2) - 0.5 * rows.ln() + each;
+            (1.0 / (1.0 + (-gain).exp())).max(0.5)
+        });
     let in_model = verdict == Verdict::MissingPhysics;
     if in_model {
         remarks.extend(forms::others(&problem, &plain, &best));
     }
     let augmented = if in_model { &best } else { &plain };
+    let departed = built
+        .as_ref()
+        .map_or_else(Vec::new, |b| b.departed(&augmented.fitted));
     let mut candidates = candidates(
         &problem,
         &plain,
@@ -543,10 +510,7 @@ fn chain<S: Subject>(
     } else {
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
-    let confidence = confidence(verdict, &odds, &plain, &best);
-    let departed = built
-        .as_ref()
-        .map_or_else(Vec::new, |b| b.departed(&augmented.fitted));
+    let confidence = of_part.unwrap_or_else(|| confidence(verdict, &odds, &plain, &best));
     remarks.extend(tolerance::remark(&departed));
     let next_experiment = next_experiment(verdict, &groups_alike, &candidates, &words);
     let says = says(

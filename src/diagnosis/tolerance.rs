@@ -12,7 +12,7 @@
 //! (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the columns are worked out again about the mechanism and the
 //! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
 //! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts, alone or beside a cause, are believed
-//! where they are likelier by more than chance makes of a scan, and foretell what was held out about as well.
+//! where they are likelier by more than chance makes of a scan, unless they foretell what was held out with more than three times the error.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -350,6 +350,13 @@ fn columns<S: Subject>(
     Ok((train, holdout))
 }
 
+/// A fit carried on in a problem that has changed.
+fn refit<S: Subject>(problem: &Problem<S>, from: &Fitted) -> Fitted {
+    let own = problem.nonlinear.len();
+    let (eta, beta) = (&from.state.eta[..own], &from.state.beta);
+    problem.fit(&from.effects, eta, beta, BASELINE)
+}
+
 impl Built {
     /// What the tolerances of the rig make of a fitted plain model, in whose problem none are allowed yet: the scale that explains most, and what
     /// the problem needs to have them in its tangent. `noise` is the variance of the noise over the one that the weights promise,
@@ -402,33 +409,66 @@ impl Built {
             return Ok(None);
         }
         let mut built = Built::tell(problem, plain, noise, None)?;
-        let mut fitted = plain.clone();
-        let own = problem.nonlinear.len();
-        let refit = |problem: &Problem<S>, from: &Fitted| {
-            let (eta, beta) = (&from.state.eta[..own], &from.state.beta);
-            problem.fit(&from.effects, eta, beta, BASELINE)
+        if !built.worth(most) {
+            return Ok(None);
+        }
+        built.enter(problem);
+        let warm = refit(problem, plain);
+        // a film that bent to a mechanism which was not so
+        let cold = problem.nominal(&plain.effects, BASELINE);
+        let mut fitted = if cold.cost() < warm.cost() {
+            cold
+        } else {
+            warm
         };
-        for round in 1.. {
-            if built.combine.ncols() == 0 || built.promised > most {
+        for round in 1..ROUNDS[1] {
+            let before = fitted.cost();
+            (built, fitted) = built.again(problem, &fitted, noise)?;
+            if !built.worth(most) {
                 return Ok(None);
             }
-            built.enter(problem);
-            let warm = refit(problem, &fitted);
-            // a film that bent to a mechanism which was not so
-            let cold = (round == 1).then(|| problem.nominal(&fitted.effects, BASELINE));
-            fitted = match cold {
-                Some(cold) if cold.cost() < warm.cost() => cold,
-                _ => warm,
-            };
-            if round == ROUNDS {
+            if round + 1 >= ROUNDS[0] && fitted.cost() > SETTLED * before {
                 break;
             }
-            let base = built.settle(problem, &fitted)?;
-            fitted.state.beta.truncate(problem.linear.len());
-            fitted = refit(problem, &fitted);
-            built = Built::tell(problem, &fitted, noise, Some(base))?;
         }
         Ok(Some((built, fitted)))
+    }
+
+    /// -2 ln L that linear theory promises of parts about a fit without.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn promise<S: Subject>(
+        problem: &Problem<S>,
+        plain: &Fitted,
+        noise: f64,
+    ) -> Result<f64, Locked> {
+        Ok(Built::tell(problem, plain, noise, None)?.promised)
+    }
+
+    /// Whether recordings see parts that could leave no more than `most` of -2 ln L.
+    fn worth(&self, most: f64) -> bool {
+        self.combine.ncols() > 0 && self.promised <= most
+    }
+
+    /// The parts told once more about the mechanism and the model of `fitted`, a fit with them.
+    ///
+    /// # Errors
+    /// As [`Built::fit`].
+    pub fn again<S: Subject>(
+        &self,
+        problem: &mut Problem<S>,
+        fitted: &Fitted,
+        noise: f64,
+    ) -> Result<(Built, Fitted), Locked> {
+        let base = self.settle(problem, fitted)?;
+        let mut about = fitted.clone();
+        about.state.beta.truncate(problem.linear.len());
+        let about = refit(problem, &about);
+        let built = Built::tell(problem, &about, noise, Some(base))?;
+        built.enter(problem);
+        let fitted = refit(problem, &about);
+        Ok((built, fitted))
     }
 
     /// Puts the tolerances into a problem.
@@ -517,6 +557,12 @@ impl Built {
         Ok(())
     }
 
+    /// How many times its tolerance the part is that a fit takes farthest, where that is more than tolerances make.
+    pub fn beyond(&self, fitted: &Fitted) -> Option<f64> {
+        let (_, times) = largest(&self.departed(fitted))?;
+        Some(times).filter(|t| *t >= WITHIN)
+    }
+
     /// What a fit makes of each tolerance.
     pub fn departed(&self, fitted: &Fitted) -> Vec<Departed> {
         self.list
@@ -566,18 +612,24 @@ pub(super) fn holds(list: &[Tolerance], acting: &Acting) -> bool {
     times(list, acting).is_some_and(|t| t < OF_ONE_PART)
 }
 
+/// The departure that is the most times its tolerance, and how many times.
+fn largest(departed: &[Departed]) -> Option<(&Departed, f64)> {
+    let size = |d: &Departed| (d.found / d.tolerance).abs();
+    let sized = departed.iter().map(|d| (d, size(d)));
+    sized.max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
 /// What is said of departures: the largest of them.
 pub(super) fn remark(departed: &[Departed]) -> Option<String> {
-    let size = |d: &&Departed| (d.found / d.tolerance).abs();
-    let largest = departed.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
-    if size(&largest) < WORTH_SAYING {
+    let (largest, times) = largest(departed)?;
+    if times < WORTH_SAYING {
         return None;
     }
     let (found, unit) = match largest.unit {
         "1" => (100.0 * largest.found, "%"),
         unit => (largest.found, unit),
     };
-    let (what, times) = (&largest.what, size(&largest));
+    let what = &largest.what;
     Some(if times < WITHIN {
         format!(
             "Parts may differ from the drawing within their tolerances, and do: {what} by {found:+.2} {unit}, {times:.1} times its tolerance, most. Such differences are no cause."
@@ -591,8 +643,10 @@ pub(super) fn remark(departed: &[Departed]) -> Option<String> {
 
 /// Departure, in tolerances, that is worth a word.
 const WORTH_SAYING: f64 = 0.05;
-/// Times that departures are told, each about the mechanism and the film of the last.
-const ROUNDS: usize = 3;
+/// Times that departures are told, each about the mechanism and the film of the last, at least and at most; and the share of the cost
+/// before from which they are settled.
+const ROUNDS: [usize; 2] = [3, 6];
+const SETTLED: f64 = 0.95;
 /// Departure, in tolerances, above which a part that was picked is not within them: of normal ones one in 370.
 const OF_ONE_PART: f64 = 3.0;
 /// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest exceeds it in one robot of 200.

@@ -1,0 +1,155 @@
+//! Parts that differ within their tolerances in the causes' place: whether they, alone or beside one cause, explain more than the causes do.
+//!
+//! All are priced alike: -2 ln L, ln n for every value of a cause, and what it costs to pick the causes among all that there are. What lies
+//! within its tolerance is to be expected and has to be outdone by parts no more than chance allows; any other cause by more than that.
+
+use rayon::prelude::*;
+
+use super::POLISH;
+use super::blocks::Blocks;
+use super::fits::{choose, refit};
+use super::judge::{INDEPENDENT, Judged};
+use super::outcome::Error;
+use super::problem::{Fitted, Problem};
+use super::scan::Scanned;
+use super::subject::Subject;
+use super::tolerance::{self, Built, Tolerance};
+use crate::effects::Acting;
+
+/// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
+const WORTH_A_FIT: f64 = 0.5;
+/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: three times the error. Recordings that
+/// were held out have clocks of their own, so that right parts may foretell worse than wrong causes.
+const FORETELLS_WORSE: f64 = 9.0;
+/// Mean square of the best causes, over the noise, above which parts are looked for beside them.
+const BEYOND_NOISE: f64 = 1.1;
+/// Causes that are fitted beside parts that differ.
+const BESIDE_PARTS: usize = 6;
+
+/// What the robot as drawn is given.
+pub(super) struct Causes<'a> {
+    /// The plain model.
+    pub plain: &'a Judged,
+    /// One cause each.
+    pub singles: &'a [Judged],
+    /// The best.
+    pub best: &'a Judged,
+    /// Whether the best leaves too much.
+    pub unexplained: bool,
+    /// What chance makes of a sum of squares in a scan.
+    pub allowed: f64,
+    /// Variance of the noise over the one that the weights promise.
+    pub noise: f64,
+    /// Logarithm of the prior odds of one cause.
+    pub each: f64,
+}
+
+/// A robot as built, with a cause where its model has one, and its price.
+struct Priced {
+    price: f64,
+    built: Built,
+    fitted: Fitted,
+}
+
+impl Causes<'_> {
+    /// The parts that outdo the causes, and the fit with them and at most one cause.
+    ///
+    /// # Errors
+    /// Those of a scan, and of a mechanism that cannot follow.
+    pub fn outdone<S: Subject>(
+        &self,
+        problem: &mut Problem<S>,
+        blocks: &Blocks,
+        scanned: impl Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error>,
+    ) -> Result<Option<(Built, Fitted)>, Error> {
+        let rows = self.plain.fitted.state.rows as f64;
+        let picked = |f: &Fitted| {
+            f.free.len() as f64 * (INDEPENDENT * rows).ln()
+                - 2.0 * f.effects.len() as f64 * self.each
+        };
+        let own = &self.best.fitted;
+        let causes = own.cost() / self.noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
+            - 2.0 * self.best.prior(self.each);
+        let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
+        let most = causes + WORTH_A_FIT * explained;
+        let list = problem.train.tolerances();
+        let within = |f: &Fitted| f.effects.iter().any(|a| tolerance::holds(&list, a));
+        let expected = within(own);
+        let by_chance = self.allowed / self.noise;
+        let margin = if expected { -by_chance } else { by_chance };
+        // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that does not, and the second of two
+        // names, to parts beside a cause too.
+        let doubtful = expected || self.unexplained;
+        let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
+        let mut starts = vec![self.plain.fitted.clone()];
+        if expected || own.effects.len() > 1 || (loud && self.unexplained) {
+            starts.extend(self.beside(problem, &list));
+        }
+        let mut chosen: Option<Priced> = None;
+        for start in starts {
+            if let Ok(Some((mut built, mut fitted))) = Built::fit(problem, &start, self.noise, most)
+            {
+                let price = |built: &Built, f: &Fitted| built.likelihood(f, self.noise) + picked(f);
+                if doubtful && start.effects.is_empty() {
+                    // the same parts with a cause, then told about that
+                    let beside = scanned(problem, &fitted)?;
+                    let with = refit(problem, &fitted, &choose(&beside, BESIDE_PARTS), &[]);
+                    let by_price =
+                        |a: &Fitted, b: &Fitted| price(&built, a).total_cmp(&price(&built, b));
+                    let cheapest = with.into_par_iter().min_by(by_price);
+                    if let Some(f) =
+                        cheapest.filter(|f| price(&built, f) < price(&built, &fitted) - by_chance)
+                    {
+                        match built.again(problem, &f, self.noise) {
+                            Ok(other) => (built, fitted) = other,
+                            Err(_) => built.restore(problem)?,
+                        }
+                    }
+                }
+                let price = price(&built, &fitted);
+                let foretold = Judged::new(problem, blocks, fitted.clone()).holdout;
+                let believed =
+                    self.best.holdout.is_nan() || foretold <= FORETELLS_WORSE * self.best.holdout;
+                // a cause beside parts has to outdo parts alone, which come first, by more than chance too
+                let alone = |c: &Priced| c.fitted.effects.is_empty() && !fitted.effects.is_empty();
+                let bar = chosen.as_ref().map_or(f64::INFINITY, |c| match alone(c) {
+                    true => c.price - by_chance,
+                    false => c.price,
+                });
+                if price < (causes - margin).min(bar) && believed {
+                    chosen = Some(Priced {
+                        price,
+                        built,
+                        fitted,
+                    });
+                }
+            }
+            Built::leave(problem)?;
+        }
+        Ok(chosen.map(|c| (c.built, c.fitted)))
+    }
+    /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the one beside which parts promise most in
+    /// linear theory; none that is a departure within its tolerance.
+    fn beside<S: Subject>(&self, problem: &Problem<S>, list: &[Tolerance]) -> Vec<Fitted> {
+        let free = |a: &Acting| !tolerance::holds(list, a);
+        let alone = |own: &Acting| {
+            let known = self.singles.iter().find(|s| s.fitted.effects[0].is(own));
+            let fit = || problem.nominal(std::slice::from_ref(own), POLISH);
+            known.map_or_else(fit, |s| s.fitted.clone())
+        };
+        let named = self.best.fitted.effects.iter();
+        let mut out: Vec<Fitted> = named.filter(|a| free(a)).map(alone).collect();
+        let others = self.singles.par_iter().map(|s| &s.fitted).filter(|f| {
+            let own = &f.effects[0];
+            free(own) && !out.iter().any(|o| o.effects[0].is(own))
+        });
+        let promised = others.filter_map(|f| {
+            let promise = Built::promise(problem, f, self.noise).ok()?;
+            // less than nothing is what linear theory cannot promise
+            (promise > 0.0).then_some((promise, f))
+        });
+        let most = promised.min_by(|a, b| a.0.total_cmp(&b.0));
+        out.extend(most.map(|m| m.1.clone()));
+        out
+    }
+}

@@ -354,6 +354,9 @@ pub(super) fn doubt(
         let i = order[at];
         at += 1;
         let m = &models[i];
+        if scored[1 + i].1 == f64::NEG_INFINITY {
+            continue; // was turned away
+        }
         let part = |s: &&Model| size(s) < size(m) && s.ids().iter().all(|id| m.has(id));
         if !(pays(m, &plain) && models.iter().filter(part).all(|s| pays(m, s))) {
             continue;
@@ -429,13 +432,22 @@ pub(super) fn doubt(
             .design(&m.fitted.state.eta, &m.fitted.state.beta)?;
         let residual = design.column(design.ncols() - 1);
         let shape = |f| problem.train.noise_shape(&m.fitted.state.beta, f);
-        Ok(m.raw > MAY_BE_NOISE && is_structured(residual.as_slice(), &bench.blocks, shape))
+        let left = residual.as_slice();
+        Ok(
+            m.raw > NOISE_AT_MOST && in_bursts(left, &bench.blocks, independent)
+                || m.raw > MAY_BE_NOISE && is_structured(left, &bench.blocks, shape),
+        )
     };
     // What leaves more than half of what noise does not make says too little.
     let halves = |m: &Model| (m.raw - 1.0).max(0.0) <= 0.5 * (plain.raw - 1.0).max(1e-9);
     let verdict = match &named {
         Some((m, _))
-            if significant && nothing < 0.5 && halves(m) && unlisted(m, left(m)) <= 0.5 =>
+            if significant
+                && nothing < 0.5
+                && halves(m)
+                && unlisted(m, left(m)) <= 0.5
+                && !(misses(&problem, m, independent)?
+                    && barely_foretells(&problem, &plain, m)) =>
         {
             Verdict::MissingPhysics
         }
@@ -466,7 +478,7 @@ pub(super) fn doubt(
     if augmented.raw < 0.25 {
         remarks.push(format!("What is left is {:.2} of the noise that was read from the recordings: the noise floor is too high, or the model is too free; look at the repeats.", augmented.raw.sqrt()));
     }
-    if verdict == Verdict::Adequate && plain.raw > MAY_BE_NOISE {
+    if verdict == Verdict::Adequate && within_sample.unwrap_or(&plain).raw > MAY_BE_NOISE {
         remarks.push("Model and recordings differ by more than the noise that is read above the band of the signal, but neither a cause nor a flexible model of position, rate, direction, history, input and time foretells it, and it has the spectrum of noise: it is taken for noise within the band.".into());
     }
     let mut candidates: Vec<Candidate> = Vec::new();
@@ -744,6 +756,22 @@ fn size_is_nothing(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option<N
     None
 }
 
+/// Whether a residual comes in bursts, and noise does not: the mean square of the tenth of all stretches in which it is largest is more
+/// than [`PEAK`] times the median one. Stretches of so many independent rows that noise does not go beyond 3 times in one of a thousand.
+fn in_bursts(residual: &[f64], blocks: &Blocks, independent: f64) -> bool {
+    const ROWS: f64 = 16.0;
+    let length = (ROWS / independent).ceil() as usize;
+    let parts = blocks.edges.windows(2).map(|e| &residual[e[0]..e[1]]);
+    let mut squares: Vec<f64> = parts
+        .flat_map(|part| part.chunks_exact(length))
+        .map(|stretch| stretch.iter().map(|r| r * r).sum())
+        .collect();
+    squares.sort_by(f64::total_cmp);
+    let largest = &squares[squares.len() - squares.len() / 10..];
+    !largest.is_empty()
+        && largest.iter().sum::<f64>() > PEAK * largest.len() as f64 * squares[squares.len() / 2]
+}
+
 /// Whether a residual has the spectrum of something that happens, not that of noise: more than half of its power lies in frequencies whose
 /// density is more than [`PEAK`] times the median of what position noise and input noise make of the balance (`shape`: their densities at a
 /// frequency in cycles a row, [`LineResidual::noise_shape`]), their shares by Whittle's likelihood.
@@ -791,15 +819,19 @@ fn is_structured(residual: &[f64], blocks: &Blocks, shape: impl Fn(f64) -> [f64;
     peaks > 0.5 * all
 }
 
-/// Whether a model errs on the recordings that took no part as it should not: its mean square there is more than [`MAY_BE_NOISE`] times what it
+/// Whether a model errs on the recordings that took no part as one that is right, named or plain, would not: its mean square there is more than [`MAY_BE_NOISE`] times what it
 /// leaves where it was fitted and what its parameters, uncertain as they are, make there.
 fn misses(problem: &Problem<LineResidual>, model: &Model, independent: f64) -> Result<bool, Error> {
     let Some(holdout) = &problem.holdout else {
         return Ok(false);
     };
     let fitted = &model.fitted;
-    let eta = problem.holdout_eta(fitted).unwrap_or_default();
-    let held = holdout.design(&eta, &fitted.state.beta)?;
+    let mut eta = problem.holdout_eta(fitted).unwrap_or_default();
+    eta.extend_from_slice(&fitted.state.eta[problem.nonlinear.len()..]);
+    let (effects, free) = (fitted.effects.clone(), fitted.free.clone());
+    let held = holdout
+        .with_effects(effects, free, &problem.holdout_when)
+        .design(&eta, &fitted.state.beta)?;
     let own = problem
         .residual(fitted)
         .design(&fitted.state.eta, &fitted.state.beta)?;
@@ -826,7 +858,14 @@ fn misses(problem: &Problem<LineResidual>, model: &Model, independent: f64) -> R
     Ok(held.column(last).norm_squared() / rows > MAY_BE_NOISE * expected)
 }
 
-/// Density over the median from which a frequency stands out: noise goes beyond it in four of a thousand.
+/// Whether a named model leaves more than a quarter of the plain one's sum of squares on the recordings that took no part.
+fn barely_foretells(problem: &Problem<LineResidual>, plain: &Model, named: &Model) -> bool {
+    let held = |m: &Model| problem.held_out(&m.fitted).map_or(0.0, |h| h.0);
+    held(named) > 0.25 * held(plain)
+}
+
+/// Density or mean square over the median from which a frequency or a stretch stands out: noise of a frequency goes beyond it in four of a
+/// thousand.
 const PEAK: f64 = 8.0;
 
 /// Why the causes of a model are none: the error of the stated quantity hardly falls with them, or rises where nothing was fitted. This

@@ -95,12 +95,14 @@ const FILES: [&str; 4] = [
     "next_experiment.csv",
 ];
 
+/// Kinds of recordings that can be diagnosed.
+pub(super) const KINDS: [Kind; 4] = [Kind::Robot, Kind::Axis, Kind::HingeBench, Kind::FilmCoupon];
+
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> Result<(), Failure> {
     let progress = Progress::new(talk);
     let paths: Vec<PathBuf> = a.recordings.iter().chain(&a.holdout).cloned().collect();
-    let kinds = [Kind::Robot, Kind::Axis, Kind::HingeBench, Kind::FilmCoupon];
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
-    let recordings = load::recordings_of(&paths, a.rig.as_ref(), &kinds, &progress)?;
+    let recordings = load::recordings_of(&paths, a.rig.as_ref(), &KINDS, &progress)?;
     let (recordings, named, copies) = load::distinct(recordings, a.recordings.len());
     let findings = load::findings(&recordings, &progress, talk);
     let provenance = Provenance::of(command, &recordings);
@@ -249,7 +251,7 @@ fn finish(
 }
 
 /// Diagnoses the first `named` recordings of a bench, an axis or coupons; the others are held out.
-fn judge_lines(
+pub(super) fn judge_lines(
     recordings: &[Recording],
     named: usize,
     request: &Request,

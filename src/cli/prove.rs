@@ -25,7 +25,7 @@ use crate::report::proof::render_proof;
 /// What to prove on.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Folder of cases: <case>/rig.toml, <case>/train/<recording>, <case>/holdout/<recording> (default: own cases are made)
+    /// Folder of cases: <case>/train/<recording>, <case>/holdout/<recording>, of a robot <case>/rig.toml (default: own cases are made)
     #[arg(long, value_name = "DIR")]
     cases: Option<PathBuf>,
     /// Folder of answers: <case>.json (default: <case>/truth.json)
@@ -422,7 +422,7 @@ fn of_folder(
         .collect()
 }
 
-/// How the true effects of a case stand out in its recordings.
+/// How the true effects of a robot's case stand out in its recordings.
 fn likeness(case: &Path, truth: &Truth, progress: &Progress) -> Result<Vec<StandsOut>, Failure> {
     let recordings = load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
     let robot = load::robot(load::rig(&recordings)?, None)?;
@@ -446,12 +446,18 @@ fn blind(case: &Path, progress: &Progress) -> Result<Diagnosis, Failure> {
     if case.join("holdout").is_dir() {
         paths.extend(folders(&case.join("holdout"))?);
     }
-    let recordings = load::recordings(&paths, None, Kind::Robot, progress)?;
+    let recordings = load::recordings_of(&paths, None, &diagnose::KINDS, progress)?;
+    let request = diagnosis::Request::default();
+    if recordings
+        .first()
+        .is_some_and(|r| r.manifest.kind != Kind::Robot)
+    {
+        return Ok(diagnose::judge_lines(&recordings, train.len(), &request, progress)?.0);
+    }
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, None, progress)?;
     let series = series::order(&recordings, &datasets)?;
     drop(recordings);
-    let request = diagnosis::Request::default();
     let found = diagnose::judge(
         &robot,
         &datasets,

@@ -907,7 +907,7 @@ impl Reader<'_> {
                 ),
             ));
         }
-        if zeros > 0 {
+        if zeros > 0 && zeros < whole {
             self.notes.push(Note::warning(
                 path,
                 format!(

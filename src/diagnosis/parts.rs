@@ -97,14 +97,18 @@ impl Causes<'_> {
                     let by_price =
                         |a: &Fitted, b: &Fitted| price(&built, a).total_cmp(&price(&built, b));
                     let cheapest = with.into_par_iter().min_by(by_price);
-                    if let Some(f) =
-                        cheapest.filter(|f| price(&built, f) < price(&built, &fitted) - by_chance)
-                    {
-                        match built.again(problem, &f, self.noise) {
-                            Ok(other) => (built, fitted) = other,
-                            Err(_) => built.restore(problem)?,
-                        }
+                    // both told once more: parts that are not settled yet leave something to any cause
+                    if let Ok(alone) = built.again(problem, &fitted, self.noise) {
+                        let with = cheapest.and_then(|f| {
+                            built.restore(problem).ok()?;
+                            built.again(problem, &f, self.noise).ok()
+                        });
+                        let wins = |w: &(Built, Fitted)| {
+                            price(&w.0, &w.1) < price(&alone.0, &alone.1) - by_chance
+                        };
+                        (built, fitted) = with.filter(wins).unwrap_or(alone);
                     }
+                    built.restore(problem)?;
                 }
                 let price = price(&built, &fitted);
                 let foretold = Judged::new(problem, blocks, fitted.clone()).holdout;

@@ -72,6 +72,7 @@ fn candidate(
 fn place(dimension: &'static str) -> Place {
     Place {
         dimension,
+        called: dimension,
         range: Some([1.2, 4.0]),
         unit: "kV/s".into(),
         value: None,

@@ -141,6 +141,7 @@ pub(super) fn locate(
             ratio,
             Place {
                 dimension,
+                called: says,
                 range: Some(range),
                 unit: unit.to_owned(),
                 value: None,
@@ -249,6 +250,7 @@ fn word(
 ) -> Place {
     Place {
         dimension,
+        called: dimension,
         range: None,
         unit: String::new(),
         value: Some(value),
@@ -282,6 +284,7 @@ fn own_places(acting: &Acting, entries: &[Whereabouts], spots: &[Spot]) -> Vec<(
     let on = acting.on;
     let blank = |dimension, range, unit: &str, says: String| Place {
         dimension,
+        called: dimension,
         range,
         unit: unit.to_owned(),
         value: None,

@@ -30,6 +30,8 @@ impl Verdict {
 pub struct Place {
     /// voltage, voltage_rate, direction, time, height, position, actuator, recording, frequency, cycle, largest_stretch.
     pub dimension: &'static str,
+    /// What that is on this rig, in words.
+    pub called: &'static str,
     /// From and to, in `unit`.
     pub range: Option<[f64; 2]>,
     /// Unit of the range.

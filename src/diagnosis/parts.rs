@@ -112,8 +112,10 @@ impl Causes<'_> {
                 }
                 let price = price(&built, &fitted);
                 let foretold = Judged::new(problem, blocks, fitted.clone()).holdout;
-                let believed =
-                    self.best.holdout.is_nan() || foretold <= FORETELLS_WORSE * self.best.holdout;
+                // where a name holds as drawn, parts beyond their tolerances do not take its place
+                let believed = (self.unexplained || built.beyond(&fitted).is_none())
+                    && (self.best.holdout.is_nan()
+                        || foretold <= FORETELLS_WORSE * self.best.holdout);
                 // a cause beside parts has to outdo parts alone, which come first, by more than chance too
                 let alone = |c: &Priced| c.fitted.effects.is_empty() && !fitted.effects.is_empty();
                 let bar = chosen.as_ref().map_or(f64::INFINITY, |c| match alone(c) {

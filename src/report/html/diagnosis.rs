@@ -217,7 +217,7 @@ fn places(d: &Diagnosis) -> Option<Note> {
 
 /// A place in few words: `voltage 0 to 1.5 kV, actuator 2`.
 fn place(p: &Place) -> String {
-    let mut out = p.dimension.replace('_', " ");
+    let mut out = p.called.replace('_', " ");
     if let Some([low, high]) = p.range {
         let digits = number::digits(low.abs().max(high.abs()), high - low).max(3);
         let end = |v: f64| number::significant(v, digits);

@@ -614,21 +614,15 @@ fn the_twins_losses_and_causes_are_those_of_the_paper() {
         .iter()
         .flat_map(|e| ["01", "03", "07", "14"].map(|d| twin.join(format!("{e}-day{d}"))))
         .collect();
-    let run = std::process::Command::cargo_bin("deacal")
-        .unwrap()
-        .arg("ageing")
-        .args(&recordings)
-        .arg("--json")
-        .arg("-o")
-        .arg(out.path().join("ageing"))
-        .output()
-        .unwrap();
-    assert!(
-        run.status.success(),
-        "{}",
-        String::from_utf8_lossy(&run.stderr)
-    );
-    let json: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+    let done = common::run(|deacal| {
+        deacal
+            .arg("ageing")
+            .args(&recordings)
+            .arg("--json")
+            .arg("-o")
+            .arg(out.path().join("ageing"))
+    });
+    let json: serde_json::Value = serde_json::from_slice(&done).unwrap();
     let mut outside = 0;
     for (electrode, losses) in [("CGE", [17.5, 38.4, 64.3]), ("DCPE", [1.8, 3.7, 5.2])] {
         for (i, loss) in losses.into_iter().enumerate() {

@@ -1,5 +1,7 @@
 //! The diagnosis on concealed cases: blind, then compared. A few of them here; `deacal prove --number 600` is the long form.
 
+mod common;
+
 use std::path::Path;
 
 use deacal::cases::{DriveSet, Kind, Spec, generate};
@@ -26,17 +28,16 @@ fn a_clean_robot_is_called_adequate() {
 fn clean(dir: &Path, name: &str, drive: &str, seed: &str) -> String {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = dir.join(name).display().to_string();
-    let out = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"))
-        .arg("simulate")
-        .arg("--rig")
-        .arg(root.join("datasets/twin2026_delta/rig.toml"))
-        .arg("--params")
-        .arg(root.join("fits/twin2026_delta/parameters.toml"))
-        .args(["--drive", drive, "--noise", "0.03", "--seed", seed])
-        .args(["--id", name, "-q", "-o", &folder])
-        .output()
-        .unwrap();
-    assert!(out.status.success(), "{out:?}");
+    common::run(|deacal| {
+        deacal
+            .arg("simulate")
+            .arg("--rig")
+            .arg(root.join("datasets/twin2026_delta/rig.toml"))
+            .arg("--params")
+            .arg(root.join("fits/twin2026_delta/parameters.toml"))
+            .args(["--drive", drive, "--noise", "0.03", "--seed", seed])
+            .args(["--id", name, "-q", "-o", &folder])
+    });
     folder
 }
 
@@ -169,21 +170,15 @@ fn the_diagnosis_gives_the_same_bytes_with_and_without_the_answer() {
             .map(|e| e.unwrap().path())
             .collect();
         list.sort();
-        let run = assert_cmd::Command::cargo_bin("deacal")
-            .unwrap()
-            .arg("diagnose")
-            .args(&list)
-            .args(["--json", "--quiet", "-o"])
-            .arg(dir.path().join("out"))
-            .output()
-            .unwrap();
-        assert!(
-            run.status.success(),
-            "{}",
-            String::from_utf8_lossy(&run.stderr)
-        );
+        let out = common::run(|deacal| {
+            deacal
+                .arg("diagnose")
+                .args(&list)
+                .args(["--json", "--quiet", "-o"])
+                .arg(dir.path().join("out"))
+        });
         // The provenance names the folder, which differs; everything else must not.
-        let mut json: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+        let mut json: serde_json::Value = serde_json::from_slice(&out).unwrap();
         json.as_object_mut().unwrap().remove("provenance");
         results.push(json.to_string());
     }
@@ -197,20 +192,14 @@ fn practice_cases_are_named() {
         return;
     };
     let dir = tempfile::tempdir().unwrap();
-    let run = assert_cmd::Command::cargo_bin("deacal")
-        .unwrap()
-        .args(["prove", "--json", "--quiet", "--cases"])
-        .arg(Path::new(&shared).join("datasets/practice"))
-        .arg("-o")
-        .arg(dir.path())
-        .output()
-        .unwrap();
-    assert!(
-        run.status.success(),
-        "{}",
-        String::from_utf8_lossy(&run.stderr)
-    );
-    let proof: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+    let out = common::run(|deacal| {
+        deacal
+            .args(["prove", "--json", "--quiet", "--cases"])
+            .arg(Path::new(&shared).join("datasets/practice"))
+            .arg("-o")
+            .arg(dir.path())
+    });
+    let proof: serde_json::Value = serde_json::from_slice(&out).unwrap();
     assert_eq!(proof["n_cases"], 12);
     assert_eq!(
         proof["false_alarm_rate"]["hits"], 0,

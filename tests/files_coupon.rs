@@ -131,7 +131,7 @@ fn the_report_of_a_real_film() {
     assert!(html.len() < 400_000, "{}", html.len());
     for words in [
         "Calibration of the film on coupons",
-        "misfit above noise",
+        "does not fit",
         "miles2015-vhb4910",
         "1275 rows, no row masked",
         "counting the misfit",

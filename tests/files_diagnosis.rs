@@ -216,6 +216,7 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
             unit: "1",
             stated: false,
         }],
+        beyond: None,
         built: 0.3,
         rivals: vec![("whiteness test", true, None)],
         evidence: Evidence::default(),
@@ -364,5 +365,31 @@ fn the_report_answers_in_words_first() {
             }
         }
         assert!(html.len() < 3_000_000, "{} bytes", html.len());
+    }
+}
+
+/// A model that needs a part beyond its tolerance is not said to leave more than noise, nor to lack something of no catalogue.
+#[test]
+fn a_part_beyond_its_tolerance_is_said_as_such() {
+    let mut d = diagnosis(Verdict::Unexplained);
+    d.law = None;
+    d.beyond = Some(Departed {
+        what: "link q of actuator 2".into(),
+        found: -0.013,
+        tolerance: 0.002,
+        unit: "1",
+        stated: false,
+    });
+    let html = render_diagnosis(&d, &Provenance::new("deacal diagnose"));
+    let first = html.split("<nav").next().unwrap();
+    for words in [
+        "Only with a part beyond its tolerance",
+        "link q of actuator 2 by -1.30 %, 6.5 times its tolerance",
+        "With that part it leaves no more than noise",
+    ] {
+        assert!(first.contains(words), "{words} not in {first}");
+    }
+    for words in ["it leaves more than noise", "not in the catalogue"] {
+        assert!(!first.contains(words), "{words}");
     }
 }

@@ -1,5 +1,7 @@
 //! One coordinate: hinge benches, axes and coupons, from their files to a fit and a diagnosis.
 
+mod common;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -815,19 +817,13 @@ fn silverbox(dir: &Path, file: &Path, id: &str, span: &str) -> Line {
 fn cases_of_a_folder_may_be_single_coordinates() {
     let dir = tempfile::tempdir().unwrap();
     let prove = |args: &[&str], out: &str| -> serde_json::Value {
-        let run = assert_cmd::Command::cargo_bin("deacal")
-            .unwrap()
-            .current_dir(dir.path())
-            .arg("prove")
-            .args(args)
-            .args(["--quiet", "-o", out])
-            .output()
-            .unwrap();
-        assert!(
-            run.status.success(),
-            "{}",
-            String::from_utf8_lossy(&run.stderr)
-        );
+        common::run(|deacal| {
+            deacal
+                .current_dir(dir.path())
+                .arg("prove")
+                .args(args)
+                .args(["--quiet", "-o", out])
+        });
         let trials = std::fs::read(dir.path().join(out).join("trials.json")).unwrap();
         let mut trials: Vec<serde_json::Value> = serde_json::from_slice(&trials).unwrap();
         trials.sort_by_key(|t| t["case"].to_string());

@@ -1,5 +1,7 @@
 //! The examples of the README are read by the program that it describes.
 
+mod common;
+
 use std::path::Path;
 
 use deacal::recording::{Kind, Manifest, Rig};
@@ -74,20 +76,14 @@ fn pages_of_studies_say_what_the_program_says() {
             continue;
         }
         let out = tempfile::tempdir().unwrap();
-        let run = assert_cmd::Command::cargo_bin("deacal")
-            .unwrap()
-            .current_dir(root)
-            .arg("diagnose")
-            .args(arguments)
-            .args(["-q", "-o"])
-            .arg(out.path())
-            .output()
-            .unwrap();
-        assert!(
-            run.status.success(),
-            "{name}: {}",
-            String::from_utf8_lossy(&run.stderr)
-        );
+        common::run(|deacal| {
+            deacal
+                .current_dir(root)
+                .arg("diagnose")
+                .args(arguments)
+                .args(["-q", "-o"])
+                .arg(out.path())
+        });
         let json = std::fs::read_to_string(out.path().join("diagnosis.json")).unwrap();
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
         let says = json["says"].as_str().unwrap();

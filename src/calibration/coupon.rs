@@ -130,12 +130,20 @@ pub struct CouponFit {
 }
 
 impl CouponFit {
+    /// How the misfit stands against the noise; one that the grid makes fits.
+    #[must_use]
+    pub fn standing(&self) -> Standing {
+        match self.noise_known {
+            false => Standing::CannotBeJudged,
+            true if self.nrmse_percent <= GRID_ERROR_PERCENT => Standing::Fits,
+            true => Standing::of(self.rmse_pa / self.noise_pa),
+        }
+    }
+
     /// Whether the misfit is more than the noise, and more than the grid makes. False where the noise is not known.
     #[must_use]
     pub fn exceeds_noise(&self) -> bool {
-        self.noise_known
-            && Standing::of(self.rmse_pa / self.noise_pa) != Standing::Fits
-            && self.nrmse_percent > GRID_ERROR_PERCENT
+        self.standing() > Standing::Fits
     }
 }
 
@@ -170,6 +178,13 @@ pub struct CouponTotal {
 }
 
 impl CouponOutcome {
+    /// That of the worst coupon.
+    #[must_use]
+    pub fn standing(&self) -> Standing {
+        let each = self.coupons.iter().map(CouponFit::standing);
+        each.max().unwrap_or(Standing::CannotBeJudged)
+    }
+
     /// All coupons together.
     #[must_use]
     pub fn total(&self) -> CouponTotal {

@@ -13,7 +13,7 @@ pub enum AtBound {
 }
 
 /// How the error that a model leaves stands to the noise: decided here for all kinds of recordings and all pages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Standing {
     /// There is no error, or no noise to hold it against.
     CannotBeJudged,

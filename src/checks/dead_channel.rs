@@ -34,11 +34,7 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     for s in view.signals.iter().filter(|s| s.is == Is::Marker).take(3) {
         let q = |share| super::linear::quantile(s.values.iter().copied(), share);
         moves = moves.max(q(0.98) - q(0.02));
-        let third = s
-            .values
-            .windows(4)
-            .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs());
-        noise = noise.max(super::linear::quantile(third, 0.5) / 0.6745 / 20f64.sqrt());
+        noise = noise.max(super::linear::noise(&s.values));
     }
     if moves * m.unit.to_si > 0.3e-3 && moves > MOTION * noise {
         let says = if most == 0.0 {

@@ -1,6 +1,6 @@
 //! Noise and resolution of the capture, and drives that are too fast for it.
 
-use super::linear::{about_mean, quantile};
+use super::linear::{self, about_mean, quantile};
 use super::view::{Is, View};
 use super::{Findings, Grade};
 
@@ -25,12 +25,7 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
         .collect();
     let mut noise_m: f64 = 0.0;
     for s in &moving {
-        // the variance of a third difference is 20 times that of a value
-        let third = s
-            .values
-            .windows(4)
-            .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs());
-        noise_m = noise_m.max(quantile(third, 0.5) * si / 0.6745 / 20f64.sqrt());
+        noise_m = noise_m.max(linear::noise(&s.values) * si);
     }
     if noise_m > NOISY_M {
         let stroke = moving

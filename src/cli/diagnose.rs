@@ -392,7 +392,8 @@ pub(super) fn write(
 /// The first screen of the report, in the terminal.
 pub(super) fn say(d: &Diagnosis, talk: Talk) {
     talk.say(&d.says);
-    if let Some(place) = d.places.first().filter(|_| d.verdict != Verdict::Adequate) {
+    let only_noise = d.verdict == Verdict::Adequate || d.beyond.is_some();
+    if let Some(place) = d.places.first().filter(|_| !only_noise) {
         talk.say(&format!("Where: {}", place.says));
     }
     for c in d.candidates.iter().filter(|c| c.in_model) {

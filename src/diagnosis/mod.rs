@@ -57,7 +57,9 @@ use problem::{Effort, Fitted, Problem, Tangent};
 use scan::{Scanned, fingerprints, scan, units};
 use subject::Subject;
 use tolerance::Built;
-use words::{candidates, confidence, hidden, next_experiment, probabilities, says};
+use words::{
+    candidates, confidence, hidden, measure, next_experiment, probabilities, says, says_of_part,
+};
 
 /// Tracks that are drawn to see what the capture's noise does.
 const DRAWN: usize = 6;
@@ -426,18 +428,15 @@ fn chain<S: Subject>(
         }
     }
     watch("judging");
-    // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or stand in for what is: the
-    // remark says which, and no cause is named.
-    let beyond = built.as_ref().and_then(|b| b.beyond(&plain.fitted));
-    let of_part = beyond
-        .filter(|_| verdict == Verdict::Adequate)
-        .map(|times| {
-            verdict = Verdict::Unexplained;
-            let rows = INDEPENDENT * plain.fitted.state.rows as f64;
-            // what it costs to keep the part near the drawing, against what a cause of one value costs
-            let gain = 0.5 * times.powi(2) - 0.5 * rows.ln() + each;
-            (1.0 / (1.0 + (-gain).exp())).max(0.5)
-        });
+    // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or stand in for what is: it is
+    // said, and no cause is named.
+    let beyond = built
+        .as_ref()
+        .and_then(|b| b.beyond(&plain.fitted))
+        .filter(|_| verdict == Verdict::Adequate);
+    if beyond.is_some() {
+        verdict = Verdict::Unexplained;
+    }
     let in_model = verdict == Verdict::MissingPhysics;
     if in_model {
         remarks.extend(forms::others(&problem, &plain, &best));
@@ -483,7 +482,7 @@ fn chain<S: Subject>(
         &words,
         named,
     );
-    let law = (verdict == Verdict::Unexplained)
+    let law = (verdict == Verdict::Unexplained && beyond.is_none())
         .then(|| law::law(&problem, &best.fitted))
         .transpose()?;
     let hidden = hidden(&problem, &scanned, allowed);
@@ -510,18 +509,37 @@ fn chain<S: Subject>(
     } else {
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
-    let confidence = of_part.unwrap_or_else(|| confidence(verdict, &odds, &plain, &best));
-    remarks.extend(tolerance::remark(&departed));
-    let next_experiment = next_experiment(verdict, &groups_alike, &candidates, &words);
-    let says = says(
-        verdict,
-        &candidates,
-        &train_gain,
-        holdout_gain.as_ref(),
-        &places,
-        &words,
-        built.is_some(),
-    );
+    let (confidence, says, next_experiment) = match &beyond {
+        Some(part) => {
+            let rows = INDEPENDENT * plain.fitted.state.rows as f64;
+            // what it costs to keep the part near the drawing, against what a cause of one value costs
+            let gain = 0.5 * part.times().powi(2) - 0.5 * rows.ln() + each;
+            let odds = 1.0 / (1.0 + (-gain).exp());
+            let left = format!(
+                "{}{}",
+                in_unit(train_gain.before_v, &words.unit),
+                words.over
+            );
+            (odds.max(0.5), says_of_part(part, &left), measure(part))
+        }
+        None => {
+            remarks.extend(tolerance::remark(&departed));
+            let of_catalogue = says(
+                verdict,
+                &candidates,
+                &train_gain,
+                holdout_gain.as_ref(),
+                &places,
+                &words,
+                built.is_some(),
+            );
+            (
+                confidence(verdict, &odds, &plain, &best),
+                of_catalogue,
+                next_experiment(verdict, &groups_alike, &candidates, &words),
+            )
+        }
+    };
     let values = problem
         .train
         .values(&augmented.fitted.state.eta, &augmented.fitted.state.beta);
@@ -554,6 +572,7 @@ fn chain<S: Subject>(
         law,
         traces,
         departed,
+        beyond,
         built: built.as_ref().map_or(f64::NAN, |b| b.scale),
         remarks,
         says,

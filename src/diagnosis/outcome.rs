@@ -10,7 +10,7 @@ pub enum Verdict {
     Adequate,
     /// At least one cause of the catalogue is named.
     MissingPhysics,
-    /// More than noise is left, and no cause of the catalogue accounts for it.
+    /// More than noise is left, and no cause of the catalogue accounts for it; or only a part beyond its tolerance does.
     Unexplained,
 }
 
@@ -160,6 +160,23 @@ pub struct Departed {
     pub stated: bool,
 }
 
+impl Departed {
+    /// How many times its tolerance it is off.
+    pub fn times(&self) -> f64 {
+        (self.found / self.tolerance).abs()
+    }
+
+    /// What is off, by how much and how many times its tolerance.
+    pub fn says(&self) -> String {
+        let (found, unit) = match self.unit {
+            "1" => (100.0 * self.found, "%"),
+            unit => (self.found, unit),
+        };
+        let (what, times) = (&self.what, self.times());
+        format!("{what} by {found:+.2} {unit}, {times:.1} times its tolerance")
+    }
+}
+
 /// A law over physical variables for what no cause explains: a hypothesis, never a name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Law {
@@ -225,12 +242,14 @@ pub struct Diagnosis {
     pub plain_mean_square: f64,
     /// The same on the held-out ones.
     pub plain_holdout_mean_square: f64,
-    /// The law, when the verdict is unexplained.
+    /// The law, when more than noise is left and no cause accounts for it.
     pub law: Option<Law>,
     /// Voltages before and after.
     pub traces: Vec<Traces>,
     /// What may differ from the drawing, and by how much it does; empty where the model as drawn suffices.
     pub departed: Vec<Departed>,
+    /// The part that is farthest beyond what tolerances make, where the plain model leaves only noise with it, and more without.
+    pub beyond: Option<Departed>,
     /// What the defaults among those tolerances are multiplied by: how well this robot was built; NaN where the model as drawn suffices.
     pub built: f64,
     /// What weakens the verdict, in words.

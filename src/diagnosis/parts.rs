@@ -134,6 +134,7 @@ impl Causes<'_> {
         }
         Ok(chosen.map(|c| (c.built, c.fitted)))
     }
+
     /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the one beside which parts promise most in
     /// linear theory; none that is a departure within its tolerance.
     fn beside<S: Subject>(&self, problem: &Problem<S>, list: &[Tolerance]) -> Vec<Fitted> {

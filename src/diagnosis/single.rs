@@ -607,6 +607,7 @@ pub(super) fn doubt(
             something_else,
         ],
         departed: Vec::new(),
+        beyond: None,
         built: f64::NAN,
         places,
         groups: groups_alike,
@@ -819,8 +820,9 @@ fn is_structured(residual: &[f64], blocks: &Blocks, shape: impl Fn(f64) -> [f64;
     peaks > 0.5 * all
 }
 
-/// Whether a model errs on the recordings that took no part as one that is right, named or plain, would not: its mean square there is more than [`MAY_BE_NOISE`] times what it
-/// leaves where it was fitted and what its parameters, uncertain as they are, make there.
+/// Whether a model errs on the recordings that took no part as one that is right, named or plain, would not: its mean square
+/// there is more than [`MAY_BE_NOISE`] times what it leaves where it was fitted and what its parameters, uncertain as they are,
+/// make there.
 fn misses(problem: &Problem<LineResidual>, model: &Model, independent: f64) -> Result<bool, Error> {
     let Some(holdout) = &problem.holdout else {
         return Ok(false);

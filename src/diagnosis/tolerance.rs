@@ -13,6 +13,7 @@
 //! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
 //! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts, alone or beside a cause, are believed
 //! where they are likelier by more than chance makes of a scan, unless they foretell what was held out with more than three times the error.
+//! Where a name holds as drawn, parts beyond their tolerances do not take its place; where none does, such parts are said and nothing is named.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -557,10 +558,10 @@ impl Built {
         Ok(())
     }
 
-    /// How many times its tolerance the part is that a fit takes farthest, where that is more than tolerances make.
-    pub fn beyond(&self, fitted: &Fitted) -> Option<f64> {
-        let (_, times) = largest(&self.departed(fitted))?;
-        Some(times).filter(|t| *t >= WITHIN)
+    /// The part that a fit takes farthest from its drawing, where that is more than tolerances make.
+    pub fn beyond(&self, fitted: &Fitted) -> Option<Departed> {
+        let departed = self.departed(fitted);
+        largest(&departed).filter(|d| d.times() >= WITHIN).cloned()
     }
 
     /// What a fit makes of each tolerance.
@@ -612,31 +613,23 @@ pub(super) fn holds(list: &[Tolerance], acting: &Acting) -> bool {
     times(list, acting).is_some_and(|t| t < OF_ONE_PART)
 }
 
-/// The departure that is the most times its tolerance, and how many times.
-fn largest(departed: &[Departed]) -> Option<(&Departed, f64)> {
-    let size = |d: &Departed| (d.found / d.tolerance).abs();
-    let sized = departed.iter().map(|d| (d, size(d)));
-    sized.max_by(|a, b| a.1.total_cmp(&b.1))
+/// The departure that is the most times its tolerance.
+fn largest(departed: &[Departed]) -> Option<&Departed> {
+    let by_size = |a: &&Departed, b: &&Departed| a.times().total_cmp(&b.times());
+    departed.iter().max_by(by_size)
 }
 
 /// What is said of departures: the largest of them.
 pub(super) fn remark(departed: &[Departed]) -> Option<String> {
-    let (largest, times) = largest(departed)?;
-    if times < WORTH_SAYING {
-        return None;
-    }
-    let (found, unit) = match largest.unit {
-        "1" => (100.0 * largest.found, "%"),
-        unit => (largest.found, unit),
-    };
-    let what = &largest.what;
-    Some(if times < WITHIN {
+    let largest = largest(departed).filter(|d| d.times() >= WORTH_SAYING)?;
+    let says = largest.says();
+    Some(if largest.times() < WITHIN {
         format!(
-            "Parts may differ from the drawing within their tolerances, and do: {what} by {found:+.2} {unit}, {times:.1} times its tolerance, most. Such differences are no cause."
+            "Parts may differ from the drawing within their tolerances, and do; most of all {says}. Such differences are no cause."
         )
     } else {
         format!(
-            "Parts differ from the drawing, {what} most: by {found:+.2} {unit}, {times:.1} times its tolerance, which is more than tolerances make. Measure it, and state what it is in rig.toml."
+            "Parts differ from the drawing, most of all {says}, which is more than tolerances make. Measure it, and state what it is in rig.toml."
         )
     })
 }

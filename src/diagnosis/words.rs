@@ -374,6 +374,22 @@ pub(super) fn says(
     }
 }
 
+/// The verdict of a plain model that leaves only noise, `left`, with a part that is beyond its tolerance.
+pub(super) fn says_of_part(part: &Departed, left: &str) -> String {
+    format!(
+        "The plain model leaves what noise leaves, {left}, but only with a part farther off than tolerances make: {}. That part may be off, or stand in for something else; no cause is named.",
+        part.says()
+    )
+}
+
+/// What tells a part that is off from what it may stand in for.
+pub(super) fn measure(part: &Departed) -> String {
+    format!(
+        "Measure the {}. Where it is as found, state it in rig.toml; where it is not, something else is off, and one actuator driven at a time shows where.",
+        part.what
+    )
+}
+
 /// Probability from which a cause is named as what is left out.
 pub(super) const NAMED: f64 = 0.5;
 

@@ -6,6 +6,17 @@ pub mod recordings;
 use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};
 use serde_json::Value;
 
+/// Runs `deacal`, which has to succeed, and gives what it wrote on standard output.
+pub fn run(
+    arguments: impl FnOnce(&mut std::process::Command) -> &mut std::process::Command,
+) -> Vec<u8> {
+    let mut deacal = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"));
+    let done = arguments(&mut deacal).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{deacal:?}: {said}");
+    done.stdout
+}
+
 /// A file of `tests/golden`.
 pub fn golden(name: &str) -> Value {
     let path = format!("{}/tests/golden/{name}.json", env!("CARGO_MANIFEST_DIR"));

@@ -2,12 +2,12 @@
 
 use minijinja::{Value, context};
 
-use super::page::{self, Cell, Item, Note, Section, Status, Summary, Table, safe};
+use super::page::{self, Cell, Item, Note, Section, Summary, Table, safe};
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, capital, item, note, tile};
 use super::{Provenance, number, parameters, provenance, quality, starts};
-use crate::calibration::{CouponFit, CouponOutcome, Estimate, Standing};
+use crate::calibration::{CouponFit, CouponOutcome, Estimate};
 use crate::dataset::CouponMode;
 use crate::film::InitialState;
 
@@ -54,17 +54,7 @@ fn misfit(outcome: &CouponOutcome) -> Option<&[f64]> {
 }
 
 fn first_screen(outcome: &CouponOutcome) -> Summary {
-    let known = || outcome.coupons.iter().filter(|c| c.noise_known);
-    let exceeding = || known().filter(|c| c.exceeds_noise());
-    let (status, word) = if known().next().is_none() {
-        (Status::Unknown, "cannot be judged")
-    } else if exceeding().next().is_none() {
-        (Status::Good, "fits")
-    } else if exceeding().all(|c| c.rmse_pa < Standing::RATIOS[1] * c.noise_pa) {
-        (Status::Fair, "nearly fits")
-    } else {
-        (Status::Poor, "misfit above noise")
-    };
+    let (status, word) = summary::standing(outcome.standing());
     let notes = [
         against_noise(outcome),
         worst(outcome),
@@ -657,7 +647,7 @@ mod tests {
             assert_eq!(number, 1, "{anchor}");
         }
         for words in [
-            "misfit above noise",
+            "does not fit",
             "times the noise",
             "of the excess",
             "counting the misfit",

@@ -168,6 +168,9 @@ fn fits(d: &Diagnosis) -> Option<Note> {
         items.push(sentence("On the held-out recordings", gain, square));
     }
     let lead = match d.verdict {
+        _ if d.beyond.is_some() => {
+            "Only with a part beyond its tolerance: then it leaves no more than noise."
+        }
         Verdict::Adequate => {
             "Yes. With all of its parameters fitted anew it leaves no more than noise."
         }
@@ -203,6 +206,9 @@ fn places(d: &Diagnosis) -> Option<Note> {
         item(format!("{}:", super::summary::capital(&place(p))), text)
     };
     let lead = match d.verdict {
+        _ if d.beyond.is_some() => {
+            "With that part it leaves no more than noise as a whole. Least like noise is what lies here:"
+        }
         Verdict::Adequate => {
             "As a whole it leaves no more than noise. Least like noise is what lies here:"
         }
@@ -342,6 +348,17 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         .take(NAMED)
         .map(line)
         .collect();
+    if let Some(part) = &d.beyond {
+        let nearest = match list.is_empty() {
+            true => "",
+            false => " The nearest causes, none of which is needed beside it:",
+        };
+        let lead = format!(
+            "Perhaps nothing: a part is off, {}. Perhaps something that it stands in for.{nearest}",
+            part.says()
+        );
+        return Some(note(MISSING_IS, lead, list));
+    }
     let lead = match (d.verdict, list.is_empty()) {
         (Verdict::Adequate, true) => "Nothing that these recordings could show.",
         (Verdict::Adequate, false) => {

@@ -112,8 +112,8 @@ impl Causes<'_> {
                 }
                 let price = price(&built, &fitted);
                 let foretold = Judged::new(problem, blocks, fitted.clone()).holdout;
-                // where a name holds as drawn, parts beyond their tolerances do not take its place
-                let believed = (self.unexplained || built.beyond(&fitted).is_none())
+                // where names leave only noise as drawn, parts beyond their tolerances do not take their place
+                let believed = (self.unexplained || loud || built.beyond(&fitted).is_none())
                     && (self.best.holdout.is_nan()
                         || foretold <= FORETELLS_WORSE * self.best.holdout);
                 // a cause beside parts has to outdo parts alone, which come first, by more than chance too

@@ -1,6 +1,6 @@
-//! The fused residual pass against the machine's own limit, measured in the same run: how many times as long an evaluation takes
-//! as its 29.5 million floating-point operations would at the peak of fused multiply-adds; and a fit, and five starts, in
-//! evaluations. Ratios, because machines differ and are shared.
+//! The fused residual pass against the machine's own limit, measured in the same run: how many times as long
+//! an evaluation takes as its 29.5 million floating-point operations would at the peak of fused
+//! multiply-adds; and a fit, and five starts, in evaluations. Ratios, because machines differ and are shared.
 //!
 //! `cargo bench --bench kernel`
 

@@ -1,5 +1,5 @@
-//! Calibrates dielectric-elastomer actuators from recordings of motion and voltage. `ARCHITECTURE.md` says which room does what; the
-//! program is a thin shell over this library.
+//! Calibrates dielectric-elastomer actuators from recordings of motion and voltage. `ARCHITECTURE.md` says
+//! which room does what; the program is a thin shell over this library.
 pub mod calibration;
 pub mod cases;
 pub mod checks;

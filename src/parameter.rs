@@ -1,4 +1,5 @@
-//! A parameter of a calibration: its name, unit, bounds, what is known of it beforehand, and how the search sees it.
+//! A parameter of a calibration: its name, unit, bounds, what is known of it beforehand, and how the search
+//! sees it.
 
 /// How the search sees a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -53,7 +53,8 @@ const fn unit(symbol: &'static str, dimension: Dimension, to_si: f64) -> Unit {
     }
 }
 
-/// How times of one table are written: a unit in which the largest is short, with the digits that tell its samples apart.
+/// How times of one table are written: a unit in which the largest is short, with the digits that tell its
+/// samples apart.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimeScale {
     symbol: &'static str,
@@ -62,8 +63,8 @@ pub struct TimeScale {
 }
 
 impl TimeScale {
-    /// For times up to `largest_s` with `step_s` between samples, s. Steps of half a millisecond and more, and times beyond a second,
-    /// are written in s.
+    /// For times up to `largest_s` with `step_s` between samples, s. Steps of half a millisecond and more,
+    /// and times beyond a second, are written in s.
     #[must_use]
     pub fn new(largest_s: f64, step_s: Option<f64>) -> Self {
         let step_s = step_s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(1e-3);

@@ -1,8 +1,9 @@
 //! Electrodes over days: strokes without the capture's noise, causes of simulated campaigns, and bad input.
 //!
-//! The campaigns are made by the adaptive simulator, which shares nothing with the fit but the model; films, sizes, days and mounts are drawn with
-//! seeds of their own. `DEACAL_CAMPAIGNS=500 cargo test --release --test ageing -- --nocapture` runs the long form, `DEACAL_CAMPAIGN_SEED` other
-//! campaigns: what is chosen on some is measured on others.
+//! The campaigns are made by the adaptive simulator, which shares nothing with the fit but the model; films,
+//! sizes, days and mounts are drawn with seeds of their own.
+//! `DEACAL_CAMPAIGNS=500 cargo test --release --test ageing -- --nocapture` runs the long form,
+//! `DEACAL_CAMPAIGN_SEED` other campaigns: what is chosen on some is measured on others.
 
 mod common;
 
@@ -176,7 +177,8 @@ const FIRST_SEED: u64 = 0x0f19_0000;
 
 fn campaign(first_seed: u64, seed: u64) -> Campaign {
     let mut g = ChaCha12Rng::seed_from_u64(first_seed + seed);
-    // Films of other moduli, relaxation times and thickness, under other masses: nothing of it is known to the fit but what a rig file states.
+    // Films of other moduli, relaxation times and thickness, under other masses: nothing of it is known to
+    // the fit but what a rig file states.
     let mut film = film(g.random_range(0.85..1.15));
     for mu in &mut film.mu_pa[1..] {
         *mu *= g.random_range(0.6..1.5);
@@ -215,7 +217,8 @@ fn campaign(first_seed: u64, seed: u64) -> Campaign {
     let (stiffer, resists, lost) = (size(6e4, 6e5), size(5e7, 4e8), size(0.05, 0.4));
     let has = |c: Cause, size: f64| if truth.contains(&c) { size } else { 0.0 };
     let shape: f64 = g.random_range(0.5..1.5);
-    // Half of the campaigns leave their samples in the frame and say so; half hang them anew, to 0.3 mm, and do not.
+    // Half of the campaigns leave their samples in the frame and say so; half hang them anew, to 0.3 mm, and
+    // do not.
     let stays = g.random_range(0..2) == 0;
     let mount_m = if stays { 3e-5 } else { 3e-4 };
     let mut inputs = Vec::new();
@@ -394,7 +397,8 @@ fn causes_of_simulated_campaigns_are_found() {
         |value: f64, low: f64, high: f64| assert!((low..=high).contains(&value), "{value}");
     if long {
         let ((frame, _, frames), (_, said, n)) = (score(Some(true)), score(None));
-        // Wanted are 90 % right alone. Measured on 500: 92.3 % (192 of 208) in their frames, 67.9 % hung anew, 79.7 % of all; these are floors.
+        // Wanted are 90 % right alone. Measured on 500: 92.3 % (192 of 208) in their frames, 67.9 % hung
+        // anew, 79.7 % of all; these are floors.
         between(share(frame, frames), 88.0, 100.0);
         between(share(said, n), 85.0, 100.0);
         between(share(wrong, all.len()), 0.0, 5.0);
@@ -601,7 +605,8 @@ fn the_parameters_of_a_robots_day_predict_its_voltages() {
     assert!(own < 0.1 * other, "{own} {other}");
 }
 
-/// The twin's two samples, if the folder that `DEACAL_SHARED` names is there: the paper's losses, and what made them.
+/// The twin's two samples, if the folder that `DEACAL_SHARED` names is there: the paper's losses, and what
+/// made them.
 #[test]
 fn the_twins_losses_and_causes_are_those_of_the_paper() {
     let Some(shared) = std::env::var_os("DEACAL_SHARED") else {

@@ -1,5 +1,5 @@
-//! Numbers that are out of the ordinary: curves of any number of nodes, gaps, signs, sentinels, sizes and rates beyond reason. Every
-//! command ends with a sentence or with numbers that hold.
+//! Numbers that are out of the ordinary: curves of any number of nodes, gaps, signs, sentinels, sizes and
+//! rates beyond reason. Every command ends with a sentence or with numbers that hold.
 
 mod common;
 
@@ -564,7 +564,8 @@ fn with_nodes(dir: &std::path::Path, count: usize) -> String {
     name
 }
 
-/// Every command takes a curve of any number of nodes: few, those about each multiple of eight, and a hundred.
+/// Every command takes a curve of any number of nodes: few, those about each multiple of eight, and a
+/// hundred.
 #[test]
 fn commands_take_a_curve_of_any_number_of_nodes() {
     let dir = tempfile::tempdir().unwrap();
@@ -639,7 +640,8 @@ fn what_is_unlikely_costs_no_more() {
     }
 }
 
-/// Runs `count` mutations from `first` on; what went wrong, in sentences. Ten seconds of each core and 4 GB a run.
+/// Runs `count` mutations from `first` on; what went wrong, in sentences. Ten seconds of each core and 4 GB a
+/// run.
 fn mutate(first: u64, count: u64, frames: usize) -> Vec<String> {
     use rand::RngExt;
     let mut wrong = Vec::new();
@@ -714,8 +716,8 @@ fn spoiled_numbers_end_in_a_sentence() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The long form: `DEACAL_MUTATIONS=2000 cargo test --release --test bad_numbers -- --ignored --nocapture`, from
-/// `DEACAL_MUTATIONS_FROM` on.
+/// The long form: `DEACAL_MUTATIONS=2000 cargo test --release --test bad_numbers -- --ignored --nocapture`,
+/// from `DEACAL_MUTATIONS_FROM` on.
 #[test]
 #[ignore = "some minutes on two cores"]
 fn two_thousand_spoiled_numbers_end_in_a_sentence() {
@@ -891,7 +893,8 @@ mod robot_numbers {
         }
     }
 
-    /// What is lost at the beginning leaves the film's first state open: the errors that a fit states are those that it makes.
+    /// What is lost at the beginning leaves the film's first state open: the errors that a fit states are
+    /// those that it makes.
     #[test]
     fn a_beginning_that_is_lost_is_in_the_stated_errors() {
         let off = |lost: std::ops::Range<f64>| -> Vec<(String, f64, f64)> {

@@ -1,5 +1,5 @@
-//! Concealed cases: the same seed gives the same bytes, every effect can be made at every strength, switched off it changes nothing,
-//! and the files read back to what the case holds in memory.
+//! Concealed cases: the same seed gives the same bytes, every effect can be made at every strength, switched
+//! off it changes nothing, and the files read back to what the case holds in memory.
 
 use deacal::cases::{self, DriveSet, Kind, Spec};
 
@@ -368,7 +368,8 @@ mod line {
             let all = effects(rig).into_iter().map(Kind::Effect);
             let all = all.chain(unknowns(rig).into_iter().map(Kind::Unknown));
             for kind in all {
-                // some motions hide a cause, not all; a wrong gauge length looks like another modulus under any
+                // some motions hide a cause, not all; a wrong gauge length looks like another modulus under
+                // any
                 if kind == Kind::Effect("x_grip_slip") {
                     continue;
                 }

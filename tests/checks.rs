@@ -1,5 +1,6 @@
-//! What is wrong with a recording is said before anything is fitted: a table of mistakes, each made to a sound recording's files or
-//! manifest as a user would make it, and sound recordings, none of which is accused.
+//! What is wrong with a recording is said before anything is fitted: a table of mistakes, each made to a
+//! sound recording's files or manifest as a user would make it, and sound recordings, none of which is
+//! accused.
 
 use std::path::{Path, PathBuf};
 
@@ -920,8 +921,9 @@ fn sound_recordings_are_not_accused() {
     assert!(accused.is_empty(), "{}", accused.join("\n"));
 }
 
-/// Simulated robots of every drive, noise, rate, clock and payload, some with a left-out cause; and the practice recordings where
-/// DEACAL_SHARED says where they are. `cargo test --release --test checks -- --ignored` (half a minute).
+/// Simulated robots of every drive, noise, rate, clock and payload, some with a left-out cause; and the
+/// practice recordings where DEACAL_SHARED says where they are.
+/// `cargo test --release --test checks -- --ignored` (half a minute).
 #[test]
 #[ignore = "simulates 144 recordings: half a minute"]
 fn sound_simulated_recordings_are_not_accused() {

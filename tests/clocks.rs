@@ -1,6 +1,8 @@
-//! The clock offset is found: by a fit with the film free, and by a channel that was logged beside the motion.
+//! The clock offset is found: by a fit with the film free, and by a channel that was logged beside the
+//! motion.
 //!
-//! 4 fits by default; `DEACAL_TRIALS=500 cargo test --release --test clocks -- --nocapture` is the long proof.
+//! 4 fits by default; `DEACAL_TRIALS=500 cargo test --release --test clocks -- --nocapture` is the long
+//! proof.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! The program as a user runs it: the main job, and bad input. A failed run says in one line what, where and what to do, exits with 1,
-//! and leaves nothing.
+//! The program as a user runs it: the main job, and bad input. A failed run says in one line what, where and
+//! what to do, exits with 1, and leaves nothing.
 
 mod common;
 

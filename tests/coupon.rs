@@ -1,4 +1,5 @@
-//! Coupons: identities, recovery of a known film, and real films (bundled, or in the folder that `DEACAL_SHARED` names).
+//! Coupons: identities, recovery of a known film, and real films (bundled, or in the folder that
+//! `DEACAL_SHARED` names).
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! The diagnosis on concealed cases: blind, then compared. A few of them here; `deacal prove --number 600` is the long form.
+//! The diagnosis on concealed cases: blind, then compared. A few of them here; `deacal prove --number 600` is
+//! the long form.
 
 mod common;
 

@@ -172,7 +172,8 @@ fn off_changes_nothing_to_the_bit() {
     }
 }
 
-/// Effects whose residual is no smooth function of their size at off: a threshold, or a rate that binds only from somewhere on.
+/// Effects whose residual is no smooth function of their size at off: a threshold, or a rate that binds only
+/// from somewhere on.
 const THRESHOLDS: &[&str] = &[
     "amplifier_deadband",
     "amplifier_saturation",

@@ -1,5 +1,5 @@
-//! Causes of the catalogue in forward dynamics and back: a robot is simulated with a cause, and the inverse model with the same cause
-//! asks for the voltage that was given.
+//! Causes of the catalogue in forward dynamics and back: a robot is simulated with a cause, and the inverse
+//! model with the same cause asks for the voltage that was given.
 
 mod common;
 
@@ -63,7 +63,8 @@ fn simulated(robot: &Robot, parameters: &Parameters, acting: &Acting, log: &Samp
     effect_reading(acting, &m, PIVOT_M)
 }
 
-/// RMSE above 1 kV of the voltage that the measured motion needs at the film against the one that the log makes there, V.
+/// RMSE above 1 kV of the voltage that the measured motion needs at the film against the one that the log
+/// makes there, V.
 fn round_trip(robot: &Robot, p: &Parameters, acting: &Acting, m: &Motion, log: &Sampled) -> f64 {
     let effects = std::slice::from_ref(acting);
     let mechanics = Mechanics::with_effects(robot, &m.track(), effects, PIVOT_M).unwrap();

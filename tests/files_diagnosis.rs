@@ -1,4 +1,5 @@
-//! The files of a diagnosis, of one made up for the purpose. `DEACAL_WRITE_LOOK=DIR` also leaves the reports there, to be looked at.
+//! The files of a diagnosis, of one made up for the purpose. `DEACAL_WRITE_LOOK=DIR` also leaves the reports
+//! there, to be looked at.
 
 mod common;
 
@@ -368,7 +369,8 @@ fn the_report_answers_in_words_first() {
     }
 }
 
-/// A model that needs a part beyond its tolerance is not said to leave more than noise, nor to lack something of no catalogue.
+/// A model that needs a part beyond its tolerance is not said to leave more than noise, nor to lack something
+/// of no catalogue.
 #[test]
 fn a_part_beyond_its_tolerance_is_said_as_such() {
     let mut d = diagnosis(Verdict::Unexplained);

@@ -1,4 +1,5 @@
-//! Exports hold the same bits as the parameter file, as compilers and interpreters of those languages read them.
+//! Exports hold the same bits as the parameter file, as compilers and interpreters of those languages read
+//! them.
 
 use std::path::Path;
 use std::process::Command;

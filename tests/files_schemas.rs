@@ -1,4 +1,5 @@
-//! The schemas in `schemas/` are those of the types. `DEACAL_WRITE_SCHEMAS=1 cargo test --test files_schemas` writes them.
+//! The schemas in `schemas/` are those of the types. `DEACAL_WRITE_SCHEMAS=1 cargo test --test files_schemas`
+//! writes them.
 
 use std::path::Path;
 

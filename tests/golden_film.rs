@@ -1,4 +1,5 @@
-//! The film: reference integrator against an independent simulator, production kernel against both, identities.
+//! The film: reference integrator against an independent simulator, production kernel against both,
+//! identities.
 mod common;
 use common::*;
 use deacal::film::kernel::{History, LANES, Pass, ROW, Shape};
@@ -135,8 +136,8 @@ fn sampled(
     (history, times)
 }
 
-/// What the scheme's order gives at 100 Hz with drives of up to 4 Hz: largest error of a spring's stress relative to the
-/// largest stress of that spring.
+/// What the scheme's order gives at 100 Hz with drives of up to 4 Hz: largest error of a spring's stress
+/// relative to the largest stress of that spring.
 fn tolerance(relaxation_s: f64, virgin: bool) -> f64 {
     let smooth: f64 = if relaxation_s < 0.05 {
         3e-4

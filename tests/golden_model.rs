@@ -1,5 +1,5 @@
-//! Inverse dynamics and force prediction against an independent simulator: with the reference integrator to its
-//! tolerance, with the production kernel on 100 Hz samples to the tolerance of the kernel's order.
+//! Inverse dynamics and force prediction against an independent simulator: with the reference integrator to
+//! its tolerance, with the production kernel on 100 Hz samples to the tolerance of the kernel's order.
 mod common;
 use common::*;
 use deacal::film::integrate_reference;
@@ -160,7 +160,8 @@ fn force_prediction() {
         let production = production.external_force_n(&parameters, &phi).unwrap();
         for (i, row) in rows.iter().enumerate() {
             let want = triple(&row["F_ext_N"]);
-            // The balance with the film of the reference integrator: move the difference of the film torques into phi^2.
+            // The balance with the film of the reference integrator: move the difference of the film torques
+            // into phi^2.
             let mut phi = squared(numbers(&row["phi_V"]));
             for k in 0..3 {
                 let chain = &at_rows.chains[k];

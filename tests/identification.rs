@@ -1,7 +1,8 @@
-//! What a calibration is for: films that differ by a fifth are recorded, fitted, and driven along a circle with the voltages that the
-//! fitted parameters ask for. The true robot must follow.
+//! What a calibration is for: films that differ by a fifth are recorded, fitted, and driven along a circle
+//! with the voltages that the fitted parameters ask for. The true robot must follow.
 //!
-//! Two films by default; `DEACAL_TRIALS=20 cargo test --release --test identification -- --nocapture` is the long proof.
+//! Two films by default; `DEACAL_TRIALS=20 cargo test --release --test identification -- --nocapture` is the
+//! long proof.
 
 mod common;
 
@@ -214,7 +215,8 @@ fn a_motion_captured_again_is_smoothed_as_the_first_time() {
 
 #[test]
 fn scores_of_a_simulated_recording_have_the_mean_that_its_model_says() {
-    // The score at the truth, over recordings that differ in their noise, against what is told from the model alone.
+    // The score at the truth, over recordings that differ in their noise, against what is told from the model
+    // alone.
     let g = golden("forward_dynamics");
     let (robot, nominal) = (robot(&g["rig"]), parameters(&g));
     let mut generator = ChaCha12Rng::seed_from_u64(73);

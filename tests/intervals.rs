@@ -1,7 +1,8 @@
-//! 95 % intervals hold the truth in about 95 % of simulated recordings of known films, for every parameter that is called
-//! identifiable; and what is well determined at the truth is called so.
+//! 95 % intervals hold the truth in about 95 % of simulated recordings of known films, for every parameter
+//! that is called identifiable; and what is well determined at the truth is called so.
 //!
-//! 40 recordings by default; `DEACAL_TRIALS=500 cargo test --release --test intervals -- --nocapture` is the long proof.
+//! 40 recordings by default; `DEACAL_TRIALS=500 cargo test --release --test intervals -- --nocapture` is the
+//! long proof.
 
 mod common;
 

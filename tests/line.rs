@@ -499,8 +499,9 @@ fn a_fitted_axis_predicts_other_recordings_and_an_augmented_one_better() {
     assert!(error.contains("gain_N"), "{error}");
 }
 
-/// A slide of known mass with dry friction in the catalogue's own form, driven to and fro at one speed, its force cell as the input.
-/// Clocks that are half a sample apart are said, in recordings that are held out too, and are no cause.
+/// A slide of known mass with dry friction in the catalogue's own form, driven to and fro at one speed, its
+/// force cell as the input. Clocks that are half a sample apart are said, in recordings that are held out
+/// too, and are no cause.
 #[test]
 fn clocks_within_a_sample_are_no_cause() {
     let dir = tempfile::tempdir().unwrap();
@@ -593,7 +594,8 @@ fn friction_at_one_speed_is_not_a_ceiling() {
     assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
 }
 
-/// What is predicted is worked out from everything else: a tone in the measured input moves no bit of it, whatever the drive.
+/// What is predicted is worked out from everything else: a tone in the measured input moves no bit of it,
+/// whatever the drive.
 #[test]
 fn a_prediction_reads_nothing_of_what_it_predicts() {
     let dir = tempfile::tempdir().unwrap();
@@ -812,7 +814,8 @@ fn silverbox(dir: &Path, file: &Path, id: &str, span: &str) -> Line {
     Line::from_recording(&Recording::open(&own).unwrap()).unwrap()
 }
 
-/// Cases on single coordinates that were left in a folder are diagnosed from there as they were when they were made.
+/// Cases on single coordinates that were left in a folder are diagnosed from there as they were when they
+/// were made.
 #[test]
 fn cases_of_a_folder_may_be_single_coordinates() {
     let dir = tempfile::tempdir().unwrap();

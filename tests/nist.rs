@@ -1,7 +1,8 @@
-//! The NIST yardstick: 27 problems of the Statistical Reference Datasets, each from its two starting points, and rivals, bounds, failures.
+//! The NIST yardstick: 27 problems of the Statistical Reference Datasets, each from its two starting points,
+//! and rivals, bounds, failures.
 //!
-//! The models are those of the file headers, written once over dual numbers, so that the derivatives are exact.
-//! See `datasets/nist1997_strd/README.md` for the data and the score.
+//! The models are those of the file headers, written once over dual numbers, so that the derivatives are
+//! exact. See `datasets/nist1997_strd/README.md` for the data and the score.
 
 use std::convert::Infallible;
 use std::fs;
@@ -372,8 +373,8 @@ where
     }
 }
 
-/// r = A p - b with correlated columns: its unbounded minimum is (2, -1), and with p_1 >= 0.5 it is p_0 = 7/5 by hand:
-/// A^T A = [[5, 2], [2, 1]], A^T b = (8, 3), 5 p_0 = 8 - 2 p_1.
+/// r = A p - b with correlated columns: its unbounded minimum is (2, -1), and with p_1 >= 0.5 it is p_0 = 7/5
+/// by hand: A^T A = [[5, 2], [2, 1]], A^T b = (8, 3), 5 p_0 = 8 - 2 p_1.
 fn line() -> impl LeastSquares<Error = String> {
     Small {
         n: 2,
@@ -432,7 +433,8 @@ fn a_minimum_on_a_bound_is_found_and_said() {
     assert_eq!(corner.resting, [Resting::Upper, Resting::Upper]);
 }
 
-/// With bounds that exclude the certified value, the fit agrees with one in which that parameter is held there.
+/// With bounds that exclude the certified value, the fit agrees with one in which that parameter is held
+/// there.
 #[test]
 fn a_nonlinear_minimum_on_a_bound_equals_the_fit_with_that_parameter_fixed() {
     let problem = one("Rat43");
@@ -619,7 +621,8 @@ fn limit_and_stop_are_outcomes_that_keep_what_was_found() {
     assert!(shown.windows(2).all(|w| w[1] <= w[0]));
 }
 
-/// Two parameters of which only the sum is seen: one direction is open, and the covariance says which, instead of a number.
+/// Two parameters of which only the sum is seen: one direction is open, and the covariance says which,
+/// instead of a number.
 #[test]
 fn what_the_residuals_do_not_see_is_said() {
     let sum = Small {

@@ -131,8 +131,8 @@ fn three_ways_of_not_being_seen() {
     assert_eq!(column(&capture, "EE", "X").unit, "");
 }
 
-/// The fourth word of a point is a 16-bit number with a sign. Vicon Workstation wrote it into floats without: what was not seen
-/// is 0, 0, 0 with 65535, and is no position at the origin.
+/// The fourth word of a point is a 16-bit number with a sign. Vicon Workstation wrote it into floats without:
+/// what was not seen is 0, 0, 0 with 65535, and is no position at the origin.
 #[test]
 fn minus_one_without_its_sign_is_not_seen() {
     for make in [Make::Intel, Make::Dec, Make::Sgi] {

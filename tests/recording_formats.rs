@@ -1,6 +1,6 @@
-//! Every real file of motion-capture formats against what independent readers found in it. The files are not in this
-//! repository: the folder that `DEACAL_SHARED` names holds them. Without it these tests say that they are skipped, and pass.
-//! (Nexus and Tracker CSV: `recording_shared.rs`.)
+//! Every real file of motion-capture formats against what independent readers found in it. The files are not
+//! in this repository: the folder that `DEACAL_SHARED` names holds them. Without it these tests say that they
+//! are skipped, and pass. (Nexus and Tracker CSV: `recording_shared.rs`.)
 
 use std::path::{Path, PathBuf};
 

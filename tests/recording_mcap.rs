@@ -1,5 +1,6 @@
-//! MCAP: the conformance files of the format and real recordings, which are not in this repository (the folder that `DEACAL_SHARED`
-//! names holds them; without it those tests say that they are skipped), and files made here, one for each quirk.
+//! MCAP: the conformance files of the format and real recordings, which are not in this repository (the
+//! folder that `DEACAL_SHARED` names holds them; without it those tests say that they are skipped), and files
+//! made here, one for each quirk.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -169,7 +170,8 @@ fn printed(record: &Record) -> Option<(&'static str, Value)> {
     })
 }
 
-/// Fields of an expected record: bytes are a list of texts, attachments also have a checksum that the library leaves out.
+/// Fields of an expected record: bytes are a list of texts, attachments also have a checksum that the library
+/// leaves out.
 fn expected_fields(record: &Value) -> Value {
     record["fields"]
         .as_array()
@@ -726,7 +728,8 @@ fn service_events_are_no_requests() {
     }
 }
 
-/// Of topics the one that moves farthest is the effector; a single message shows no motion, and the stamps are the clock.
+/// Of topics the one that moves farthest is the effector; a single message shows no motion, and the stamps
+/// are the clock.
 #[test]
 fn a_start_from_topics() {
     let moving = |count: u32, step: f64| {

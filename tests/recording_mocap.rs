@@ -1,5 +1,5 @@
-//! Motive, Qualisys, TRC and Tracker files on small hand-made examples; markers and bodies chosen from them; what a survey
-//! finds wrong.
+//! Motive, Qualisys, TRC and Tracker files on small hand-made examples; markers and bodies chosen from them;
+//! what a survey finds wrong.
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -153,7 +153,8 @@ fn trc_files() {
     assert!(error.to_string().contains("ends in its header"), "{error}");
 }
 
-/// Markers that begin below the header learn of a decimal comma as those in the header do: the file is read again, once.
+/// Markers that begin below the header learn of a decimal comma as those in the header do: the file is read
+/// again, once.
 #[test]
 fn a_marker_without_a_name_has_decimal_commas() {
     let capture = read_file(&data("growing-commas.trc")).unwrap();
@@ -282,7 +283,8 @@ fn markers_by_wildcard_and_by_place() {
     );
 }
 
-// --- what a survey finds wrong -----------------------------------------------------------------------------------------
+// --- what a survey finds wrong
+// -----------------------------------------------------------------------------------------
 
 fn survey(text: &str) -> Survey {
     let mut file = tempfile::Builder::new().suffix(".csv").tempfile().unwrap();

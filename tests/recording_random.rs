@@ -25,8 +25,8 @@ const SCOPE: &[u8] = b"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1,0.25\n0
 const MANIFEST: &[u8] = include_bytes!("data/recording/robot/recording.toml");
 const RIG: &[u8] = include_bytes!("data/recording/robot/rig.toml");
 
-/// Every importer, with and without columns asked for, in several encodings: an answer or an error, never a panic. Each
-/// column has as many values as the section has rows.
+/// Every importer, with and without columns asked for, in several encodings: an answer or an error, never a
+/// panic. Each column has as many values as the section has rows.
 fn all_importers(bytes: &[u8]) {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(bytes).unwrap();

@@ -1,5 +1,5 @@
-//! Real exports against what independent readers found in them. The files are not in this repository: the folder that
-//! `DEACAL_SHARED` names holds them. Without it these tests say that they are skipped, and pass.
+//! Real exports against what independent readers found in them. The files are not in this repository: the
+//! folder that `DEACAL_SHARED` names holds them. Without it these tests say that they are skipped, and pass.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Voltage logs: LVM, TDMS and oscilloscopes, real ones against what other readers found (in the folder that `DEACAL_SHARED`
-//! names; without it those tests say that they are skipped) and small ones made by hand.
+//! Voltage logs: LVM, TDMS and oscilloscopes, real ones against what other readers found (in the folder that
+//! `DEACAL_SHARED` names; without it those tests say that they are skipped) and small ones made by hand.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,10 @@
-//! The rooms of `src/` stay apart: data flows down the table below and never up, and only four rooms touch files.
+//! The rooms of `src/` stay apart: data flows down the table below and never up, and only four rooms touch
+//! files.
 //!
-//! The test reads the paths that begin with `crate::`, `deacal::` or as many `super::` as lead out of the room, wherever they stand
-//! (`use` lines, types, expressions, test modules), and knows comments and strings from code. `ARCHITECTURE.md` says why the
-//! rooms are what they are. A room that needs one more is a decision: change the table, and the reason there.
+//! The test reads the paths that begin with `crate::`, `deacal::` or as many `super::` as lead out of the
+//! room, wherever they stand (`use` lines, types, expressions, test modules), and knows comments and strings
+//! from code. `ARCHITECTURE.md` says why the rooms are what they are. A room that needs one more is a
+//! decision: change the table, and the reason there.
 
 use std::path::{Path, PathBuf};
 
@@ -400,7 +402,8 @@ struct Found {
     in_test: bool,
 }
 
-/// Every path of two segments or more, groups in braces taken apart. `super` that leads to the root is `crate`.
+/// Every path of two segments or more, groups in braces taken apart. `super` that leads to the root is
+/// `crate`.
 fn paths(tokens: &[(usize, String)], file_depth: usize) -> Vec<Found> {
     let at = |i: usize| tokens.get(i).map_or("", |t| t.1.as_str());
     let before = |i: usize, n: usize| i.checked_sub(n).map_or("", at);

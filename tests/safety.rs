@@ -1,5 +1,6 @@
-//! Nothing is lost and nothing hangs: what was read or is somebody else's is never overwritten, a stop is heard at once, and whatever
-//! moment a run is killed at, its results are wholly those of before or wholly its own.
+//! Nothing is lost and nothing hangs: what was read or is somebody else's is never overwritten, a stop is
+//! heard at once, and whatever moment a run is killed at, its results are wholly those of before or wholly
+//! its own.
 //!
 //! The campaigns have a short form that always runs. The long one, 500 kills and 100 stops:
 //! `DEACAL_KILLS=500 DEACAL_STOPS=100 cargo test --release --test safety -- --ignored --nocapture`
@@ -441,7 +442,8 @@ unsafe extern "C" {
 #[test]
 fn a_hang_up_ends_a_run_unless_it_was_asked_to_stay() {
     let room = Room::new();
-    // SIGHUP is 1, SIG_DFL 0 and SIG_IGN 1 on every Unix; a child takes over what it was told, whatever the tests themselves were
+    // SIGHUP is 1, SIG_DFL 0 and SIG_IGN 1 on every Unix; a child takes over what it was told, whatever the
+    // tests themselves were
     for (told, code) in [(0, Some(129)), (1, None)] {
         let mut command = room.command(&["prove", "--number", "3", "--seed", "5", "-o", "p"]);
         // SAFETY: between fork and exec it calls signal(2) alone, which may be called there
@@ -469,7 +471,8 @@ fn a_hang_up_ends_a_run_unless_it_was_asked_to_stay() {
     }
 }
 
-/// What a campaign runs: a name, arguments that leave a set in `out`, and others that leave another one there.
+/// What a campaign runs: a name, arguments that leave a set in `out`, and others that leave another one
+/// there.
 type Job = (
     &'static str,
     &'static [&'static str],
@@ -929,8 +932,8 @@ fn peak_kb(room: &Room, arguments: &[&str]) -> f64 {
     peak
 }
 
-/// Twelve hours at 100 Hz are 4.32 million frames: in 2 GB each may take 463 bytes. A plan makes a fit compare stretches of recordings
-/// that it could hold whole, as it does by itself with longer ones.
+/// Twelve hours at 100 Hz are 4.32 million frames: in 2 GB each may take 463 bytes. A plan makes a fit
+/// compare stretches of recordings that it could hold whole, as it does by itself with longer ones.
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_grows_by_less_than_twelve_hours_in_two_gigabytes() {

@@ -1,4 +1,5 @@
-//! Hanging film samples: the production scheme against the adaptive simulator, its derivatives, fits that find what was simulated.
+//! Hanging film samples: the production scheme against the adaptive simulator, its derivatives, fits that
+//! find what was simulated.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -256,8 +257,8 @@ fn a_film_is_found_again() {
     assert!(off.recordings[0].rmse_m > 5.0 * off.recordings[0].noise_rmse_m);
 }
 
-/// What is lost of a hanging sample, at either end or for seconds inside, is bridged by what the model makes of the voltage: the rest fits as
-/// before, and so do the voltages that it needs.
+/// What is lost of a hanging sample, at either end or for seconds inside, is bridged by what the model makes
+/// of the voltage: the rest fits as before, and so do the voltages that it needs.
 #[test]
 fn a_gap_of_a_hanging_sample_is_bridged() {
     let dir = tempfile::tempdir().unwrap();

@@ -168,7 +168,8 @@ fn the_energy_closes() {
         assert!(m.energy.electrical_j > 0.0);
         assert!(m.energy.heat_j > 0.0 && m.energy.additions_j < 0.0);
         assert!(share.abs() < 1e-6, "{name}: {share:e}");
-        // Most of the electrical work is charge that comes back: at a tenth of the tolerance also against the rest of it.
+        // Most of the electrical work is charge that comes back: at a tenth of the tolerance also against the
+        // rest of it.
         let finer = Options {
             tolerance_m: 1e-9,
             ..options
@@ -208,7 +209,8 @@ fn small_jumps_of_a_held_voltage_are_made_smooth_within_the_tolerance() {
         };
         motion(&robot, &parameters, voltage, &options, &[]).unwrap()
     };
-    // Stepped every millisecond, with a jump of some 600 V in it; as computed, and in steps of 0.1 V, which no longer are smooth.
+    // Stepped every millisecond, with a jump of some 600 V in it; as computed, and in steps of 0.1 V, which
+    // no longer are smooth.
     let mut held = sine.clone();
     let mut exact = run(&sine, 1e-8);
     for (decimals, limit_m) in [(1, 1e-6), (9, 1e-7)] {
@@ -256,7 +258,8 @@ impl Addition for Damping {
     }
 }
 
-/// Wire and electrode resistance: R d(C phi)/dt = phi_c - phi; the state is the charge over the first capacitance.
+/// Wire and electrode resistance: R d(C phi)/dt = phi_c - phi; the state is the charge over the first
+/// capacitance.
 struct Series {
     resistance_ohm: f64,
 }
@@ -284,7 +287,8 @@ impl Addition for Series {
     }
 }
 
-/// A stiff one-sided stop of the bicep, with damping, and regularised dry friction: the stiff additions to come.
+/// A stiff one-sided stop of the bicep, with damping, and regularised dry friction: the stiff additions to
+/// come.
 struct Stop;
 
 impl Addition for Stop {
@@ -320,7 +324,8 @@ fn joint_damping_is_the_torque_that_it_says() {
     // Off it changes nothing, to the bit.
     assert_eq!(plain.position_m, off.position_m);
     assert_eq!(plain.acceleration_m_s2, off.acceleration_m_s2);
-    // The inverse dynamics without damping miss just this torque: 1/2 C' (phi^2 - phi_ID^2) = c theta_b' / (d theta_DEA/d theta_b).
+    // The inverse dynamics without damping miss just this torque: 1/2 C' (phi^2 - phi_ID^2) = c theta_b' / (d
+    // theta_DEA/d theta_b).
     let mechanics = Mechanics::new(&robot, &m.track()).unwrap();
     let squared = mechanics.phi_squared_v2(&parameters).unwrap();
     let mut worst = 0.0_f64;

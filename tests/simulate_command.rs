@@ -548,8 +548,9 @@ fn what_cannot_be_simulated_is_said_with_place_values_and_remedy() {
     usage(&[]);
 }
 
-/// Every cause of the catalogue at a moderate size, as `--effect` takes it; V rms that are allowed with it; and from which voltage on
-/// the command can be told from the film's voltage (a dead band hides what lies below it, a slew limit what is steeper).
+/// Every cause of the catalogue at a moderate size, as `--effect` takes it; V rms that are allowed with it;
+/// and from which voltage on the command can be told from the film's voltage (a dead band hides what lies
+/// below it, a slew limit what is steeper).
 const EFFECTS: [(&str, f64, f64); 31] = [
     ("series_resistance:resistance=1e7", 2.0, 1e3),
     ("leakage:loss_fraction=0.05", 2.0, 1e3),
@@ -613,7 +614,8 @@ fn every_cause_is_simulated_and_understood_again() {
             let said: Value = serde_json::from_str(&said).unwrap();
             assert_eq!(said["effects"][0]["effect"], id);
             assert_eq!(said["effects"][0]["from"], "--effect");
-            // Error at the film, with the cause and without; the motion that the file with the cause predicts.
+            // Error at the film, with the cause and without; the motion that the file with the cause
+            // predicts.
             let out = bench.done(&[
                 "validate", &rec, "--params", &with, "--params", "p.toml", "-o", &format!("val-{id}"),
                 "--json",
@@ -943,7 +945,8 @@ fn a_hanging_sample_is_simulated_predicted_and_validated() {
     let (own, other) = (rmse(&v), rmse(&v["compared"][0]));
     println!("validation of a sample: {own:.3} V, without the resistance {other:.1} V");
     assert!(own < 2.0 && other > 50.0, "{own} V, {other} V");
-    // A table of voltages, a second of rest before them, with noise, a seed and a payload; the same seed gives the same bytes.
+    // A table of voltages, a second of rest before them, with noise, a seed and a payload; the same seed
+    // gives the same bytes.
     let mut rows = String::from("time_s,phi_V\n");
     for i in 0..1000 {
         rows += &format!("{:.3},0\n", f64::from(i) * 1e-3);

@@ -29,7 +29,8 @@ fn file(data: &[u8]) -> PathBuf {
     held.1.clone()
 }
 
-/// An answer or an error in one line, never a panic; what is read whole and what is read in batches is the same.
+/// An answer or an error in one line, never a panic; what is read whole and what is read in batches is the
+/// same.
 pub fn importer(name: &str, data: &[u8]) {
     let path = file(data);
     let options = ReadOptions::default();

@@ -1,4 +1,5 @@
-//! What ages, and what the choice of causes (`joint`) asks of recordings over days, whatever hangs or moves: [`Aged`].
+//! What ages, and what the choice of causes (`joint`) asks of recordings over days, whatever hangs or moves:
+//! [`Aged`].
 
 use nalgebra::{DMatrix, DVector};
 
@@ -40,7 +41,8 @@ impl Cause {
         }
     }
 
-    /// How far it goes where it changes: the standard deviation expected beforehand, for each about what takes a third to half of a stroke.
+    /// How far it goes where it changes: the standard deviation expected beforehand, for each about what
+    /// takes a third to half of a stroke.
     #[must_use]
     pub fn range(self) -> f64 {
         match self {
@@ -52,8 +54,8 @@ impl Cause {
         }
     }
 
-    /// How likely it is beforehand, against a cause in the electrode: silicone keeps for years what grease loses in days, and the load is a
-    /// stated mass.
+    /// How likely it is beforehand, against a cause in the electrode: silicone keeps for years what grease
+    /// loses in days, and the load is a stated mass.
     #[must_use]
     pub fn odds(self) -> f64 {
         match self {
@@ -62,8 +64,8 @@ impl Cause {
         }
     }
 
-    /// The way in which an electrode ages by it, the sign of the change: what dries stiffens, resists and loses contact. Of the film and the
-    /// load nothing is known.
+    /// The way in which an electrode ages by it, the sign of the change: what dries stiffens, resists and
+    /// loses contact. Of the film and the load nothing is known.
     #[must_use]
     pub fn way(self) -> Option<f64> {
         match self {
@@ -195,13 +197,15 @@ pub(super) trait Aged: Sync {
     ) -> Result<Minimum, Error>;
     /// The model of `place` linearised there, priors included.
     fn normal(&self, place: &Place) -> Result<Normal, Error>;
-    /// Mean square of what `place` leaves over the noise's, and the same times the rows that say the same thing.
+    /// Mean square of what `place` leaves over the noise's, and the same times the rows that say the same
+    /// thing.
     fn noise(&self, place: &Place) -> Result<[f64; 2], Error>;
     /// Whether the model has a value at `place` at all.
     fn possible(&self, _place: &Place) -> bool {
         true
     }
-    /// Standard deviations of a position at rest that are weighed, m; one that means nothing where no such positions count.
+    /// Standard deviations of a position at rest that are weighed, m; one that means nothing where no such
+    /// positions count.
     fn mounts(&self) -> Vec<f64> {
         vec![1.0]
     }
@@ -229,7 +233,8 @@ pub(super) trait Aged: Sync {
         slots
     }
 
-    /// The model with `causes` at the values of `from`; of unknowns that it does not have, where a search begins.
+    /// The model with `causes` at the values of `from`; of unknowns that it does not have, where a search
+    /// begins.
     fn place(&self, causes: &[Cause], from: &Place) -> Place {
         let slots = self.slots(causes);
         let value = |slot: &Slot| match *slot {

@@ -1,14 +1,16 @@
-//! A robot over its levels, as the choice of causes sees it: one film and one forearm curve, and electrodes that age alike on all actuators.
+//! A robot over its levels, as the choice of causes sees it: one film and one forearm curve, and electrodes
+//! that age alike on all actuators.
 //!
-//! Each level is a [`RobotResidual`] of its own, with the causes as effects of the catalogue; what the levels share is the same column in
-//! all. The sum stays separable: a factor on the film multiplies the columns of its moduli,
+//! Each level is a [`RobotResidual`] of its own, with the causes as effects of the catalogue; what the levels
+//! share is the same column in all. The sum stays separable: a factor on the film multiplies the columns of
+//! its moduli,
 //!
 //! ```text
 //! r_l = B_l(eta, causes_l) diag(factor_l, 1) beta - d_l(eta, causes_l)
 //! ```
 //!
-//! so that `fit::separable` solves it as it solves one recording. The pose is measured against the base, and a robot is not hung anew: the
-//! pose at rest is part of the residual.
+//! so that `fit::separable` solves it as it solves one recording. The pose is measured against the base, and
+//! a robot is not hung anew: the pose at rest is part of the residual.
 
 use std::ops::ControlFlow;
 
@@ -149,8 +151,8 @@ impl SeparableResidual for Days<'_> {
     }
 }
 
-/// A cause as an effect of the catalogue: id, values, the place of the value that it moves, and that value as factor times the cause
-/// plus a number. A factor on the film is none.
+/// A cause as an effect of the catalogue: id, values, the place of the value that it moves, and that value as
+/// factor times the cause plus a number. A factor on the film is none.
 fn effect(cause: Cause, mass_kg: f64) -> Option<(&'static str, Vec<f64>, f64, f64)> {
     match cause {
         Cause::ElectrodeStiffness => Some(("electrode_stiffness", vec![0.0], 1.0, 0.0)),
@@ -165,8 +167,8 @@ fn effect(cause: Cause, mass_kg: f64) -> Option<(&'static str, Vec<f64>, f64, f6
 }
 
 impl<'a> AgedRobot<'a> {
-    /// The recordings `datasets` of `robot`; `level` numbers each one's level, from 0 without a hole. Fits the film of the first level, by
-    /// whose noise everything is weighed.
+    /// The recordings `datasets` of `robot`; `level` numbers each one's level, from 0 without a hole. Fits
+    /// the film of the first level, by whose noise everything is weighed.
     ///
     /// # Errors
     /// [`Error`]: the mechanism cannot follow, or the film of the first level cannot be fitted at all.

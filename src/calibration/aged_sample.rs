@@ -21,7 +21,8 @@ const MOUNTS_M: [f64; 2] = [2e-5, 1e-3];
 const MOUNTS: usize = 9;
 /// Accuracy of a predicted shift at rest, share of the shifts seen.
 const REST_ACCURACY: f64 = 0.05;
-/// An aged electrode, on which the step of the integration is settled: a lag asks for a finer one than a film alone.
+/// An aged electrode, on which the step of the integration is settled: a lag asks for a finer one than a film
+/// alone.
 const AGED: Electrode = Electrode {
     modulus_pa: 2e5,
     resistance_ohm: 3e8,
@@ -186,7 +187,8 @@ impl Aged for AgedSample<'_> {
         let options = lm::Options {
             bounds: problem.slots.iter().map(|s| self.bounds(s)).collect(),
             iteration_limit: 60,
-            // The square of the first times the cost is what a step would still save: 0.1 of chi^2 in a thousand rows, 1e-5 in the last fit.
+            // The square of the first times the cost is what a step would still save: 0.1 of chi^2 in a
+            // thousand rows, 1e-5 in the last fit.
             gradient_tolerance: if fine { 1e-4 } else { 1e-2 },
             step_tolerance: 1e-8,
             cost_tolerance: if fine { 1e-9 } else { 1e-6 },
@@ -240,7 +242,8 @@ impl Aged for AgedSample<'_> {
         })
     }
 
-    /// Standard deviations of a length at rest that are weighed, m: the mounting's scatter, from exact to loose, and the accuracy of the model.
+    /// Standard deviations of a length at rest that are weighed, m: the mounting's scatter, from exact to
+    /// loose, and the accuracy of the model.
     fn mounts(&self) -> Vec<f64> {
         let n = self.seen_m.len() as f64;
         let mean = self.seen_m.iter().sum::<f64>() / n;

@@ -1,8 +1,10 @@
-//! Electrodes over days (or batches): stroke, its loss against the first day, what moved, and whether two electrodes differ.
+//! Electrodes over days (or batches): stroke, its loss against the first day, what moved, and whether two
+//! electrodes differ.
 //!
-//! The stroke is measured (`stroke`), the cause is fitted (`joint`); neither needs the other. Intervals of strokes are those of the
-//! capture's noise. They say nothing of how samples of one electrode scatter: with one sample an electrode a difference between electrodes is
-//! a difference between two samples, and the outcome says how many would tell more.
+//! The stroke is measured (`stroke`), the cause is fitted (`joint`); neither needs the other. Intervals of
+//! strokes are those of the capture's noise. They say nothing of how samples of one electrode scatter: with
+//! one sample an electrode a difference between electrodes is a difference between two samples, and the
+//! outcome says how many would tell more.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -36,7 +38,8 @@ const SURE: f64 = 0.95;
 const DRAWS: usize = 4000;
 /// A day further than this many times the range of days is not carried by the data.
 const REACH: f64 = 3.0;
-/// Rest of the fit that a trend may leave: chi^2 per degree of freedom above which no law of the list is called a fit.
+/// Rest of the fit that a trend may leave: chi^2 per degree of freedom above which no law of the list is
+/// called a fit.
 const MISFIT: f64 = 4.0;
 
 /// What the recordings are grouped by.
@@ -93,7 +96,8 @@ pub struct AgeingRequest {
     pub loss_percent: f64,
     /// Cycles over which the stroke is averaged, at most.
     pub cycles: usize,
-    /// Scatter with which samples are hung, m, where it is known: next to nothing for a sample that stays in its frame.
+    /// Scatter with which samples are hung, m, where it is known: next to nothing for a sample that stays in
+    /// its frame.
     pub mount_m: Option<f64>,
 }
 
@@ -177,7 +181,8 @@ pub struct SampleAgeing {
     pub levels: Vec<usize>,
     /// The fit over its levels, or why there is none.
     pub joint: Result<Joint, String>,
-    /// Change of the position at rest against the first level as captured, m (upwards is negative), by its levels.
+    /// Change of the position at rest against the first level as captured, m (upwards is negative), by its
+    /// levels.
     pub rest_shift_m: Vec<f64>,
 }
 
@@ -714,7 +719,8 @@ fn count_levels<'p>(placed: impl Iterator<Item = &'p Placed>) -> usize {
     levels.len()
 }
 
-/// Mean over samples with its 95 % interval: from their scatter where there are several (Student's t), never less than the noise's own.
+/// Mean over samples with its 95 % interval: from their scatter where there are several (Student's t), never
+/// less than the noise's own.
 fn pooled(values: &[Value]) -> (Value, [f64; 2]) {
     let n = values.len() as f64;
     let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
@@ -1146,7 +1152,8 @@ fn difference(
     }
 }
 
-/// Causes of a joint fit that are named: in the model, at odds of twenty to one, and without a rival that could stand for them.
+/// Causes of a joint fit that are named: in the model, at odds of twenty to one, and without a rival that
+/// could stand for them.
 #[must_use]
 pub fn named(joint: &Joint) -> Vec<Cause> {
     let rivalled = |c: Cause| joint.confused.iter().any(|pair| pair[0] == c);

@@ -1,14 +1,16 @@
 //! The film from coupons: tensile, relaxation and cyclic tests of bare film, several at a time.
 //!
-//! The same separable fit as the robot's, without forearms, voltages or clocks: relaxation times and J are searched, moduli follow.
-//! Each coupon counts with its own NRMSE (see `residual::coupon`), which is also how each is judged.
+//! The same separable fit as the robot's, without forearms, voltages or clocks: relaxation times and J are
+//! searched, moduli follow. Each coupon counts with its own NRMSE (see `residual::coupon`), which is also how
+//! each is judged.
 //!
 //! # How far to trust the intervals
-//! The standard errors of [`Estimate`] are what the *noise* of the stress leaves open. On real film the misfit exceeds the noise and is
-//! correlated from row to row, because something is left out of the model; then these intervals are too narrow, and the outcome says so.
-//! [`CouponOutcome::misfit_std_error`] is the second number: as if each coupon's misfit were noise of its own size and
-//! correlation length tau (rows), variance rmse^2 tau. It is an order of magnitude, not a proof: a misfit is not noise, and a
-//! parameter can be wrong by more because it stands in for what is left out.
+//! The standard errors of [`Estimate`] are what the *noise* of the stress leaves open. On real film the
+//! misfit exceeds the noise and is correlated from row to row, because something is left out of the model;
+//! then these intervals are too narrow, and the outcome says so. [`CouponOutcome::misfit_std_error`] is the
+//! second number: as if each coupon's misfit were noise of its own size and correlation length tau (rows),
+//! variance rmse^2 tau. It is an order of magnitude, not a proof: a misfit is not noise, and a parameter can
+//! be wrong by more because it stands in for what is left out.
 
 use std::ops::ControlFlow;
 
@@ -25,8 +27,8 @@ use crate::fit::separable::{Ended, Options, State, Unknown, minimise};
 use crate::parameter::{Parameter, Transform};
 use crate::residual::CouponResidual;
 
-/// What is known of a relaxation time or J beforehand: a decade. On the scale of the noise weights it decides only what the
-/// coupons say nothing about.
+/// What is known of a relaxation time or J beforehand: a decade. On the scale of the noise weights it decides
+/// only what the coupons say nothing about.
 const LOG_PRIOR_SD: f64 = 2.3;
 /// Largest number of branches.
 const MOST_BRANCHES: usize = 8;
@@ -38,14 +40,16 @@ const SHORTEST_SHARE: f64 = 0.5;
 const START_LOCKING_SHARE: f64 = 3.0;
 /// Upper bound of J: a film that is neo-Hookean as far as a coupon can tell.
 const LARGEST_LOCKING: f64 = 1e4;
-/// Error over the stress range, %, that the grid itself may make (measured in `tests/coupon.rs`): less is not a misfit.
+/// Error over the stress range, %, that the grid itself may make (measured in `tests/coupon.rs`): less is not
+/// a misfit.
 const GRID_ERROR_PERCENT: f64 = 0.01;
 
-/// Places of the largest excess over the noise that are kept, and the share of all rows below which one is not judged by itself.
+/// Places of the largest excess over the noise that are kept, and the share of all rows below which one is
+/// not judged by itself.
 const WORST: usize = 4;
 const LEAST_SHARE: f64 = 0.01;
-/// A stretch between two corners is a hold when it changes less than this share of the range of the stretch, and is slower than this
-/// share of the fastest.
+/// A stretch between two corners is a hold when it changes less than this share of the range of the stretch,
+/// and is slower than this share of the fastest.
 const HOLD: f64 = 0.01;
 
 /// Relative difference of cost up to which two starts found the same minimum.
@@ -140,7 +144,8 @@ impl CouponFit {
         }
     }
 
-    /// Whether the misfit is more than the noise, and more than the grid makes. False where the noise is not known.
+    /// Whether the misfit is more than the noise, and more than the grid makes. False where the noise is not
+    /// known.
     #[must_use]
     pub fn exceeds_noise(&self) -> bool {
         self.standing() > Standing::Fits
@@ -214,7 +219,8 @@ pub struct CouponOutcome {
     pub film: Film,
     /// Every parameter, in order; the errors are what the noise leaves open. Empty when nothing was fitted.
     pub estimates: Vec<Estimate>,
-    /// Standard error of each estimate as if the misfit were noise (see the module); NaN where it was fixed or rests on a bound.
+    /// Standard error of each estimate as if the misfit were noise (see the module); NaN where it was fixed
+    /// or rests on a bound.
     pub misfit_std_error: Vec<f64>,
     /// Correlation of the free estimates (names, rows).
     pub correlation: (Vec<String>, Vec<Vec<f64>>),
@@ -388,8 +394,8 @@ fn branches_of(coupons: &[&Coupon], asked: usize, film: Option<&Film>) -> Result
     Ok(branches)
 }
 
-/// The given or evenly spread start, then random ones: relaxation times log-uniform over the time scales that the coupons tell, J over a
-/// decade above the largest invariant.
+/// The given or evenly spread start, then random ones: relaxation times log-uniform over the time scales that
+/// the coupons tell, J over a decade above the largest invariant.
 fn starts(
     list: &[Parameter],
     unknowns: &[Unknown],
@@ -441,8 +447,8 @@ fn starts(
 /// Several starts run in parallel; the best is the outcome. Units: SI, moduli in Pa, times in s.
 ///
 /// # Errors
-/// [`Error`] when there is nothing to fit, a parameter is misnamed or impossible, or no start could be evaluated. A fit that does not
-/// converge is not an error but is said in the outcome.
+/// [`Error`] when there is nothing to fit, a parameter is misnamed or impossible, or no start could be
+/// evaluated. A fit that does not converge is not an error but is said in the outcome.
 pub fn calibrate_coupons(
     coupons: &[&Coupon],
     request: &CouponRequest,
@@ -487,7 +493,8 @@ pub fn calibrate_coupons(
             reached: s.eta.iter().map(|e| e.exp()).collect(),
         })
         .collect();
-    // Where branches merge or vanish the last digits of the cost are rough: of starts that agree, one that says it converged.
+    // Where branches merge or vanish the last digits of the cost are rough: of starts that agree, one that
+    // says it converged.
     let agrees = states[0].1.cost * (1.0 + SAME_COST);
     let best = states
         .iter()
@@ -615,14 +622,16 @@ pub fn validate_coupons(coupons: &[&Coupon], film: &Film) -> Result<CouponOutcom
     Ok(outcome)
 }
 
-/// 1 + 2 sum of the autocorrelation up to its first value that is not positive, rows: how many rows say the same thing.
+/// 1 + 2 sum of the autocorrelation up to its first value that is not positive, rows: how many rows say the
+/// same thing.
 pub(super) fn correlation_rows(error: &[f64]) -> f64 {
     let n = error.len();
     let power: f64 = error.iter().map(|e| e * e).sum();
     if power <= 0.0 {
         return 1.0;
     }
-    // Twice the integral over the lag by trapezoids, which is that sum; lags one by one at first, then ever longer steps.
+    // Twice the integral over the lag by trapezoids, which is that sum; lags one by one at first, then ever
+    // longer steps.
     let mut sum = 0.0_f64;
     let (mut lag, mut before) = (0, 1.0);
     loop {
@@ -723,7 +732,8 @@ enum Phase {
     Down,
 }
 
-/// Phase of each row of a coupon, and in which third (of the range of the stretch, of the duration of a hold) it lies.
+/// Phase of each row of a coupon, and in which third (of the range of the stretch, of the duration of a hold)
+/// it lies.
 fn phases(c: &CouponFit) -> Vec<(Phase, usize)> {
     let last = c.time_s.len() - 1;
     // Without a time there are no corners: up to the largest stretch, and back.
@@ -770,7 +780,8 @@ fn phases(c: &CouponFit) -> Vec<(Phase, usize)> {
     out
 }
 
-/// The places with the largest excess over the noise: coupon by coupon while stretching, holding and releasing, by thirds.
+/// The places with the largest excess over the noise: coupon by coupon while stretching, holding and
+/// releasing, by thirds.
 fn worst(coupons: &[CouponFit]) -> Vec<CouponPlace> {
     let noise = |c: &CouponFit| if c.noise_known { c.noise_pa } else { 0.0 };
     let excess = |c: &CouponFit, sum: f64, n: f64| {

@@ -1,29 +1,35 @@
-//! One film over all days of a sample or a robot, and what has to differ between the days: which cause moved, and on which days it stood still.
-//! How their recordings are fitted is theirs (`Aged`).
+//! One film over all days of a sample or a robot, and what has to differ between the days: which cause moved,
+//! and on which days it stood still. How their recordings are fitted is theirs (`Aged`).
 //!
-//! All recordings are fitted at once with one film (of a sample: moduli of a fixed set of relaxation times, a Prony series; J held). A
-//! *model* is a set of at most two causes, each with a *shape* over the levels (days, batches): a partition into groups that share its value
-//! ("day 1 = day 3" is one like any other; days only into runs, because what has aged does not come back), or in step with the loss of stroke or with
-//! a power of the days, which takes one number for all; two causes may share theirs. Pairwise differences are thus penalised by their number, not their size (field of Hauber et al. 2023, here with
-//! L0 for L1, because the partitions of a handful of days can be counted out). Values and intervals come from a fit without penalty, with a
-//! value of its own on every level.
+//! All recordings are fitted at once with one film (of a sample: moduli of a fixed set of relaxation times, a
+//! Prony series; J held). A *model* is a set of at most two causes, each with a *shape* over the levels
+//! (days, batches): a partition into groups that share its value ("day 1 = day 3" is one like any other; days
+//! only into runs, because what has aged does not come back), or in step with the loss of stroke or with a
+//! power of the days, which takes one number for all; two causes may share theirs. Pairwise differences are
+//! thus penalised by their number, not their size (field of Hauber et al. 2023, here with L0 for L1, because
+//! the partitions of a handful of days can be counted out). Values and intervals come from a fit without
+//! penalty, with a value of its own on every level.
 //!
-//! Models are compared by their evidence (Laplace's approximation, which is exact for a quadratic form): chi^2/f + |q|^2 + ln det(1 + F), q the
-//! unknowns of the causes in units of what is expected beforehand ([`Cause::range`]), F their information with all else solved for; and -2 ln of the
-//! probability beforehand of the set (each number of causes alike likely, [`Cause::odds`]) and of the shape; over days
-//! also of the way in which an electrode ages ([`Cause::way`]). So a second cause that
-//! the first could nearly stand for costs little where it is told little of, which one price a number (BIC) overlooks. f is the mean square of what the
-//! best fit leaves times the rows over which that says the same thing, so that a misfit weakens every verdict.
+//! Models are compared by their evidence (Laplace's approximation, which is exact for a quadratic form):
+//! chi^2/f + |q|^2 + ln det(1 + F), q the unknowns of the causes in units of what is expected beforehand
+//! ([`Cause::range`]), F their information with all else solved for; and -2 ln of the probability beforehand
+//! of the set (each number of causes alike likely, [`Cause::odds`]) and of the shape; over days also of the
+//! way in which an electrode ages ([`Cause::way`]). So a second cause that the first could nearly stand for
+//! costs little where it is told little of, which one price a number (BIC) overlooks. f is the mean square of
+//! what the best fit leaves times the rows over which that says the same thing, so that a misfit weakens
+//! every verdict.
 //!
-//! Every single cause is fitted with a value on each level. Pairs are foretold from these fits, linearised; the likeliest are fitted two
-//! at a time until none is foretold to come near the best, by a margin that grows with what the fits saved beyond what was foretold.
+//! Every single cause is fitted with a value on each level. Pairs are foretold from these fits, linearised;
+//! the likeliest are fitted two at a time until none is foretold to come near the best, by a margin that
+//! grows with what the fits saved beyond what was foretold.
 //!
-//! The position at rest of a hanging sample shows stiffening plainly and holds how it was hung. It joins the evidence as one more number a recording,
-//! whose scatter is known where the user states it and else one of nine from 0.02 to 1 mm, alike likely, plus 5 % of the shift for the
-//! model. Where mounts scatter it decides nothing. Values and intervals do not rest on it.
+//! The position at rest of a hanging sample shows stiffening plainly and holds how it was hung. It joins the
+//! evidence as one more number a recording, whose scatter is known where the user states it and else one of
+//! nine from 0.02 to 1 mm, alike likely, plus 5 % of the shift for the model. Where mounts scatter it decides
+//! nothing. Values and intervals do not rest on it.
 //!
-//! The first level is the reference: a layer, a lost area or a load that it already had is part of the film. Only the resistance is told
-//! absolutely, because the film has nothing like it.
+//! The first level is the reference: a layer, a lost area or a load that it already had is part of the film.
+//! Only the resistance is told absolutely, because the film has nothing like it.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -44,9 +50,11 @@ const RIVAL: f64 = 6.0;
 const NEAR: f64 = 12.0;
 /// Fits at once, after which what is foretold is weighed again.
 const AT_ONCE: usize = 2;
-/// Exponents of the days since the first with which a change is thought to go: from diffusion's to one that gathers speed.
+/// Exponents of the days since the first with which a change is thought to go: from diffusion's to one that
+/// gathers speed.
 const POWERS: [f64; 4] = [0.5, 0.75, 1.0, 1.35];
-/// Share of an electrode's changes over days that are thought to go the other way: a better contact, a layer that cracks.
+/// Share of an electrode's changes over days that are thought to go the other way: a better contact, a layer
+/// that cracks.
 const BACKWARDS: f64 = 0.05;
 /// Inflation of the noise below which a fit counts as down to the noise.
 const MISFIT: f64 = 1.5;
@@ -107,7 +115,8 @@ struct Linear {
     normal: Normal,
 }
 
-/// -2 ln of the likelihood of a set of causes over the noise's inflation as a quadratic form in their values on every level, all else solved for.
+/// -2 ln of the likelihood of a set of causes over the noise's inflation as a quadratic form in their values
+/// on every level, all else solved for.
 struct Form {
     place: Place,
     /// By the scatter of the mounting, one of [`Aged::mounts`].
@@ -122,7 +131,8 @@ struct Quadratic {
     curvature: DMatrix<f64>,
 }
 
-/// All partitions of `levels` things as group numbers by first appearance; into runs only where they are `ordered` or many.
+/// All partitions of `levels` things as group numbers by first appearance; into runs only where they are
+/// `ordered` or many.
 fn partitions(levels: usize, ordered: bool) -> Vec<Partition> {
     let mut out = vec![vec![0]];
     for at in 1..levels {
@@ -157,8 +167,8 @@ struct Shape {
     price: f64,
 }
 
-/// Every partition with a value a group; in step with the `loss` of stroke, a number for all levels; and where `days` are known as a power of the
-/// time since the first, a number too.
+/// Every partition with a value a group; in step with the `loss` of stroke, a number for all levels; and
+/// where `days` are known as a power of the time since the first, a number too.
 fn shapes(days: Option<&[f64]>, loss: &[f64]) -> Vec<Shape> {
     let (levels, ordered) = (loss.len(), days.is_some());
     let all = partitions(levels, ordered);
@@ -209,7 +219,8 @@ fn solve<A: Aged>(aged: &A, causes: &[Cause], from: &Place, fine: bool) -> Resul
     aged.minimise(causes, slots, &start, fine)
 }
 
-/// The problem with every cause on every level linearised at `place`; unknowns that rest on a bound by `found` stay there.
+/// The problem with every cause on every level linearised at `place`; unknowns that rest on a bound by
+/// `found` stay there.
 fn linear<A: Aged>(aged: &A, place: &Place, found: Option<&Minimum>) -> Result<Linear, Error> {
     let wide = aged.place(&Cause::ALL, place);
     let free = |s: &Slot| {
@@ -227,11 +238,13 @@ fn linear<A: Aged>(aged: &A, place: &Place, found: Option<&Minimum>) -> Result<L
     })
 }
 
-/// What `linear` says of a model with `causes`, each with a value on every level; `None` where that is nothing.
+/// What `linear` says of a model with `causes`, each with a value on every level; `None` where that is
+/// nothing.
 fn form<A: Aged>(aged: &A, linear: &Linear, causes: &[Cause], inflation: f64) -> Option<Form> {
     let slots = aged.slots(causes);
     let shared = !causes.contains(&Cause::SeriesResistance);
-    // The unknowns of the small model by those of the wide one: one resistance for all levels is the sum of its columns.
+    // The unknowns of the small model by those of the wide one: one resistance for all levels is the sum of
+    // its columns.
     let resistance = |s: &Slot| matches!(s, Slot::Cause(Cause::SeriesResistance, _));
     let tie = DMatrix::from_fn(linear.place.slots.len(), slots.len(), |i, j| {
         let (wide, own) = (&linear.place.slots[i], &slots[j]);
@@ -314,8 +327,8 @@ struct Judged {
     criterion: f64,
 }
 
-/// Fits one film to all levels, and chooses what has to differ between them. `days` are those of the levels, where they are
-/// days, `loss` is that of each level's stroke.
+/// Fits one film to all levels, and chooses what has to differ between them. `days` are those of the levels,
+/// where they are days, `loss` is that of each level's stroke.
 ///
 /// # Errors
 /// [`Error`], when the model cannot be run at all.
@@ -602,7 +615,8 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Jud
         _ => Cause::ALL.len() * (Cause::ALL.len() - 1) / 2,
     };
     let rare = causes.iter().map(|c| -2.0 * c.odds().ln()).sum::<f64>() + 2.0 * (sets as f64).ln();
-    // What ages an electrode ages all of it: half of the pairs are thought to share their course over the days.
+    // What ages an electrode ages all of it: half of the pairs are thought to share their course over the
+    // days.
     let course = |chosen: &[usize]| match *chosen {
         [a, b] if a == b => shapes[a].price + 2.0 * 2.0_f64.ln(),
         [a, b] => shapes[a].price + shapes[b].price + 2.0 * 2.0_f64.ln(),
@@ -678,7 +692,8 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Jud
         });
         q.least + rise + occam - shared + rare + course(chosen)
     };
-    // Cause by cause until none changes: from every level its own value, from each cause in turn at rest, from the best course that all share.
+    // Cause by cause until none changes: from every level its own value, from each cause in turn at rest,
+    // from the best course that all share.
     let finest = shapes
         .iter()
         .position(|s| s.columns.len() + 1 == aged.levels())

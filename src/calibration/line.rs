@@ -1,8 +1,9 @@
-//! The plain model of a single coordinate: a hinge's torque curve from a bench, and mass, damping, stiffness, gain of an axis.
+//! The plain model of a single coordinate: a hinge's torque curve from a bench, and mass, damping, stiffness,
+//! gain of an axis.
 //!
-//! All is linear (but a clock offset), so that there is one minimum and no start to choose. What a plain model leaves out makes its
-//! residuals follow one another: standard errors count only as many residuals as their correlation length allows, and the misfit
-//! where it exceeds the noise.
+//! All is linear (but a clock offset), so that there is one minimum and no start to choose. What a plain
+//! model leaves out makes its residuals follow one another: standard errors count only as many residuals as
+//! their correlation length allows, and the misfit where it exceeds the noise.
 
 use std::ops::ControlFlow;
 
@@ -386,8 +387,9 @@ pub fn validate_lines(lines: &[Line], model: &LineModel) -> Result<LineOutcome, 
     against(&residual, &eta, &beta)
 }
 
-/// What a model asks for at every sample of a recording: input of an axis (through the low-pass of its band), torque of a bench, nominal stress
-/// of a coupon at the nodes of its grid, Pa. Measured and predicted are NaN where a sample is left out. With the unit of both.
+/// What a model asks for at every sample of a recording: input of an axis (through the low-pass of its band),
+/// torque of a bench, nominal stress of a coupon at the nodes of its grid, Pa. Measured and predicted are NaN
+/// where a sample is left out. With the unit of both.
 ///
 /// # Errors
 /// As [`validate_lines`].

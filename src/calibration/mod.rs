@@ -1,7 +1,8 @@
-//! The jobs: which parameters are free on which recordings, from the starts to an outcome that can be shown and written.
+//! The jobs: which parameters are free on which recordings, from the starts to an outcome that can be shown
+//! and written.
 //!
-//! Stages as in the paper: the film from symmetric drives, the forearm from single-actuator drives with the film held, both
-//! jointly from everything. All three are the same fit with other parameters fixed.
+//! Stages as in the paper: the film from symmetric drives, the forearm from single-actuator drives with the
+//! film held, both jointly from everything. All three are the same fit with other parameters fixed.
 
 mod aged;
 mod aged_robot;

@@ -1,4 +1,5 @@
-//! What a calibration found: plain data, for reports and files. Nothing here is computed again when it is shown.
+//! What a calibration found: plain data, for reports and files. Nothing here is computed again when it is
+//! shown.
 
 use crate::dataset::Plan;
 use crate::model::Parameters;
@@ -12,7 +13,8 @@ pub enum AtBound {
     Upper,
 }
 
-/// How the error that a model leaves stands to the noise: decided here for all kinds of recordings and all pages.
+/// How the error that a model leaves stands to the noise: decided here for all kinds of recordings and all
+/// pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Standing {
     /// There is no error, or no noise to hold it against.
@@ -26,7 +28,8 @@ pub enum Standing {
 }
 
 impl Standing {
-    /// Error over noise below which a model fits, and nearly fits: noise that is read from a recording is known to a quarter or so.
+    /// Error over noise below which a model fits, and nearly fits: noise that is read from a recording is
+    /// known to a quarter or so.
     pub const RATIOS: [f64; 2] = [1.25, 2.0];
 
     /// Of an error over the noise.

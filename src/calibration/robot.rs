@@ -83,7 +83,8 @@ const START_TIMES_S: [f64; 2] = [0.03, 100.0];
 const START_LOCKING: f64 = 50.0;
 /// What is known of 1/J beforehand: films lock at an invariant of ten or more.
 const RECIPROCAL_LOCKING_SD: f64 = 0.05;
-/// What is known of a relaxation time or the locking constant beforehand: its order of magnitude (half a decade).
+/// What is known of a relaxation time or the locking constant beforehand: its order of magnitude (half a
+/// decade).
 const LOG_PRIOR_SD: f64 = 1.15;
 /// What is known of a nodal torque beforehand: a few mN m, N m.
 const TORQUE_PRIOR_N_M: f64 = 5e-3;
@@ -95,11 +96,14 @@ const NOISE_PAIRS: usize = 8;
 const IDENTIFIABLE: f64 = 0.33;
 /// Relative standard error of a relaxation time beyond which its modulus does not count as determined either.
 const HARDLY_KNOWN: f64 = 0.5;
-/// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it counts as open anyway.
+/// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it
+/// counts as open anyway.
 const PROFILED: std::ops::Range<f64> = 0.05..0.35;
-/// Free clock offsets up to which each is profiled: more recordings know the film better, and each profile takes them all.
+/// Free clock offsets up to which each is profiled: more recordings know the film better, and each profile
+/// takes them all.
 const FEW_OFFSETS: usize = 3;
-/// Relative standard error up to which the locking constant counts as determined; it is searched by its reciprocal.
+/// Relative standard error up to which the locking constant counts as determined; it is searched by its
+/// reciprocal.
 const IDENTIFIABLE_LIMIT: f64 = 0.2;
 /// Standard error up to which a nodal torque counts as determined, N m.
 const IDENTIFIABLE_TORQUE_N_M: f64 = 2e-4;
@@ -285,8 +289,9 @@ pub(super) fn unknown(p: &Parameter) -> Unknown {
 
 /// Calibrates film and forearm on `datasets`. `watch` sees each evaluation and may stop the fit.
 ///
-/// Several starts (spread evenly, then at random within the priors) run in parallel with equal weights; the best goes on through
-/// rounds in which the weights are set to what the noise of capture and voltage makes of the residual at the fitted film.
+/// Several starts (spread evenly, then at random within the priors) run in parallel with equal weights; the
+/// best goes on through rounds in which the weights are set to what the noise of capture and voltage makes of
+/// the residual at the fitted film.
 ///
 /// # Errors
 /// [`Error`]; a fit that does not converge is not an error but is said in the outcome.
@@ -413,7 +418,8 @@ pub fn calibrate_robot(
     for (candidate, reach) in candidates.iter().zip(reach) {
         ends[candidate.unknown] = Some(reach);
     }
-    // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion tells.
+    // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion
+    // tells.
     if !residual.layout().free_offsets.is_empty()
         && let Some(score) = residual.expected_score(None, &state.eta, &state.beta, NOISE_PAIRS)?
     {
@@ -468,8 +474,8 @@ pub fn calibrate_robot(
     Ok(outcome)
 }
 
-/// Holds `parameters` against `datasets`: predicted against commanded voltage, nothing fitted but clock offsets that a recording
-/// leaves to be estimated.
+/// Holds `parameters` against `datasets`: predicted against commanded voltage, nothing fitted but clock
+/// offsets that a recording leaves to be estimated.
 ///
 /// # Errors
 /// [`Error`].
@@ -481,8 +487,9 @@ pub fn validate_robot(
     validate_robot_with(robot, datasets, parameters, &[], &[])
 }
 
-/// [`validate_robot`] with causes at work beside the plain model; `series` says when each recording was made. The error is that at
-/// the film: the voltage that the measured motion needs minus the one that the command makes there.
+/// [`validate_robot`] with causes at work beside the plain model; `series` says when each recording was made.
+/// The error is that at the film: the voltage that the measured motion needs minus the one that the command
+/// makes there.
 ///
 /// # Errors
 /// Those of [`validate_robot`]; a mechanism that cannot follow.
@@ -598,7 +605,8 @@ pub(super) fn starts(nonlinear: &[Unknown], request: &Request) -> Vec<(String, V
     out
 }
 
-/// Numbers of all parameters with the branches in the order of rising relaxation time; moduli follow their branch.
+/// Numbers of all parameters with the branches in the order of rising relaxation time; moduli follow their
+/// branch.
 pub(super) fn rising(log_times: &[f64], list: &[Parameter], split: usize) -> Vec<usize> {
     let branches = log_times.len();
     let mut by_time: Vec<usize> = (0..branches).collect();
@@ -621,8 +629,9 @@ fn sorted_parameters(residual: &RobotResidual, state: &State, by_time: &[usize])
     p
 }
 
-/// A branch whose relaxation time is longer than half the longest recording, or hardly known, is not called determined, whatever
-/// the curvature says: it shows only its beginning, which the equilibrium spring and its neighbours can imitate.
+/// A branch whose relaxation time is longer than half the longest recording, or hardly known, is not called
+/// determined, whatever the curvature says: it shows only its beginning, which the equilibrium spring and its
+/// neighbours can imitate.
 fn doubt_slow_branches(estimates: &mut [Estimate], longest_s: f64) {
     let times: Vec<(String, f64, f64)> = estimates
         .iter()
@@ -661,8 +670,9 @@ fn is_offset(p: &Parameter) -> bool {
     p.unit == "s" && p.transform == Transform::Linear
 }
 
-/// Clock offsets, with which the fastest branch goes along, where there are few, and film parameters of middling certainty: those whose
-/// interval the curvature alone may get wrong, and that may still be called determined.
+/// Clock offsets, with which the fastest branch goes along, where there are few, and film parameters of
+/// middling certainty: those whose interval the curvature alone may get wrong, and that may still be called
+/// determined.
 fn candidates(
     list: &[Parameter],
     state: &State,
@@ -889,7 +899,8 @@ pub(super) fn weak_directions(
         .collect()
 }
 
-/// Nodes that the recordings reach and yet do not determine: what is open there is the level of the whole curve.
+/// Nodes that the recordings reach and yet do not determine: what is open there is the level of the whole
+/// curve.
 fn say_open_level(outcome: &mut Outcome) {
     let [low, high] = outcome.swing_range_deg;
     for e in outcome
@@ -1207,8 +1218,9 @@ impl Places {
     }
 }
 
-/// The commands at which the electrical causes make the voltages `film_v` on the films along the measured motion, V; NaN where none
-/// does (above a ceiling, steeper than a limit). Without such causes these are the voltages themselves.
+/// The commands at which the electrical causes make the voltages `film_v` on the films along the measured
+/// motion, V; NaN where none does (above a ceiling, steeper than a limit). Without such causes these are the
+/// voltages themselves.
 ///
 /// # Errors
 /// [`Error::Unreachable`] when no frame can be followed.
@@ -1246,12 +1258,14 @@ fn mechanics(robot: &Robot, dataset: &Dataset, effects: &[Acting]) -> Result<Mec
     )
 }
 
-/// Force prediction F_FP: the force of the surroundings on the end effector at each frame of `dataset` (N, world axes; NaN out of
-/// reach or without a voltage), from its motion and its commanded voltages read with the clock offset `offset_s`. With causes at
-/// work, in a recording made at `when`, their torques count as the robot's own.
+/// Force prediction F_FP: the force of the surroundings on the end effector at each frame of `dataset` (N,
+/// world axes; NaN out of reach or without a voltage), from its motion and its commanded voltages read with
+/// the clock offset `offset_s`. With causes at work, in a recording made at `when`, their torques count as
+/// the robot's own.
 ///
 /// # Errors
-/// [`Error::Unreachable`] when no frame can be followed, [`Error::Locked`] when the film is past its locking stretch.
+/// [`Error::Unreachable`] when no frame can be followed, [`Error::Locked`] when the film is past its locking
+/// stretch.
 pub fn predict_force(
     robot: &Robot,
     dataset: &Dataset,
@@ -1284,7 +1298,8 @@ pub fn predict_force(
                 None => Vec::new(),
             };
             for i in 0..n {
-                // Everything that the causes change, as the squared voltage that would do the same in the plain balance.
+                // Everything that the causes change, as the squared voltage that would do the same in the
+                // plain balance.
                 let change = film_v[i] * film_v[i] - command[i] * command[i];
                 let made = half[i] * (squared[i] + change);
                 let missing = slack.as_ref().map_or(0.0, |s| s[i]);

@@ -1,13 +1,15 @@
-//! The film from hanging samples: x follows from the voltage, and moduli and relaxation times are those that make it the captured one.
+//! The film from hanging samples: x follows from the voltage, and moduli and relaxation times are those that
+//! make it the captured one.
 //!
-//! Not separable (lambda_2 of the active part depends on the moduli), so all unknowns are searched at once with exact derivatives. The
-//! residual is in x and weighed with the noise of the capture, which is where the noise is (`residual::sample`); errors are reported in
-//! volts as everywhere.
+//! Not separable (lambda_2 of the active part depends on the moduli), so all unknowns are searched at once
+//! with exact derivatives. The residual is in x and weighed with the noise of the capture, which is where the
+//! noise is (`residual::sample`); errors are reported in volts as everywhere.
 //!
 //! # What a sample can tell
-//! A sample that hangs under one mass shows the ratio of the Maxwell stress to the stiffness, and the weight sets the stretch about which
-//! it works. With the mass and the permittivity of the rig file, the moduli follow; multiply moduli, permittivity and mass by one factor and x is
-//! the same. [`SampleOutcome::scale`] says by how much the moduli would be off if either stated number were.
+//! A sample that hangs under one mass shows the ratio of the Maxwell stress to the stiffness, and the weight
+//! sets the stretch about which it works. With the mass and the permittivity of the rig file, the moduli
+//! follow; multiply moduli, permittivity and mass by one factor and x is the same. [`SampleOutcome::scale`]
+//! says by how much the moduli would be off if either stated number were.
 
 use std::ops::ControlFlow;
 
@@ -37,15 +39,18 @@ use crate::residual::{
 const LOG_PRIOR_SD: f64 = 1.15;
 /// What is known of the position at rest beyond the mean of the first frames, m: nothing that matters.
 const SHIFT_PRIOR_M: f64 = 1e-3;
-/// Locking constant where none is given: a sample stretches to some tenths, far from locking, and cannot tell it.
+/// Locking constant where none is given: a sample stretches to some tenths, far from locking, and cannot tell
+/// it.
 const HELD_LOCKING: f64 = 80.0;
 /// All moduli together at a start, Pa, of the order of silicone.
 const START_MODULUS_PA: f64 = 5e5;
 /// Of these the share of the branches.
 const START_VISCOUS: f64 = 0.2;
-/// Ranges of x over the sample's length that can be worked with: less no capture sees, more no film stretches.
+/// Ranges of x over the sample's length that can be worked with: less no capture sees, more no film
+/// stretches.
 const STROKES: std::ops::RangeInclusive<f64> = 1e-5..=20.0;
-/// A gap is bridged by the smoother while the smoothed position stays this well known, relative to its median uncertainty.
+/// A gap is bridged by the smoother while the smoothed position stays this well known, relative to its median
+/// uncertainty.
 const BRIDGE_LIMIT: f64 = 5.0;
 /// Command above which an error counts in `rmse_v`, V.
 const HIGH_V: f64 = 1e3;
@@ -335,8 +340,8 @@ fn parameters(
     Ok((out, split))
 }
 
-/// Finds the film from recordings of hanging samples, all at once; `samples` states each one's geometry, mass and electrode. `watch` is
-/// shown every step and may stop the work.
+/// Finds the film from recordings of hanging samples, all at once; `samples` states each one's geometry, mass
+/// and electrode. `watch` is shown every step and may stop the work.
 ///
 /// # Errors
 /// [`Error`], where nothing can be done.
@@ -589,8 +594,8 @@ pub fn calibrate_samples(
     Ok(outcome)
 }
 
-/// Mean square of weighted residuals, and the factor by which the covariance grows: that mean square times the length over which what is
-/// left says the same thing.
+/// Mean square of weighted residuals, and the factor by which the covariance grows: that mean square times
+/// the length over which what is left says the same thing.
 pub(super) fn noise_of<'r>(
     residuals: impl Iterator<Item = &'r [f64]>,
     parameters: usize,
@@ -852,7 +857,8 @@ fn long_gaps(d: &HangingDataset, sd_m: &[f64]) -> Vec<(usize, usize)> {
     d.gaps().into_iter().filter(open).collect()
 }
 
-/// The smoothed x, and in `gaps` that of the model under the same voltages, moved along a straight line so that it meets what was captured.
+/// The smoothed x, and in `gaps` that of the model under the same voltages, moved along a straight line so
+/// that it meets what was captured.
 fn bridge(x: &mut [f64], model: &[f64], gaps: &[(usize, usize)]) {
     for &(start, length) in gaps {
         let after = start + length;

@@ -1,4 +1,5 @@
-//! Hanging samples as one dense least-squares problem: one film for all recordings, and what may differ between them.
+//! Hanging samples as one dense least-squares problem: one film for all recordings, and what may differ
+//! between them.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -189,7 +190,8 @@ impl<'a> SampleProblem<'a> {
         }
     }
 
-    /// Derivatives of a recording by a slot: of its rows, and of its length at rest; `None` where it has none.
+    /// Derivatives of a recording by a slot: of its rows, and of its length at rest; `None` where it has
+    /// none.
     fn column(
         &self,
         number: usize,

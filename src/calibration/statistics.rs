@@ -1,4 +1,5 @@
-//! How sure: covariance of the estimates under correlated noise, and the combinations that the data leave open.
+//! How sure: covariance of the estimates under correlated noise, and the combinations that the data leave
+//! open.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,7 +10,8 @@ pub struct Uncertainty {
     pub covariance: DMatrix<f64>,
     /// Which unknowns are free.
     pub free: Vec<bool>,
-    /// Information that the data alone give: the inverse of their covariance without priors, free unknowns only (zero elsewhere).
+    /// Information that the data alone give: the inverse of their covariance without priors, free unknowns
+    /// only (zero elsewhere).
     pub information: DMatrix<f64>,
 }
 
@@ -20,10 +22,11 @@ impl Uncertainty {
     /// V = H^-1 (S + P) H^-1,   H = X'X + P
     /// ```
     ///
-    /// with the whitened columns' Gram matrix X'X, the covariance S of the scores X'e under the noise (Huber 1967; equal to X'X
-    /// when the noise is white), and the prior precisions P. With P the estimate is pulled towards the prior's middle; S + P
-    /// accounts for that pull as one more noise, so the interval also holds where the prior speaks. A free unknown that neither data nor
-    /// prior say anything of has an infinite variance.
+    /// with the whitened columns' Gram matrix X'X, the covariance S of the scores X'e under the noise (Huber
+    /// 1967; equal to X'X when the noise is white), and the prior precisions P. With P the estimate is pulled
+    /// towards the prior's middle; S + P accounts for that pull as one more noise, so the interval also holds
+    /// where the prior speaks. A free unknown that neither data nor prior say anything of has an infinite
+    /// variance.
     pub fn new(
         gram: &DMatrix<f64>,
         scores: &DMatrix<f64>,
@@ -89,8 +92,9 @@ impl Uncertainty {
         self.covariance[(a, b)] / (self.covariance[(a, a)] * self.covariance[(b, b)]).sqrt()
     }
 
-    /// Directions of the free unknowns, in units of `size` each, along which the data alone leave a standard deviation above `limit`:
-    /// (standard deviation, direction), worst first. From the singular values of the scaled information.
+    /// Directions of the free unknowns, in units of `size` each, along which the data alone leave a standard
+    /// deviation above `limit`: (standard deviation, direction), worst first. From the singular values of the
+    /// scaled information.
     pub fn weak_directions(&self, size: &[f64], limit: f64) -> Vec<(f64, Vec<f64>)> {
         let index: Vec<usize> = (0..self.free.len()).filter(|&i| self.free[i]).collect();
         let k = index.len();
@@ -120,8 +124,8 @@ impl Uncertainty {
     }
 }
 
-/// How far the free unknowns of a least-squares estimate move when `score` is added to its scores X'r: -H^-1 score with H = X'X + P;
-/// 0 for the others.
+/// How far the free unknowns of a least-squares estimate move when `score` is added to its scores X'r: -H^-1
+/// score with H = X'X + P; 0 for the others.
 pub fn moved_by(
     gram: &DMatrix<f64>,
     prior_precision: &[f64],

@@ -1,15 +1,17 @@
 //! Stroke of each cycle, as free of the capture's noise as the frames allow.
 //!
-//! Largest minus smallest captured x is too large by several standard deviations of the noise: the extremes pick it. Here the frames of a
-//! cycle (and an eighth of a cycle to each side) are fitted by a cubic and harmonics of the drive, by linear least squares, and the stroke
-//! is read from that curve. What noise is left in the curve still raises its extremes, to second order by
+//! Largest minus smallest captured x is too large by several standard deviations of the noise: the extremes
+//! pick it. Here the frames of a cycle (and an eighth of a cycle to each side) are fitted by a cubic and
+//! harmonics of the drive, by linear least squares, and the stroke is read from that curve. What noise is
+//! left in the curve still raises its extremes, to second order by
 //!
 //! ```text
 //! E max(f + n) - max f = var(n')/(2 |f''|)      at an extremum inside the cycle, and alike for the minimum
 //! ```
 //!
-//! which is subtracted. The number of harmonics is the one of smallest AIC over all cycles of the recording, and two more. The mean over the cycles is a
-//! linear functional of the frames near the solution, so that its variance follows from the weights, frames that two windows share included.
+//! which is subtracted. The number of harmonics is the one of smallest AIC over all cycles of the recording,
+//! and two more. The mean over the cycles is a linear functional of the frames near the solution, so that its
+//! variance follows from the weights, frames that two windows share included.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -29,11 +31,13 @@ const LOOKS: usize = 240;
 const CAPTURED: f64 = 0.6;
 /// Longest gap in a cycle, share of a period.
 const LONGEST_GAP: f64 = 0.1;
-/// A cycle whose stroke falls below this share of the median of those before it, or exceeds its reciprocal, is a failure.
+/// A cycle whose stroke falls below this share of the median of those before it, or exceeds its reciprocal,
+/// is a failure.
 const FAILED: f64 = 0.5;
 /// A cycle that is fitted this many times worse than the median cycle of the recording is one, too.
 const BROKEN: f64 = 4.0;
-/// And off by more than this share of its stroke: without noise a first cycle is fitted worse than those after it.
+/// And off by more than this share of its stroke: without noise a first cycle is fitted worse than those
+/// after it.
 const TORN: f64 = 0.03;
 /// Correlation of what the curve leaves, frames, up to which it counts as white.
 const WHITE: f64 = 1.5;

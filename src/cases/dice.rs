@@ -1,4 +1,5 @@
-//! Random numbers of a case: one stream of ChaCha12 a purpose, so that a draw more in one place changes nothing in another.
+//! Random numbers of a case: one stream of ChaCha12 a purpose, so that a draw more in one place changes
+//! nothing in another.
 
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;

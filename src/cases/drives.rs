@@ -1,5 +1,5 @@
-//! Voltages of a case: what an experimenter ordinarily does, or the program's own richer protocol. Every drive stands at 0 V for
-//! half a second at either end.
+//! Voltages of a case: what an experimenter ordinarily does, or the program's own richer protocol. Every
+//! drive stands at 0 V for half a second at either end.
 
 use super::dice::Dice;
 use super::effect::smooth;
@@ -214,8 +214,9 @@ pub fn short(dice: &mut Dice, share: f64) -> Result<Vec<Planned>, String> {
     ])
 }
 
-/// The program's own protocol: three rates up to 2 Hz, holds off the axis, a staircase repeated with the polarity turned, a payload
-/// that is put on while the voltages are held; then the first drive once more. Held out: a circle and a multisine.
+/// The program's own protocol: three rates up to 2 Hz, holds off the axis, a staircase repeated with the
+/// polarity turned, a payload that is put on while the voltages are held; then the first drive once more.
+/// Held out: a circle and a multisine.
 ///
 /// # Errors
 /// A drive that makes no sense.

@@ -226,7 +226,8 @@ pub fn soft_positive(x: f64, w: f64) -> f64 {
     }
 }
 
-/// Torque on theta_DEA of Cauchy stresses in the film, N m, positive where it opens the angle's work: n_f L1 L2 L3 sum sigma_i d ln lambda_i/d theta.
+/// Torque on theta_DEA of Cauchy stresses in the film, N m, positive where it opens the angle's work: n_f L1
+/// L2 L3 sum sigma_i d ln lambda_i/d theta.
 pub fn film_torque(lozenge: &Lozenge, theta_dea_rad: f64, sigma: [f64; 2]) -> f64 {
     let [g1, g2] = lozenge.log_stretch_slopes(theta_dea_rad);
     lozenge.volume_m3() * (sigma[0] * g1 + sigma[1] * g2)

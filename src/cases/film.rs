@@ -14,7 +14,8 @@ fn gent(a: f64, b: f64, locking: f64) -> [f64; 2] {
     }
 }
 
-/// The electrode, a Gent layer of its own that is free of stress where it was painted: lambda_1 = 1.5, lambda_2 = 1.5^-1/2.
+/// The electrode, a Gent layer of its own that is free of stress where it was painted: lambda_1 = 1.5,
+/// lambda_2 = 1.5^-1/2.
 pub fn electrode_stiffness(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.4);
     let modulus = draw.size(1.5e3, 9e4);
@@ -64,8 +65,8 @@ pub fn hinge_stiffness(draw: &mut Draw) -> Effect {
     out
 }
 
-/// Ogden and Roxburgh: below the largest energy so far the equilibrium spring carries 1 - r erf((W_max - W)/(m + b W_max)).
-/// The maximum follows the energy within milliseconds.
+/// Ogden and Roxburgh: below the largest energy so far the equilibrium spring carries 1 - r erf((W_max -
+/// W)/(m + b W_max)). The maximum follows the energy within milliseconds.
 pub fn mullins_softening(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.2);
     let softening = draw.size(0.04, 0.8);
@@ -196,8 +197,8 @@ fn carried(s: f64, w: f64) -> f64 {
     }
 }
 
-/// A film whose stress in direction 2 is uneven by +-w: where the net stress sigma_2 - eps E^2 would fall below its floor, it wrinkles
-/// and stays there.
+/// A film whose stress in direction 2 is uneven by +-w: where the net stress sigma_2 - eps E^2 would fall
+/// below its floor, it wrinkles and stays there.
 pub fn loss_of_tension(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.25);
     let lozenge = draw.lozenge();
@@ -252,7 +253,8 @@ pub fn actuator_asymmetry(draw: &mut Draw) -> Effect {
     out
 }
 
-/// mu (1 + a (1 - e^(-t/T_a)) + b (1 - e^(-t/T_b))) over the series; relaxation times go the other way, twice as far.
+/// mu (1 + a (1 - e^(-t/T_a)) + b (1 - e^(-t/T_b))) over the series; relaxation times go the other way, twice
+/// as far.
 pub fn temperature_drift(draw: &mut Draw) -> Effect {
     let sign = draw.dice.sign();
     let change = sign * draw.size(0.003, 0.2);

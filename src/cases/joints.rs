@@ -5,7 +5,8 @@ use serde_json::json;
 use super::effect::{Draw, Effect, Hook, Steps, mask, soft_positive};
 use crate::units::GRAVITY_M_S2;
 
-/// LuGre: z' = v - sigma_0 |v| z/g(v), g = F_c + (F_s - F_c) exp(-(v/v_s)^2), torque -(sigma_0 z + sigma_1 z').
+/// LuGre: z' = v - sigma_0 |v| z/g(v), g = F_c + (F_s - F_c) exp(-(v/v_s)^2), torque -(sigma_0 z + sigma_1
+/// z').
 pub fn joint_friction(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.3);
     let coulomb = draw.size(8e-6, 8e-4);
@@ -73,7 +74,8 @@ pub fn joint_damping(draw: &mut Draw) -> Effect {
     out
 }
 
-/// Contact beyond theta_stop with a soft edge and a damping that grows with the depth: -k d (1 + c theta_b'), never pulling.
+/// Contact beyond theta_stop with a soft edge and a damping that grows with the depth: -k d (1 + c theta_b'),
+/// never pulling.
 pub fn end_stop(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.2);
     // How far below the free rest pose the stop holds the end effector (all three), or would hold it.
@@ -111,7 +113,8 @@ pub fn end_stop(draw: &mut Draw) -> Effect {
     out
 }
 
-/// Weight of the bicep (+S g sin theta_b, as a point mass at its tip) and of the SAM's output link, and the bicep's inertia.
+/// Weight of the bicep (+S g sin theta_b, as a point mass at its tip) and of the SAM's output link, and the
+/// bicep's inertia.
 pub fn actuator_mass(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.2);
     let moment = draw.size(4e-6, 3e-4);
@@ -121,7 +124,8 @@ pub fn actuator_mass(draw: &mut Draw) -> Effect {
     let offset = draw.setting.robot.mechanism.chains[0].dea_offset_rad;
     let q = draw.setting.robot.mechanism.chains[0].bicep_m;
     let all = on == [true; 3];
-    // Inertia of the bicep, S r, as a mass at its tip; that mass has a weight of its own, which is taken off again.
+    // Inertia of the bicep, S r, as a mass at its tip; that mass has a weight of its own, which is taken off
+    // again.
     let tip = if all { moment * radius / (q * q) } else { 0.0 };
     let mut out = draw.effect("actuator_mass", on);
     out.parameter("first_moment", moment);

@@ -1,5 +1,5 @@
-//! Concealed cases: robots with a left-out cause that is known here and nowhere else, as recordings and a sealed answer. The
-//! forms differ from those that a diagnosis has, and nothing here is shared with it.
+//! Concealed cases: robots with a left-out cause that is known here and nowhere else, as recordings and a
+//! sealed answer. The forms differ from those that a diagnosis has, and nothing here is shared with it.
 //!
 //! | what | where |
 //! |---|---|
@@ -147,7 +147,8 @@ pub struct Case {
     pub train: Vec<CaseRecording>,
     /// Held out.
     pub holdout: Vec<CaseRecording>,
-    /// The point about which the capture's axes would turn, as stated: base marker less the offset of the end-effector marker, m.
+    /// The point about which the capture's axes would turn, as stated: base marker less the offset of the
+    /// end-effector marker, m.
     pub pivot_m: Vec3,
     /// The answer.
     pub truth: Truth,
@@ -291,8 +292,8 @@ pub fn generate(spec: &Spec) -> Result<Case, String> {
     generate_with(spec, false, None, false)
 }
 
-/// The same case on a robot that is only nearly its drawing: films, links, angles, axes, marker and clocks are off by a share of usual workshop
-/// tolerances, 3 % to all of them.
+/// The same case on a robot that is only nearly its drawing: films, links, angles, axes, marker and clocks
+/// are off by a share of usual workshop tolerances, 3 % to all of them.
 ///
 /// # Errors
 /// As [`generate`].
@@ -310,7 +311,8 @@ pub fn generate_as(spec: &Spec, simulate: Simulate) -> Result<Case, String> {
 
 /// Share of the usual voltages, tried one after the other where the robot leaves its workspace.
 const SHARES: [f64; 7] = [1.0, 0.93, 0.86, 0.79, 0.72, 0.64, 0.55];
-/// Share of the strength, where the robot does not bear it at any voltage; the answer has the strength that was simulated.
+/// Share of the strength, where the robot does not bear it at any voltage; the answer has the strength that
+/// was simulated.
 const WEAKER: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 
 /// The same case with its effects switched off: same robot, film, drives, noise and gaps.
@@ -509,7 +511,8 @@ impl Made {
         }
     }
 
-    /// Off by a share of these tolerances: films 3 %, links 0.2 %, angles and axes 0.2 degrees, marker 0.1 mm, clocks 1 ms.
+    /// Off by a share of these tolerances: films 3 %, links 0.2 %, angles and axes 0.2 degrees, marker 0.1
+    /// mm, clocks 1 ms.
     fn new(seed: u64, drawn: &Robot) -> Self {
         let mut dice = Dice::new(seed, 6);
         let share = dice.log_range(0.03, 1.0);
@@ -547,7 +550,8 @@ fn pivot_m(stated: &Capture) -> Vec3 {
     [0, 1, 2].map(|i| place.base_position_m[i] - place.end_effector_offset_m[i])
 }
 
-/// The slots with their time in the series, s, as a proof takes them: the training recordings first, all two minutes apart.
+/// The slots with their time in the series, s, as a proof takes them: the training recordings first, all two
+/// minutes apart.
 fn order(slots: &[Slot]) -> Vec<(usize, f64)> {
     let (train, holdout): (Vec<usize>, Vec<usize>) =
         (0..slots.len()).partition(|&i| slots[i].train);
@@ -731,7 +735,8 @@ fn added(a: &[(f64, f64)], b: &[(f64, f64)]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// x'' = omega^2 (u(t - delay) - x) - 2 zeta omega x', by the midpoint rule at a hundredth of a sample's length or omega's.
+/// x'' = omega^2 (u(t - delay) - x) - 2 zeta omega x', by the midpoint rule at a hundredth of a sample's
+/// length or omega's.
 fn lagged(motion: &Motion, lag: Lag) -> Vec<Vec3> {
     let (h, n) = (motion.step_s, motion.position_m.len());
     // Cubic Hermite between samples.
@@ -761,7 +766,8 @@ fn lagged(motion: &Motion, lag: Lag) -> Vec<Vec3> {
             let t = i as f64 * h + (j as f64 + 0.5) * step - lag.delay_s;
             let u = at(t);
             for k in 0..3 {
-                // Trapezoidal in x and v: x1 = x + s (v + v1)/2, v1 = v + s (w2 (u - (x + x1)/2) - c (v + v1)/2)
+                // Trapezoidal in x and v: x1 = x + s (v + v1)/2, v1 = v + s (w2 (u - (x + x1)/2) - c (v +
+                // v1)/2)
                 let known =
                     v[k] + step * (w2 * (u[k] - x[k] - 0.25 * step * v[k]) - 0.5 * c * v[k]);
                 let v1 = known / (1.0 + 0.25 * step * step * w2 + 0.5 * step * c);
@@ -797,8 +803,8 @@ fn voltage(drive: &Sampled) -> Voltage {
     Voltage::new(time, channels, false)
 }
 
-/// Positions of the end effector's centre in the world, m, from a motion file that this room wrote and the stated places of its
-/// markers (rotation zero), NaN in gaps; and the base marker as captured, mm.
+/// Positions of the end effector's centre in the world, m, from a motion file that this room wrote and the
+/// stated places of its markers (rotation zero), NaN in gaps; and the base marker as captured, mm.
 fn measured(csv: &[u8], place: &Placement) -> Result<(Vec<Vec3>, Vec<Vec3>), String> {
     let text = std::str::from_utf8(csv).map_err(|e| e.to_string())?;
     let mut effector = Vec::new();
@@ -865,8 +871,8 @@ impl Truth {
     }
 }
 
-/// `n_total` cases: a third of them clean, nearly half with one effect (each as often as the others, strengths spread evenly over
-/// 0 to 1), a tenth pairs, a tenth in no catalogue; in random order.
+/// `n_total` cases: a third of them clean, nearly half with one effect (each as often as the others,
+/// strengths spread evenly over 0 to 1), a tenth pairs, a tenth in no catalogue; in random order.
 pub fn plan(n_total: usize, seed: u64) -> Vec<Spec> {
     let mut dice = Dice::new(seed, 0);
     let clean = n_total / 3;

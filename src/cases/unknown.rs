@@ -1,11 +1,13 @@
-//! Effects that stand in no catalogue. Each is possible in a laboratory, and none is another form of a catalogued one.
+//! Effects that stand in no catalogue. Each is possible in a laboratory, and none is another form of a
+//! catalogued one.
 
 use serde_json::json;
 
 use super::effect::{Draw, Effect, Hook, Order, film_torque, mask, soft_positive};
 use crate::kinematics::dot;
 
-/// A cable loom follows the bicep with play: y' = (k dead(theta_b - y) - k_s (y - y_0))/d, torque -k dead(theta_b - y).
+/// A cable loom follows the bicep with play: y' = (k dead(theta_b - y) - k_s (y - y_0))/d, torque -k
+/// dead(theta_b - y).
 pub fn backlash(draw: &mut Draw) -> Effect {
     let on = draw.actuators(0.4);
     let wall = draw.size(1.2e-3, 6e-2);
@@ -218,7 +220,8 @@ pub fn yielding_branch(draw: &mut Draw) -> Effect {
     out
 }
 
-/// The voltage cables pull towards where they are clamped: an elastic tension whose direction changes with the pose.
+/// The voltage cables pull towards where they are clamped: an elastic tension whose direction changes with
+/// the pose.
 pub fn cable_pull(draw: &mut Draw) -> Effect {
     let tension = draw.size(4e-4, 3e-2);
     let side = draw.dice.sideways();
@@ -249,8 +252,8 @@ pub fn cable_pull(draw: &mut Draw) -> Effect {
     out
 }
 
-/// A hose that is hung up elsewhere swings along: a mass on a weak spring, b' = p - v, p' = -omega^2 b - 2 zeta omega b',
-/// force -m_h p' along one direction (b: how far it lags behind).
+/// A hose that is hung up elsewhere swings along: a mass on a weak spring, b' = p - v, p' = -omega^2 b - 2
+/// zeta omega b', force -m_h p' along one direction (b: how far it lags behind).
 pub fn swinging_hose(draw: &mut Draw) -> Effect {
     let ratio = draw.size(0.6, 8.0);
     let omega = std::f64::consts::TAU * draw.dice.range(0.8, 2.2);

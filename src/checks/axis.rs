@@ -1,7 +1,8 @@
-//! A single axis: plausible strokes and rates, and signs of mass, damping and stiffness, from one linear regression.
+//! A single axis: plausible strokes and rates, and signs of mass, damping and stiffness, from one linear
+//! regression.
 //!
-//! gain input + load = mass x'' + damping x' + stiffness x + constant, with x, its derivatives and the input as means over one and the
-//! same step, short beside the motion.
+//! gain input + load = mass x'' + damping x' + stiffness x + constant, with x, its derivatives and the input
+//! as means over one and the same step, short beside the motion.
 
 use super::linear::{Columns, about_mean, quantile};
 use super::view::{View, per_cent, short};

@@ -5,8 +5,9 @@ use super::linear::quantile;
 use super::view::{View, middle};
 use super::{Findings, Grade};
 
-/// Drift from which on it is said, and from which on positions are no longer what they are taken for, m. A marker's calibration
-/// wanders by tenths of a millimetre; the largest wander of the capture among left-out causes is 0.3 mm.
+/// Drift from which on it is said, and from which on positions are no longer what they are taken for, m. A
+/// marker's calibration wanders by tenths of a millimetre; the largest wander of the capture among left-out
+/// causes is 0.3 mm.
 const SAID_M: f64 = 0.5e-3;
 const WRONG_M: f64 = 2e-3;
 

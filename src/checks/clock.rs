@@ -149,8 +149,8 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     }
 }
 
-/// The offset at which the motion follows the voltage best, over all at which they share enough, and what it leaves; the best
-/// within `within_s` as well. Where no voltage was logged there was none.
+/// The offset at which the motion follows the voltage best, over all at which they share enough, and what it
+/// leaves; the best within `within_s` as well. Where no voltage was logged there was none.
 pub(super) fn offsets(glance: &Glance, poses: &Poses, within_s: f64) -> Option<[(f64, Look); 2]> {
     let (first, last) = glance.voltage.span_s();
     let n = glance.len();

@@ -7,8 +7,8 @@ use super::{Findings, Grade};
 
 /// Below this no film moves visibly, V.
 const NOTHING_V: f64 = 20.0;
-/// Torque that a chain without voltage has to be given, over that of the others, from which on it was driven. One that the others
-/// take along needs up to a fifth of theirs.
+/// Torque that a chain without voltage has to be given, over that of the others, from which on it was driven.
+/// One that the others take along needs up to a fifth of theirs.
 const DRIVEN: f64 = 0.8;
 /// A motion, in standard deviations of its noise.
 const MOTION: f64 = 20.0;
@@ -55,7 +55,8 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     }
 }
 
-/// One channel that does nothing while its chain has to be driven: what is left when that chain is passed over.
+/// One channel that does nothing while its chain has to be driven: what is left when that chain is passed
+/// over.
 pub(super) fn hypothesis(poses: &Poses, squared: &[Vec<f64>; 3]) -> Option<Hypothesis> {
     let size = |k: usize| squared[k].iter().copied().fold(0.0, f64::max);
     let most = (0..3).map(size).fold(0.0, f64::max);

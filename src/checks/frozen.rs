@@ -7,7 +7,8 @@ use super::{Findings, Grade};
 /// Shortest run that is told, s (or rows, where there is no time).
 const LEAST_S: f64 = 0.25;
 const LEAST_ROWS: usize = 12;
-/// Elsewhere at most this share of the steps is 0: the signal does not repeat itself by coarse digits or by rest.
+/// Elsewhere at most this share of the steps is 0: the signal does not repeat itself by coarse digits or by
+/// rest.
 const REPEATS: f64 = 0.02;
 
 pub(super) fn check(view: &View<'_>, found: &mut Findings) {

@@ -1,10 +1,11 @@
 //! A quick look at a robot recording: the balance of each chain as one small linear regression.
 //!
-//! The torque that the recorded voltage makes on a lozenge, 1/2 dC/d theta phi^2, is held against what the pose asks for: the
-//! film's equilibrium spring (neo-Hookean, one modulus), four rates at which it creeps, the forearms' spring-back (odd, cubic)
-//! and the weights, all known up to a dozen numbers. Gent's locking, further branches and all left-out
-//! physics are small beside what a wrong order of wires or axes does, so the share of the made torque that the regression leaves
-//! (`Look::left`) tells the two apart, in milliseconds.
+//! The torque that the recorded voltage makes on a lozenge, 1/2 dC/d theta phi^2, is held against what the
+//! pose asks for: the film's equilibrium spring (neo-Hookean, one modulus), four rates at which it creeps,
+//! the forearms' spring-back (odd, cubic) and the weights, all known up to a dozen numbers. Gent's locking,
+//! further branches and all left-out physics are small beside what a wrong order of wires or axes does, so
+//! the share of the made torque that the regression leaves (`Look::left`) tells the two apart, in
+//! milliseconds.
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -59,7 +60,8 @@ pub(super) struct Poses {
 pub(super) enum Ties {
     /// Each chain has a modulus of its own, and no constant: rest pose and directions have to be right.
     Rest,
-    /// Each chain has a modulus and a constant of its own, so that poses that are off by little matter less: for who moves when.
+    /// Each chain has a modulus and a constant of its own, so that poses that are off by little matter less:
+    /// for who moves when.
     Each,
 }
 
@@ -152,7 +154,8 @@ impl Glance {
         })
     }
 
-    /// The squared voltage on a long grid in steps of [`STEP_S`] from `start_s` on the voltage clock on, V^2; 0 where none was logged.
+    /// The squared voltage on a long grid in steps of [`STEP_S`] from `start_s` on the voltage clock on, V^2;
+    /// 0 where none was logged.
     pub fn squared_from_v2(&self, start_s: f64, count: usize) -> [Vec<f64>; 3] {
         let (first, last) = self.voltage.span_s();
         [0, 1, 2].map(|k| {
@@ -193,8 +196,8 @@ impl Glance {
             .collect()
     }
 
-    /// Squared voltage of the channels at the means when the voltage clock is `offset_s` ahead and runs `scale` times as fast, V^2;
-    /// 0 where no voltage was logged. And whether it was logged.
+    /// Squared voltage of the channels at the means when the voltage clock is `offset_s` ahead and runs
+    /// `scale` times as fast, V^2; 0 where no voltage was logged. And whether it was logged.
     pub fn squared_v2(&self, offset_s: f64, scale: f64) -> ([Vec<f64>; 3], Vec<bool>) {
         let (first, last) = self.voltage.span_s();
         let start = self.start_s * scale + offset_s;
@@ -216,7 +219,8 @@ impl Glance {
         (squared, logged)
     }
 
-    /// The regression's columns where the end effector is at `position_m`; NaN is passed over. `None` where most of it is out of reach.
+    /// The regression's columns where the end effector is at `position_m`; NaN is passed over. `None` where
+    /// most of it is out of reach.
     pub fn poses(&self, position_m: &[Vec3], ties: Ties) -> Option<Poses> {
         self.poses_of(&self.robot, position_m, ties)
     }
@@ -344,8 +348,8 @@ impl Poses {
         })
     }
 
-    /// Spread of the torque that chain `chain` needs at the film of the other chains, over that of what these are given: 0 for a chain
-    /// that nothing drives. `without` is [`Poses::without`] that chain.
+    /// Spread of the torque that chain `chain` needs at the film of the other chains, over that of what these
+    /// are given: 0 for a chain that nothing drives. `without` is [`Poses::without`] that chain.
     pub fn needs(&self, without: &Poses, chain: usize, squared_v2: [&[f64]; 3]) -> f64 {
         let n = self.usable.len();
         let y = without.given(squared_v2);
@@ -396,8 +400,9 @@ impl Poses {
         let solved = self.columns.solve(&y);
         let variance: f64 = variances.iter().sum();
         let any = solved.left / variance.max(1e-300);
-        // A film that pushes where it should pull explains nothing. At once and after a minute are hard to tell apart in a short
-        // recording: what is to take the stated way's place has to pull in both. What is not driven says nothing of its film.
+        // A film that pushes where it should pull explains nothing. At once and after a minute are hard to
+        // tell apart in a short recording: what is to take the stated way's place has to pull in both. What
+        // is not driven says nothing of its film.
         let own = |k: usize| match k {
             0 => 0.0,
             _ => solved.beta[OWN + k - 1],

@@ -1,5 +1,5 @@
-//! Leaps of a marker: rows that are lost in a file that counts its frames anew, a marker that was knocked or taken for another, and
-//! single samples that stick out.
+//! Leaps of a marker: rows that are lost in a file that counts its frames anew, a marker that was knocked or
+//! taken for another, and single samples that stick out.
 
 use super::glance::{Glance, STEP_S, Ties};
 use super::linear::quantile;
@@ -12,7 +12,8 @@ const LEAPS: f64 = 4.0;
 const LEAST_M: f64 = 0.5e-3;
 /// Frames around it that have to be ordinary.
 const CALM: usize = 6;
-/// Where the drive changes by more than this share of its range within 0.3 s of the leap, the robot was kicked.
+/// Where the drive changes by more than this share of its range within 0.3 s of the leap, the robot was
+/// kicked.
 const KICK: f64 = 0.1;
 /// More leaps than this in a recording are its way of moving.
 const FEW: usize = 6;

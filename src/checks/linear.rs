@@ -18,7 +18,8 @@ pub(super) struct Solved {
     pub left: f64,
 }
 
-/// Noise of a signal from sample to sample, one standard deviation: the variance of a third difference is 20 times that of a value.
+/// Noise of a signal from sample to sample, one standard deviation: the variance of a third difference is 20
+/// times that of a value.
 pub(super) fn noise(values: &[f64]) -> f64 {
     let third = values
         .windows(4)
@@ -26,7 +27,8 @@ pub(super) fn noise(values: &[f64]) -> f64 {
     quantile(third, 0.5) / 0.6745 / 20f64.sqrt()
 }
 
-/// Share of each column's own square that is added to the diagonal, so that columns that are alike share what they explain.
+/// Share of each column's own square that is added to the diagonal, so that columns that are alike share what
+/// they explain.
 const RIDGE: f64 = 1e-9;
 
 impl Columns {

@@ -1,11 +1,13 @@
 //! Wiring before physics: what is wrong with a recording, told before anything is fitted.
 //!
-//! A check looks at one recording as it was opened, in milliseconds: at numbers that no laboratory has, at samples that are no
-//! measurement, at whether what moves is what was driven and when, in which direction, and with which sign. It never fits the
-//! model; the most it does is a linear regression of a few columns. It fires where the evidence for a mistake is larger than what
-//! the strongest left-out physics could make (the limits stand with each check, and how they were come by), and it changes nothing.
+//! A check looks at one recording as it was opened, in milliseconds: at numbers that no laboratory has, at
+//! samples that are no measurement, at whether what moves is what was driven and when, in which direction,
+//! and with which sign. It never fits the model; the most it does is a linear regression of a few columns. It
+//! fires where the evidence for a mistake is larger than what the strongest left-out physics could make (the
+//! limits stand with each check, and how they were come by), and it changes nothing.
 //!
-//! A new check is a file with `pub(super) fn check(view: &View, found: &mut Findings)` and a line in `CHECKS`.
+//! A new check is a file with `pub(super) fn check(view: &View, found: &mut Findings)` and a line in
+//! `CHECKS`.
 
 mod axis;
 mod base;
@@ -57,8 +59,9 @@ impl Grade {
 /// Something that is wrong with a recording, or looks so.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// The kind of mistake: `chain_order`, `mirror`, `axes`, `unit`, `rate`, `clock`, `polarity`, `sentinel`, `leap`, `spikes`, `frozen`,
-    /// `exchanged`, `dead_channel`, `rows_lost`, `sign`, `stated_value`, `base`, `noise`, `resolution`, `aliasing`, `mismatch`.
+    /// The kind of mistake: `chain_order`, `mirror`, `axes`, `unit`, `rate`, `clock`, `polarity`, `sentinel`,
+    /// `leap`, `spikes`, `frozen`, `exchanged`, `dead_channel`, `rows_lost`, `sign`, `stated_value`, `base`,
+    /// `noise`, `resolution`, `aliasing`, `mismatch`.
     pub check: &'static str,
     /// How bad it is.
     pub grade: Grade,
@@ -68,7 +71,8 @@ pub struct Finding {
     pub says: String,
     /// What to do.
     pub remedy: String,
-    /// Probability of evidence as strong from a sound recording; NaN where it is a matter of plausibility and not of chance.
+    /// Probability of evidence as strong from a sound recording; NaN where it is a matter of plausibility and
+    /// not of chance.
     pub p_value: f64,
 }
 
@@ -125,7 +129,8 @@ impl Findings {
 
 type Check = fn(&View<'_>, &mut Findings);
 
-/// The checks in the order in which they are made: numbers, samples, then who moves when. Later ones pass over what earlier ones explain.
+/// The checks in the order in which they are made: numbers, samples, then who moves when. Later ones pass
+/// over what earlier ones explain.
 const CHECKS: &[Check] = &[
     stated::check,
     sentinel::check,

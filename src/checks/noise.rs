@@ -4,7 +4,8 @@ use super::linear::{self, about_mean, quantile};
 use super::view::{Is, View};
 use super::{Findings, Grade};
 
-/// Noise from which on it is said, and from which on nothing is to be learnt, m. A capture has 0.01 to 0.2 mm.
+/// Noise from which on it is said, and from which on nothing is to be learnt, m. A capture has 0.01 to 0.2
+/// mm.
 const NOISY_M: f64 = 1e-3;
 const HOPELESS_M: f64 = 5e-3;
 /// Resolution that is said, m: no capture is coarser than its noise, but a rounded file is.

@@ -8,7 +8,8 @@ const EVEN: f64 = 0.98;
 const ALIKE: f64 = 0.25;
 /// A step so many times as long as the others is a hole.
 const HOLE: f64 = 5.0;
-/// Share of the range by which the voltage usually changes within the hole, from which on a straight line across it is not the drive.
+/// Share of the range by which the voltage usually changes within the hole, from which on a straight line
+/// across it is not the drive.
 const MATTERS: f64 = 0.02;
 
 pub(super) fn check(view: &View<'_>, found: &mut Findings) {

@@ -1,4 +1,5 @@
-//! A hanging sample grows downwards when its voltage is on: direction, sign, clock and size of what the marker does.
+//! A hanging sample grows downwards when its voltage is on: direction, sign, clock and size of what the
+//! marker does.
 
 use super::linear::{Columns, about_mean, quantile};
 use super::view::{Is, View, per_cent, short};
@@ -12,7 +13,8 @@ const STEP_S: f64 = 0.05;
 const MOST: usize = 4000;
 /// Rates at which the film creeps, s.
 const CREEP_S: [f64; 3] = [0.15, 1.5, 15.0];
-/// The vertical carries at least this share of what follows the voltage: a sample that hangs aslant by 18 degrees has 0.9 of it.
+/// The vertical carries at least this share of what follows the voltage: a sample that hangs aslant by 18
+/// degrees has 0.9 of it.
 const VERTICAL: f64 = 0.7;
 /// What follows the voltage, of the variance of a coordinate: enough to judge by.
 const FOLLOWS: f64 = 0.5;

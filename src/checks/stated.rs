@@ -1,7 +1,9 @@
-//! Numbers in the manifest and the rig that no laboratory has: a wrong unit, a slipped digit, two entries exchanged.
+//! Numbers in the manifest and the rig that no laboratory has: a wrong unit, a slipped digit, two entries
+//! exchanged.
 //!
-//! The limits are those of things, not of a data set: a robot that stands on a table and is moved by films, a film between a wafer's
-//! coating and a mat, an elastomer's permittivity. Between "wrong" and what is met there is a factor of three or more.
+//! The limits are those of things, not of a data set: a robot that stands on a table and is moved by films, a
+//! film between a wafer's coating and a mat, an elastomer's permittivity. Between "wrong" and what is met
+//! there is a factor of three or more.
 
 use super::view::{Is, View, short};
 use super::{Findings, Grade};
@@ -17,7 +19,8 @@ const PERMITTIVITY: [f64; 2] = [1.0, 100.0];
 const MASS_G: [f64; 2] = [0.05, 5000.0];
 /// Tension of a hanging film, nominal, Pa: below, it hangs slack or the mass is in kg; above, it tears.
 const TENSION_PA: [f64; 2] = [500.0, 2e7];
-/// Largest voltage, V, and largest field in unstretched film, V/m: silicone and acrylic break down at 0.1 to 0.4 GV/m of stretched film.
+/// Largest voltage, V, and largest field in unstretched film, V/m: silicone and acrylic break down at 0.1 to
+/// 0.4 GV/m of stretched film.
 const VOLTAGE_V: f64 = 6e4;
 const FIELD_V_M: f64 = 1e9;
 /// Weights that the largest drive of the films can hold, times over: a robot sags under more.
@@ -246,7 +249,8 @@ fn carried(view: &View<'_>, s: &mut Stated<'_>) {
         return;
     }
     let payload_g = glance.most_payload_kg() * 1e3;
-    // Half the capacitance's energy at the largest voltage, in three films over a bicep's length is the size of the force that a drive makes.
+    // Half the capacitance's energy at the largest voltage, in three films over a bicep's length is the size
+    // of the force that a drive makes.
     let most = (0..3)
         .map(|k| {
             glance.voltage.channels_v()[k]

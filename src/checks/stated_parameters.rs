@@ -1,4 +1,5 @@
-//! Numbers of a parameter file that cannot be: MPa for Pa, a film that locks at once. (The file itself refuses what is below zero.)
+//! Numbers of a parameter file that cannot be: MPa for Pa, a film that locks at once. (The file itself
+//! refuses what is below zero.)
 
 use super::view::short;
 use super::{Finding, Grade};
@@ -6,7 +7,8 @@ use crate::model::Parameters;
 
 /// Moduli of springs that a film has, Pa, all of them together: gels from 1 kPa, rubbers to 100 MPa.
 const MODULUS_PA: [f64; 2] = [500.0, 3e8];
-/// Smallest J: (lambda_1^2 + ... - 3) at which a film locks; below, none could be stretched as it is for an actuator.
+/// Smallest J: (lambda_1^2 + ... - 3) at which a film locks; below, none could be stretched as it is for an
+/// actuator.
 const LOCKING: f64 = 0.1;
 
 /// Largest torque of a forearm's hinges, N m: five orders above those of the robots that this is for.

@@ -1,12 +1,13 @@
-//! Who moves when, and where: the order of the voltage channels, the capture's axes, the clocks. Each way in which a recording may
-//! have been put together wrongly is a hypothesis; all are held against the recording by the same small regression (`glance`),
-//! and the best is told where it leaves a small part of what the stated way leaves.
+//! Who moves when, and where: the order of the voltage channels, the capture's axes, the clocks. Each way in
+//! which a recording may have been put together wrongly is a hypothesis; all are held against the recording
+//! by the same small regression (`glance`), and the best is told where it leaves a small part of what the
+//! stated way leaves.
 //!
 //! # Limits
-//! Of the 141 recordings of 26 robots with strong left-out causes, most of them on one actuator, the stated way leaves up to 5.3 % of the
-//! variance of the drive, and no other way leaves less than a sixth of that and below 1 %. Wrong ways leave 5 to 100 %, the right one
-//! beside them mostly less than 0.1 %. So another way is told when the stated one leaves more than [`SUSPECT`], and it less than [`GOES`]
-//! and a [`FALL`]th.
+//! Of the 141 recordings of 26 robots with strong left-out causes, most of them on one actuator, the stated
+//! way leaves up to 5.3 % of the variance of the drive, and no other way leaves less than a sixth of that and
+//! below 1 %. Wrong ways leave 5 to 100 %, the right one beside them mostly less than 0.1 %. So another way
+//! is told when the stated one leaves more than [`SUSPECT`], and it less than [`GOES`] and a [`FALL`]th.
 
 use super::glance::{Glance, Look, Ties};
 use super::view::{View, per_cent, short};
@@ -20,7 +21,8 @@ pub(super) const SUSPECT: f64 = 0.04;
 const GOES: f64 = 0.01;
 /// this much less.
 const FALL: f64 = 6.0;
-/// A drive that moves something, V, and one that is steady: its squares scatter by less than this share of the largest.
+/// A drive that moves something, V, and one that is steady: its squares scatter by less than this share of
+/// the largest.
 const LEAST_V: f64 = 100.0;
 const STEADY: f64 = 0.02;
 /// Where no way will do: share above which motion and voltages do not belong together.
@@ -33,8 +35,9 @@ const FARTHEST_DEG: f64 = 20.0;
 const STARTS_DEG: [f64; 6] = [-10.0, -6.0, -3.0, 3.0, 6.0, 10.0];
 /// A turn of 5 degrees leaves at least this much of the drive's variance; below, none is looked for.
 const NO_TURN: f64 = 0.002;
-/// What the motion leaves of the drive, of its variance, once the axes are turned back: a stiff hinge on one actuator passes for a turn of
-/// 7 degrees, and leaves 3 to 6 % of the drive then, a stiff film on one for 5 degrees and 1.8 %; a sound robot leaves 0.3 to 1.3 %.
+/// What the motion leaves of the drive, of its variance, once the axes are turned back: a stiff hinge on one
+/// actuator passes for a turn of 7 degrees, and leaves 3 to 6 % of the drive then, a stiff film on one for 5
+/// degrees and 1.8 %; a sound robot leaves 0.3 to 1.3 %.
 const TURNED_BACK: f64 = 0.015 * 0.015;
 /// Clock offset that a fit looks for, s.
 const SEARCHED_S: f64 = crate::dataset::OFFSET_SEARCH_S;
@@ -423,7 +426,8 @@ fn of_turn(w: Vec3, left: f64) -> Hypothesis {
     }
 }
 
-/// Rest pose and directions: the axes by rigid registration, the film's lengths by the pose at which it rests.
+/// Rest pose and directions: the axes by rigid registration, the film's lengths by the pose at which it
+/// rests.
 fn where_it_is(glance: &Glance, found: &mut Findings, squared: &[Vec<f64>; 3]) {
     let Some(here) = turned(glance, squared, [0.0; 3]) else {
         return;
@@ -481,7 +485,8 @@ fn turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<Hypothesis> {
     })
 }
 
-/// The small turn that leaves least, by Gauss and Newton's steps on the left share's gradient (a parabola through each axis).
+/// The small turn that leaves least, by Gauss and Newton's steps on the left share's gradient (a parabola
+/// through each axis).
 fn best_turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<(Vec3, f64)> {
     let mut w = [0.0; 3];
     let mut best = whatever_sign(glance, squared, w)?;

@@ -20,7 +20,8 @@ use crate::report::provenance::Provenance;
 /// What to compare.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// recording.toml files, or folders that have one: hanging samples or robots, with electrode and day (or batch)
+    /// recording.toml files, or folders that have one: hanging samples or robots, with electrode and day (or
+    /// batch)
     #[arg(required = true, value_name = "REC")]
     recordings: Vec<PathBuf>,
     /// What tells the recordings of an electrode apart: day, or batch (a new batch against the first)
@@ -35,7 +36,8 @@ pub(super) struct Arguments {
     /// Cycles of a run over which the stroke is averaged, at most
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(3..=1000))]
     cycles: u16,
-    /// Scatter with which samples are hung, mm, where it is known: 0 for samples that stay in their frames. Then the position at rest tells causes apart
+    /// Scatter with which samples are hung, mm, where it is known: 0 for samples that stay in their frames.
+    /// Then the position at rest tells causes apart
     #[arg(long, value_name = "MM")]
     mount: Option<f64>,
     /// Rig to use instead of the recordings' own
@@ -173,7 +175,8 @@ fn input(r: &Recording) -> Result<AgeingInput, Failure> {
     })
 }
 
-/// Film, forearms and electrode of every sample or robot on every level: `<electrode>[-<sample>]-<level>/parameters.toml`.
+/// Film, forearms and electrode of every sample or robot on every level:
+/// `<electrode>[-<sample>]-<level>/parameters.toml`.
 fn parameter_files(
     outcome: &AgeingOutcome,
     provenance: &Provenance,

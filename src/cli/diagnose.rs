@@ -44,10 +44,12 @@ pub(super) struct Arguments {
     /// Share of recordings without a cause in which one may be named all the same
     #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
     false_alarms: f64,
-    /// Error that a cause of a robot must take away to be named, V (default: a seventh of what the noise makes)
+    /// Error that a cause of a robot must take away to be named, V (default: a seventh of what the noise
+    /// makes)
     #[arg(long, value_name = "V", value_parser = parse_relevant)]
     relevant: Option<f64>,
-    /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis against
+    /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis
+    /// against
     #[arg(long)]
     rivals: bool,
     /// Folder for the results
@@ -80,7 +82,8 @@ fn parse_relevant(text: &str) -> Result<f64, String> {
     volts.ok_or_else(|| "expected a voltage not below 0".into())
 }
 
-/// From this many recordings on the last ones are held out where none are named: one, from half as many again on two.
+/// From this many recordings on the last ones are held out where none are named: one, from half as many again
+/// on two.
 const ENOUGH: usize = 4;
 
 /// The search for causes.
@@ -138,9 +141,10 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     finish(a, &diagnosis, series, &findings, provenance, progress, talk)
 }
 
-/// How many times the noise the plain model may leave, and which share of what is predicted, before that is no left-out physics. The
-/// strongest causes of the practice cases leave 162 (clocks that drift apart by 1 %), 87 and 68 times the noise, and at most
-/// 18 % of the drive: twice the one and twice the other. Both, because a quieter capture makes the first as large as one likes.
+/// How many times the noise the plain model may leave, and which share of what is predicted, before that is
+/// no left-out physics. The strongest causes of the practice cases leave 162 (clocks that drift apart by 1
+/// %), 87 and 68 times the noise, and at most 18 % of the drive: twice the one and twice the other. Both,
+/// because a quieter capture makes the first as large as one likes.
 const TIMES_THE_NOISE: f64 = 300.0;
 const OF_WHAT_IS_PREDICTED: f64 = 0.4;
 
@@ -268,7 +272,8 @@ pub(super) fn judge_lines(
             duration_s: l.step_s * l.samples() as f64,
         })
         .collect();
-    // What is remarked of series is of robots that run on for minutes: a bench or a coupon begins anew each time.
+    // What is remarked of series is of robots that run on for minutes: a bench or a coupon begins anew each
+    // time.
     let series = Series {
         remarks: Vec::new(),
         ..series::order_of(&occasions)?
@@ -305,8 +310,9 @@ pub(super) fn judge(
     })
 }
 
-/// Diagnoses the recordings of a series in its order, of which the first `named` were not asked to be held out: `search` gets the
-/// entries, the places among them of what is fitted and of what is held out, and whom to tell what is being done.
+/// Diagnoses the recordings of a series in its order, of which the first `named` were not asked to be held
+/// out: `search` gets the entries, the places among them of what is fitted and of what is held out, and whom
+/// to tell what is being done.
 fn in_order(
     series: Series,
     named: usize,

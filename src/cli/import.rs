@@ -27,8 +27,8 @@ pub(super) struct Arguments {
     /// Folder for the results
     #[arg(short, long, default_value = "out/import")]
     output: PathBuf,
-    /// Of bare files, write a recording.toml to start from, beside the first of them; none that is there is overwritten. The columns of
-    /// a table without a header are called by number
+    /// Of bare files, write a recording.toml to start from, beside the first of them; none that is there is
+    /// overwritten. The columns of a table without a header are called by number
     #[arg(long)]
     init: bool,
     /// Also leave the aligned recording as mat (MATLAB) or npz (NumPy)

@@ -77,8 +77,9 @@ pub(super) fn recordings_of(
     Ok(all)
 }
 
-/// Recordings without copies of one another, and what to say of those that were left out. The same motion and voltage under another id is
-/// no further evidence: fifty copies would make every interval seven times too narrow. Of the first `named` recordings that many stay.
+/// Recordings without copies of one another, and what to say of those that were left out. The same motion and
+/// voltage under another id is no further evidence: fifty copies would make every interval seven times too
+/// narrow. Of the first `named` recordings that many stay.
 pub(super) fn distinct(all: Vec<Recording>, named: usize) -> (Vec<Recording>, usize, Vec<String>) {
     let sums: Vec<String> = all.par_iter().map(Recording::content_sum).collect();
     let ids: Vec<String> = all.iter().map(|r| r.manifest.id.clone()).collect();
@@ -223,7 +224,8 @@ pub(super) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Resul
     )?)
 }
 
-/// Hanging samples, aligned, with geometry and mass of each rig and the electrode of a parameter file where there is one.
+/// Hanging samples, aligned, with geometry and mass of each rig and the electrode of a parameter file where
+/// there is one.
 pub(super) fn samples(
     recordings: &[Recording],
     parameters: Option<&ParameterFile>,
@@ -267,7 +269,8 @@ pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     Ok(file)
 }
 
-/// A table's rising time_s and its columns, each named by the first of its alternatives that is there. An empty cell is an error.
+/// A table's rising time_s and its columns, each named by the first of its alternatives that is there. An
+/// empty cell is an error.
 fn table<const N: usize>(
     path: &Path,
     columns: [&[(&str, f64)]; N],
@@ -332,7 +335,8 @@ pub(super) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
     log(file, time_s, phi_v, hold)
 }
 
-/// A voltage table of a hanging sample: CSV with time_s and phi_kV or phi_V (a robot's first channel will do), its first row as time 0.
+/// A voltage table of a hanging sample: CSV with time_s and phi_kV or phi_V (a robot's first channel will
+/// do), its first row as time 0.
 pub(super) fn sample_voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
     let names: &[(&str, f64)] = &[
         ("phi_kV", 1e3),
@@ -366,7 +370,8 @@ const ENDINGS: [&str; 19] = [
     "pdf", "h5", "parquet", "c3d", "tdms",
 ];
 
-/// Refuses a file to be written whose ending says that it is of another kind than those that `what` is written as.
+/// Refuses a file to be written whose ending says that it is of another kind than those that `what` is
+/// written as.
 pub(super) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failure> {
     let ending = path
         .extension()

@@ -31,9 +31,10 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Calibrates dielectric-elastomer actuators from recordings of motion and voltage.
 ///
-/// REC is a recording.toml, or a folder that has one. Results go to the folder given with -o; they are put there all at once or not at
-/// all, and never onto a file that was read or that the program did not make (unless --force). Exit status: 0 done, 1 the job could not
-/// be done, 2 wrong usage, 130 and 143 stopped by Ctrl-C and SIGTERM.
+/// REC is a recording.toml, or a folder that has one. Results go to the folder given with -o; they are put
+/// there all at once or not at all, and never onto a file that was read or that the program did not make
+/// (unless --force). Exit status: 0 done, 1 the job could not be done, 2 wrong usage, 130 and 143 stopped by
+/// Ctrl-C and SIGTERM.
 #[derive(Parser)]
 #[command(name = "deacal", version)]
 struct Cli {
@@ -52,12 +53,14 @@ struct Talk {
     /// No progress and no summary
     #[arg(long, short, global = true)]
     quiet: bool,
-    /// Overwrites files that the program did not make itself, or that it has just read; write-protected ones stay all the same
+    /// Overwrites files that the program did not make itself, or that it has just read; write-protected ones
+    /// stay all the same
     #[arg(long, global = true)]
     force: bool,
 }
 
-/// Why standard output could not be written, the first time; said at the end of the job, whose files are there all the same.
+/// Why standard output could not be written, the first time; said at the end of the job, whose files are
+/// there all the same.
 static UNSAID: OnceLock<io::Error> = OnceLock::new();
 
 /// Standard output that could not be written.
@@ -133,7 +136,8 @@ fn print(text: &str) {
 
 #[derive(Subcommand)]
 enum Command {
-    /// The main job on recordings that come with the program: import, film, forearm and joint fit, diagnosis, a film coupon, reports
+    /// The main job on recordings that come with the program: import, film, forearm and joint fit, diagnosis,
+    /// a film coupon, reports
     Demo {
         /// Folder for the results
         #[arg(short, long, default_value = "out/demo")]

@@ -31,11 +31,16 @@ use crate::simulate::predict_motion;
 /// What to predict.
 #[derive(Subcommand)]
 pub(super) enum Predict {
-    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations, flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and film1_V to film3_V are the voltages on the films; a hanging sample has phi_V. Of an axis, its input: measured and predicted
+    /// Inverse dynamics: motion to voltages (CSV: time_s, phi1_V, phi2_V, phi3_V, their standard deviations,
+    /// flag). Where the parameter file has electrical causes, phi is what the amplifier must be told, and
+    /// film1_V to film3_V are the voltages on the films; a hanging sample has phi_V. Of an axis, its input:
+    /// measured and predicted
     Voltage(Arguments),
-    /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag); of a hinge bench its torque, of a film coupon its stress
+    /// Motion and voltages to the force on the end effector (CSV: time_s, Fx_N, Fy_N, Fz_N, flag); of a hinge
+    /// bench its torque, of a film coupon its stress
     Force(Arguments),
-    /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag; a hanging sample has x_mm downwards, zero at rest)
+    /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag; a hanging sample
+    /// has x_mm downwards, zero at rest)
     Motion(Arguments),
 }
 
@@ -54,8 +59,8 @@ pub(super) struct Arguments {
     /// plan.toml of an earlier run, to make the same choices again
     #[arg(long)]
     plan: Option<PathBuf>,
-    /// File to write (default: standard output). Voltages as .mcap, .mat (MATLAB) or .npz (NumPy) come with the aligned recording
-    /// and the residual
+    /// File to write (default: standard output). Voltages as .mcap, .mat (MATLAB) or .npz (NumPy) come with
+    /// the aligned recording and the residual
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// The aligned recording and the residual in the CSV too, every digit
@@ -143,7 +148,8 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     } else if is_whole(a) {
         let path = a.output.as_deref().unwrap_or(Path::new(""));
         let provenance = Provenance::of(command, &recordings);
-        // where the amplifier must be told another voltage than the film gets, that is compared with the command
+        // where the amplifier must be told another voltage than the film gets, that is compared with the
+        // command
         let mut whole = r.clone();
         if let Some(told) = command_v {
             whole.predicted_v = told;
@@ -162,7 +168,8 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     Ok(())
 }
 
-/// The motion that the recorded voltages make. What was captured is not looked at, but for a clock offset that is to be estimated.
+/// The motion that the recorded voltages make. What was captured is not looked at, but for a clock offset
+/// that is to be estimated.
 fn motion(
     a: &Arguments,
     robot: &Robot,

@@ -1,4 +1,5 @@
-//! Progress on standard error: one line that changes where somebody looks, now and then a line where it goes to a file or a pipe.
+//! Progress on standard error: one line that changes where somebody looks, now and then a line where it goes
+//! to a file or a pipe.
 
 use std::io::IsTerminal;
 use std::ops::ControlFlow;

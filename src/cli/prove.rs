@@ -25,7 +25,8 @@ use crate::report::proof::render_proof;
 /// What to prove on.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Folder of cases: <case>/train/<recording>, <case>/holdout/<recording>, of a robot <case>/rig.toml (default: own cases are made)
+    /// Folder of cases: <case>/train/<recording>, <case>/holdout/<recording>, of a robot <case>/rig.toml
+    /// (default: own cases are made)
     #[arg(long, value_name = "DIR")]
     cases: Option<PathBuf>,
     /// Folder of answers: <case>.json (default: <case>/truth.json)
@@ -40,13 +41,16 @@ pub(super) struct Arguments {
     /// Seed of the own cases
     #[arg(long, default_value_t = 1, conflicts_with = "cases")]
     seed: u64,
-    /// Drives of the own cases: what an experimenter ordinarily does, the program's own protocol, or three short recordings
+    /// Drives of the own cases: what an experimenter ordinarily does, the program's own protocol, or three
+    /// short recordings
     #[arg(long, value_name = "ordinary|protocol|short", default_value = "ordinary", value_parser = parse_drive, conflicts_with = "cases")]
     drive: DriveSet,
-    /// Let effects act in the very form that the catalogue gives them: do the intervals hold what they promise?
+    /// Let effects act in the very form that the catalogue gives them: do the intervals hold what they
+    /// promise?
     #[arg(long, conflicts_with_all = ["cases", "keep"])]
     own_form: bool,
-    /// Own robots that are only nearly their drawings: parts, marker, axes and clocks off by up to usual workshop tolerances
+    /// Own robots that are only nearly their drawings: parts, marker, axes and clocks off by up to usual
+    /// workshop tolerances
     #[arg(long, conflicts_with_all = ["cases", "own_form"])]
     built: bool,
     /// Kinds of the planned cases that are made: clean, single, pair, unknown (default: all)
@@ -331,7 +335,8 @@ fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(out)
 }
 
-/// The cases of a folder. Each has an answer that can be read: that is looked at now, hours before it is needed, and forgotten.
+/// The cases of a folder. Each has an answer that can be read: that is looked at now, hours before it is
+/// needed, and forgotten.
 fn cases_of(cases: &Path, answers: Option<&Path>) -> Result<Vec<PathBuf>, Failure> {
     let list: Vec<PathBuf> = folders(cases)?
         .into_iter()

@@ -1,7 +1,9 @@
-//! A long run that can be taken up again: what is done is written down piece by piece, in a file beside the results, until they are there.
+//! A long run that can be taken up again: what is done is written down piece by piece, in a file beside the
+//! results, until they are there.
 //!
-//! The first line says of what run the pieces are; every other line is a piece: its name, what it says in words, and its bytes. A line
-//! that was cut off counts as not written. A piece comes back to the very bits, so that a run that was stopped gives the same files.
+//! The first line says of what run the pieces are; every other line is a piece: its name, what it says in
+//! words, and its bytes. A line that was cut off counts as not written. A piece comes back to the very bits,
+//! so that a run that was stopped gives the same files.
 
 use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
@@ -53,7 +55,8 @@ pub(super) struct Pieces {
 }
 
 impl Pieces {
-    /// Opens the pieces of `run` at `path`, or begins them. Those of another run are an error, unless anything may be overwritten.
+    /// Opens the pieces of `run` at `path`, or begins them. Those of another run are an error, unless
+    /// anything may be overwritten.
     pub(super) fn open(path: &Path, run: &Run, overwrite: Overwrite) -> Result<Self, Failure> {
         let io = |e| OutputError::io(path, e);
         if let Some(folder) = path.parent() {

@@ -56,8 +56,8 @@ fn occasions<'a>(recordings: &'a [Recording], datasets: &[Dataset]) -> Vec<Occas
     .collect()
 }
 
-/// Puts recordings in the order in which they were made. Numbers are the leading ones of the ids, otherwise the order of the stated
-/// beginnings, otherwise that of the command line.
+/// Puts recordings in the order in which they were made. Numbers are the leading ones of the ids, otherwise
+/// the order of the stated beginnings, otherwise that of the command line.
 pub(super) fn order(recordings: &[Recording], datasets: &[Dataset]) -> Result<Series, Failure> {
     order_of(&occasions(recordings, datasets))
 }
@@ -165,7 +165,8 @@ pub(super) fn at_work(
     at_work_on(file, &occasions(recordings, datasets))
 }
 
-/// The causes of `file` at work on some occasions. A moment that is stated without its recording lies in the first of them.
+/// The causes of `file` at work on some occasions. A moment that is stated without its recording lies in the
+/// first of them.
 pub(super) fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork, Failure> {
     if file.effects.is_empty() {
         return Ok(AtWork {

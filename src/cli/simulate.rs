@@ -31,20 +31,21 @@ pub(super) struct Arguments {
     /// Parameter file: the truth of the simulation, its [[effect]] tables included
     #[arg(long)]
     params: PathBuf,
-    /// A cause that the plain model leaves out, at work beside those of the parameter file: ID:NAME=VALUE,NAME=VALUE with the names and
-    /// units of [[effect]], in all actuators or in those after an `@`; may be given several times.
-    /// series_resistance:resistance=1e7@2;
-    /// marker_offset:offset=1e-3/0/0 (m; or offset_x=1e-3);
-    /// link_length_error:link=q,relative_error=0.01;
-    /// electrode_failure:fraction=0.2,time=4@1 (4 s into this recording, or into the one named by recording=ID).
-    /// Electrical causes act in their order, from the amplifier to the film. A planned path or circle knows nothing of causes
+    /// A cause that the plain model leaves out, at work beside those of the parameter file:
+    /// ID:NAME=VALUE,NAME=VALUE with the names and units of [[effect]], in all actuators or in those after an
+    /// `@`; may be given several times. series_resistance:resistance=1e7@2; marker_offset:offset=1e-3/0/0 (m;
+    /// or offset_x=1e-3); link_length_error:link=q,relative_error=0.01;
+    /// electrode_failure:fraction=0.2,time=4@1 (4 s into this recording, or into the one named by
+    /// recording=ID). Electrical causes act in their order, from the amplifier to the film. A planned path or
+    /// circle knows nothing of causes
     #[arg(
         long,
         value_name = "ID:NAME=VALUE[@ACTUATOR]",
         value_parser = parse_effect
     )]
     effect: Vec<Effect>,
-    /// Voltages to apply (CSV: time_s, phi1_kV, phi2_kV, phi3_kV, or phi1_V, ...; of a sample phi_kV or phi_V); the first row is time 0
+    /// Voltages to apply (CSV: time_s, phi1_kV, phi2_kV, phi3_kV, or phi1_V, ...; of a sample phi_kV or
+    /// phi_V); the first row is time 0
     #[arg(long, value_name = "FILE")]
     voltage: Option<PathBuf>,
     /// Built-in drive, KIND:KEY=VALUE,KEY=VALUE; lists with `/`, one voltage for all actuators or three.
@@ -56,7 +57,8 @@ pub(super) struct Arguments {
     /// circle:radius_mm=5,height_mm=-50 (period_s=3, turns=5, move_s=3), through the inverse model
     #[arg(long, value_name = "DRIVE")]
     drive: Option<DriveText>,
-    /// Planned path (CSV: time_s, x_mm, y_mm, z_mm): its voltages come from the inverse model; the plan is left as planned.csv
+    /// Planned path (CSV: time_s, x_mm, y_mm, z_mm): its voltages come from the inverse model; the plan is
+    /// left as planned.csv
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     /// Length, s (default: 60 for sine, multisine and chirp, else as long as the drive lasts)
@@ -544,7 +546,8 @@ fn robot(a: &Arguments, rig: &RobotRig) -> Result<Made, Failure> {
     })
 }
 
-/// The point about which a capture's axes turn: the base marker less the end effector marker's offset, as recordings are read.
+/// The point about which a capture's axes turn: the base marker less the end effector marker's offset, as
+/// recordings are read.
 fn pivot_m(placement: &Placement) -> Vec3 {
     [0, 1, 2].map(|i| placement.base_position_m[i] - placement.end_effector_offset_m[i])
 }

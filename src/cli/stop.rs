@@ -1,7 +1,9 @@
-//! Stopping: Ctrl-C and SIGTERM (and SIGHUP, unless `nohup` or a shell has it ignored) end the program at once, wherever it is.
+//! Stopping: Ctrl-C and SIGTERM (and SIGHUP, unless `nohup` or a shell has it ignored) end the program at
+//! once, wherever it is.
 //!
-//! Results are put in place as a whole or not at all, so there is nothing that a job would have to end itself: one thread waits for the
-//! signal, takes away what is not complete, says so and exits. Exit status: 128 and the number of the signal.
+//! Results are put in place as a whole or not at all, so there is nothing that a job would have to end
+//! itself: one thread waits for the signal, takes away what is not complete, says so and exits. Exit status:
+//! 128 and the number of the signal.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -36,8 +38,8 @@ pub(super) fn listen() {
             if is_ignored(signal) {
                 continue;
             }
-            // A second signal ends the program even if the first one cannot. Where neither can be set, the system's way of ending it
-            // leaves no file half-written either.
+            // A second signal ends the program even if the first one cannot. Where neither can be set, the
+            // system's way of ending it leaves no file half-written either.
             let number = usize::try_from(signal).unwrap_or(0);
             let _ = signal_hook::flag::register_conditional_shutdown(
                 signal,
@@ -69,7 +71,8 @@ fn signals() -> Vec<(i32, &'static str)> {
     all
 }
 
-/// Whether whoever started the program has it ignore a signal (`nohup`; `&` in a script). Known on Linux; elsewhere SIGHUP is left alone.
+/// Whether whoever started the program has it ignore a signal (`nohup`; `&` in a script). Known on Linux;
+/// elsewhere SIGHUP is left alone.
 fn is_ignored(signal: i32) -> bool {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
         return signal != SIGINT && signal != SIGTERM;

@@ -31,8 +31,8 @@ pub(super) struct Arguments {
     /// plan.toml of an earlier run, to make the same choices again
     #[arg(long)]
     plan: Option<PathBuf>,
-    /// Planned path of the recording (CSV: time_s, x_mm, y_mm, z_mm on the motion clock): the measured path is held against it
-    /// instead of against the forward dynamics
+    /// Planned path of the recording (CSV: time_s, x_mm, y_mm, z_mm on the motion clock): the measured path
+    /// is held against it instead of against the forward dynamics
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     /// Folder for the results

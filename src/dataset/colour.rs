@@ -1,10 +1,11 @@
-//! The colour of the capture's noise: whether it is white, or has a slow part besides, told from a marker that stands still.
-//! (What smoothing leaves of a moving one, well above the motion's frequencies, does not tell: the slow part is small there.)
+//! The colour of the capture's noise: whether it is white, or has a slow part besides, told from a marker
+//! that stands still. (What smoothing leaves of a moving one, well above the motion's frequencies, does not
+//! tell: the slow part is small there.)
 //!
-//! A slow part (a first-order autoregression) is larger within the motion's band than above it, so a floor that takes the noise
-//! for white is too low there. Its spectrum over that of the white part,
-//! rho (1 - a)^2/(1 - 2 a cos(w) + a^2) with a = e^(-step/tau), is fitted by Whittle's likelihood to
-//! averaged periodograms of half-overlapping pieces (Welch 1967), all three axes together.
+//! A slow part (a first-order autoregression) is larger within the motion's band than above it, so a floor
+//! that takes the noise for white is too low there. Its spectrum over that of the white part, rho (1 -
+//! a)^2/(1 - 2 a cos(w) + a^2) with a = e^(-step/tau), is fitted by Whittle's likelihood to averaged
+//! periodograms of half-overlapping pieces (Welch 1967), all three axes together.
 
 /// A slow part of the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,17 +19,20 @@ pub struct Colour {
 /// Length of a piece, samples; twice that where there are enough of them.
 const PIECE: usize = 256;
 const ENOUGH: usize = 2048;
-/// Correlation times that are tried, s. Wander that is slower still lies below the frequencies that are looked at.
+/// Correlation times that are tried, s. Wander that is slower still lies below the frequencies that are
+/// looked at.
 const TIMES_S: [f64; 12] = [
     0.015, 0.022, 0.032, 0.047, 0.068, 0.1, 0.15, 0.22, 0.32, 0.47, 0.68, 1.0,
 ];
-/// Steps of the slow part's variance over the white part's that are tried, each a quarter more than the last, from 1 %.
+/// Steps of the slow part's variance over the white part's that are tried, each a quarter more than the last,
+/// from 1 %.
 const VARIANCES: i32 = 40;
 /// Rise of the log likelihood from which a slow part is believed.
 const BELIEVED: f64 = 5.0;
 
-/// The slow part of the noise in `left` (what was measured of each axis less what moved; NaN where nothing was measured), where the
-/// likelihood asks for one. Only frequencies above `lowest_hz` of each axis are looked at.
+/// The slow part of the noise in `left` (what was measured of each axis less what moved; NaN where nothing
+/// was measured), where the likelihood asks for one. Only frequencies above `lowest_hz` of each axis are
+/// looked at.
 pub fn colour(left: &[Vec<f64>], lowest_hz: &[f64], step_s: f64) -> Option<Colour> {
     let pi = std::f64::consts::PI;
     let longest = left.iter().map(Vec::len).max().unwrap_or(0);
@@ -87,8 +91,8 @@ pub fn colour(left: &[Vec<f64>], lowest_hz: &[f64], step_s: f64) -> Option<Colou
     best.1
 }
 
-/// Mean periodogram of the half-overlapping pieces without a gap (a Hann window each; white noise makes its variance in every bin), and their
-/// number.
+/// Mean periodogram of the half-overlapping pieces without a gap (a Hann window each; white noise makes its
+/// variance in every bin), and their number.
 fn periodogram(values: &[f64], length: usize) -> (Vec<f64>, f64) {
     let pi = std::f64::consts::PI;
     let window: Vec<f64> = (0..length)
@@ -135,11 +139,12 @@ pub struct Filtered {
     pub noise: f64,
 }
 
-/// Fall of the noise's spectrum over an octave from which it is a filter's: a slow part falls by 4 at most, a filter of second order by 16.
+/// Fall of the noise's spectrum over an octave from which it is a filter's: a slow part falls by 4 at most, a
+/// filter of second order by 16.
 const STEEP: f64 = 8.0;
 
-/// The filter in `still` (each axis of a marker that stands still less its mean; NaN where nothing was measured), where its spectrum falls more
-/// steeply than noise does.
+/// The filter in `still` (each axis of a marker that stands still less its mean; NaN where nothing was
+/// measured), where its spectrum falls more steeply than noise does.
 pub fn filtered(still: &[Vec<f64>], step_s: f64) -> Option<Filtered> {
     let mut level = vec![0.0; PIECE / 2];
     for axis in still {
@@ -184,11 +189,13 @@ pub fn filtered(still: &[Vec<f64>], step_s: f64) -> Option<Filtered> {
     })
 }
 
-/// Lowest bin at which a filter is looked for: 2.3 Hz of 100 Hz. Lower ones would take the motion with the noise.
+/// Lowest bin at which a filter is looked for: 2.3 Hz of 100 Hz. Lower ones would take the motion with the
+/// noise.
 const LOWEST_BIN: f64 = 6.0;
 
 impl Filtered {
-    /// White noise of this size less what the filter would have left of it: with it the noise of a filtered capture is white again.
+    /// White noise of this size less what the filter would have left of it: with it the noise of a filtered
+    /// capture is white again.
     pub fn missing(&self, count: usize, step_s: f64, generator: &mut impl rand::Rng) -> Vec<f64> {
         use rand_distr::Distribution;
         let pi = std::f64::consts::PI;

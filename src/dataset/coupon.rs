@@ -1,26 +1,30 @@
-//! A film coupon: stretch and nominal stress on one clock, SI, with a mask, the noise of the stress, and a grid in time.
+//! A film coupon: stretch and nominal stress on one clock, SI, with a mask, the noise of the stress, and a
+//! grid in time.
 //!
 //! # What is done to the rows
-//! *Stretch* is `1 + displacement/gauge` or as given; *nominal stress* is `force/(width thickness)` of the unstretched section or as
-//! given. Nothing is smoothed, shifted or zeroed: the stress of the first rows (preload, zero of the load cell) stays where it is
-//! and its size is noted. A row is masked, and a note says so, where time does not come after every earlier row, where a value is
-//! missing, or where the stretch is not positive. A row with a stretch but no stress still carries the history.
+//! *Stretch* is `1 + displacement/gauge` or as given; *nominal stress* is `force/(width thickness)` of the
+//! unstretched section or as given. Nothing is smoothed, shifted or zeroed: the stress of the first rows
+//! (preload, zero of the load cell) stays where it is and its size is noted. A row is masked, and a note says
+//! so, where time does not come after every earlier row, where a value is missing, or where the stretch is
+//! not positive. A row with a stretch but no stress still carries the history.
 //!
 //! # The grid
-//! The film forgets on a logarithmic clock, so that the steps that a history needs grow with the time since the rate last
-//! changed. Corners are the knots of the coarsest polygon that stays within a tolerance of the measured stretch (Douglas and
-//! Peucker 1973, Cartographica 10:112); from each corner on the grid takes [`GridChoice::steps`] steps of a quarter of the
-//! recorded step, then half as many of twice that, of four times, and so on; no step changes ln lambda by more than
-//! [`GridChoice::largest_log_step`]. Corners closer than a few rows are joined into one run of the recorded step. Between two
-//! rows the stretch is linear in time. A 1800 s hold at 50 Hz is about 500 nodes instead of 90 000, and a T of any size between step
-//! and duration sees about thirty steps in each doubling of time. A film that begins virgin but stretched starts with a sixteenth
-//! of the recorded step. The grid carries the history only: the residual is that of every row (see `residual::coupon`).
+//! The film forgets on a logarithmic clock, so that the steps that a history needs grow with the time since
+//! the rate last changed. Corners are the knots of the coarsest polygon that stays within a tolerance of the
+//! measured stretch (Douglas and Peucker 1973, Cartographica 10:112); from each corner on the grid takes
+//! [`GridChoice::steps`] steps of a quarter of the recorded step, then half as many of twice that, of four
+//! times, and so on; no step changes ln lambda by more than [`GridChoice::largest_log_step`]. Corners closer
+//! than a few rows are joined into one run of the recorded step. Between two rows the stretch is linear in
+//! time. A 1800 s hold at 50 Hz is about 500 nodes instead of 90 000, and a T of any size between step and
+//! duration sees about thirty steps in each doubling of time. A film that begins virgin but stretched starts
+//! with a sixteenth of the recorded step. The grid carries the history only: the residual is that of every
+//! row (see `residual::coupon`).
 //!
 //! # Noise
-//! The standard deviation of the stress is that of its third differences over sqrt(20), by their median: high frequencies
-//! only, robust against corners, never from a misfit, and never below what the written digits resolve. Noise that the
-//! instrument has filtered comes out too small. Below [`FEW_ROWS`] rows third differences see the curve itself, and the number is an
-//! upper bound; [`Coupon::noise_known`] says so.
+//! The standard deviation of the stress is that of its third differences over sqrt(20), by their median: high
+//! frequencies only, robust against corners, never from a misfit, and never below what the written digits
+//! resolve. Noise that the instrument has filtered comes out too small. Below [`FEW_ROWS`] rows third
+//! differences see the curve itself, and the number is an upper bound; [`Coupon::noise_known`] says so.
 
 use serde::{Deserialize, Serialize};
 
@@ -33,7 +37,8 @@ use crate::recording::{FilmState, RawCoupon, RawElongation, RawLoad, Recording};
 pub const FEW_ROWS: usize = 64;
 /// Corners closer than this many recorded steps are joined.
 const JOIN_STEPS: f64 = 16.0;
-/// The recorded step is divided by this after a corner: where T is near the step, the scheme's error is made there.
+/// The recorded step is divided by this after a corner: where T is near the step, the scheme's error is made
+/// there.
 const CORNER_SUBSTEPS: f64 = 4.0;
 /// The recorded step is divided by this at the start of a virgin film that begins stretched.
 const JUMP_SUBSTEPS: f64 = 16.0;
@@ -415,8 +420,8 @@ impl Coupon {
         self.grid.time_s[self.grid.time_s.len() - 1] - self.grid.time_s[0]
     }
 
-    /// Stretches (lambda_1, lambda_2) of the mode at a stretch lambda_1. Uniaxial: lambda_1^(-1/2), whatever the moduli (see
-    /// `residual::coupon`).
+    /// Stretches (lambda_1, lambda_2) of the mode at a stretch lambda_1. Uniaxial: lambda_1^(-1/2), whatever
+    /// the moduli (see `residual::coupon`).
     pub fn stretches(&self, lambda: f64) -> [f64; 2] {
         match self.mode {
             CouponMode::Uniaxial => [lambda, 1.0 / lambda.sqrt()],
@@ -522,7 +527,8 @@ fn note_slack(
     }
 }
 
-/// Standard deviation of white noise in the stress: third differences over consecutive equal steps, by their median.
+/// Standard deviation of white noise in the stress: third differences over consecutive equal steps, by their
+/// median.
 fn noise(counted: &[usize], time_s: &[f64], stress_pa: &[f64], step_s: f64) -> f64 {
     let equal = |w: &[usize]| {
         w.windows(2).all(|p| {
@@ -598,7 +604,8 @@ impl Grid {
     }
 }
 
-/// Rows that are corners of the coarsest polygon within `tolerance` of all rows (Douglas and Peucker), ends included.
+/// Rows that are corners of the coarsest polygon within `tolerance` of all rows (Douglas and Peucker), ends
+/// included.
 fn corners(t: &[f64], x: &[f64], tolerance: f64) -> Vec<usize> {
     let mut keep = vec![false; t.len()];
     (keep[0], keep[t.len() - 1]) = (true, true);
@@ -638,7 +645,8 @@ fn lay_grid(t: &[f64], x: &[f64], jump: bool, choice: &GridChoice) -> (Grid, Vec
     };
     let log_limit = choice.largest_log_step.max(1e-6);
     let mut runs: Vec<(f64, usize)> = Vec::new();
-    // Cuts a piece of time into equal steps no longer than `step` that change ln lambda by no more than the limit.
+    // Cuts a piece of time into equal steps no longer than `step` that change ln lambda by no more than the
+    // limit.
     let cut = |length: f64, step: f64, log_change: f64| {
         let steps = (length / step - 1e-6).max(log_change / log_limit).ceil();
         let steps = (steps as usize).max(1);

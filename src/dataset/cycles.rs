@@ -20,10 +20,12 @@ pub struct Cycles {
     pub broken_s: Option<f64>,
 }
 
-/// The cycles of sum_k phi_k^2 with the clock offset `offset_s`, between `from_s` and `to_s` of the motion clock.
+/// The cycles of sum_k phi_k^2 with the clock offset `offset_s`, between `from_s` and `to_s` of the motion
+/// clock.
 ///
-/// A rise is a crossing from below a third to above two thirds of the range. The period is the mean distance of the rises up to the first
-/// that comes too early or late; a cycle begins where the fundamental of phi^2 is smallest.
+/// A rise is a crossing from below a third to above two thirds of the range. The period is the mean distance
+/// of the rises up to the first that comes too early or late; a cycle begins where the fundamental of phi^2
+/// is smallest.
 ///
 /// # Errors
 /// A sentence, where the voltage does not rise twice at equal distances.

@@ -1,16 +1,19 @@
-//! Gaps of a robot's capture that are too long for the smoother: what the voltages made of the motion elsewhere is taken for the
-//! motion inside, and what that leaves open is drawn like the rest of the capture's uncertainty.
+//! Gaps of a robot's capture that are too long for the smoother: what the voltages made of the motion
+//! elsewhere is taken for the motion inside, and what that leaves open is drawn like the rest of the
+//! capture's uncertainty.
 //!
-//! Left to itself the smoother runs out of a gap of seconds on polynomials, and the film's history with it. Instead position is
-//! regressed, over the frames that were captured, on the squared voltages now, slowed by 0.3, 3 and 30 s, and in products:
+//! Left to itself the smoother runs out of a gap of seconds on polynomials, and the film's history with it.
+//! Instead position is regressed, over the frames that were captured, on the squared voltages now, slowed by
+//! 0.3, 3 and 30 s, and in products:
 //!
 //! ```text
 //! u = w_0 + sum_k (w_k s_k + sum_T w_kT s_kT) + sum_kl w_kl s_k s_l,   s_k = phi_k^2,  s_kT' = (s_k - s_kT)/T
 //! ```
 //!
-//! Inside the gap the path is that of the regression, shifted by a straight line in time so that it meets what was captured on both
-//! sides. A draw adds a stretch of the regression's own error, from a place of the recording chosen at random and pinned to 0 at the
-//! captured sides. Voltages that do not change tell nothing: the path is then the straight line, and its error that of a hold.
+//! Inside the gap the path is that of the regression, shifted by a straight line in time so that it meets
+//! what was captured on both sides. A draw adds a stretch of the regression's own error, from a place of the
+//! recording chosen at random and pinned to 0 at the captured sides. Voltages that do not change tell
+//! nothing: the path is then the straight line, and its error that of a hold.
 
 use nalgebra::{DMatrix, DVector};
 use rand::{Rng, RngExt};
@@ -25,7 +28,8 @@ const SLOWED_S: [f64; 3] = [0.3, 3.0, 30.0];
 const FEATURES: usize = 1 + 3 + 3 * SLOWED_S.len() + 6;
 /// Captured frames a feature below which only the mean is taken.
 const FRAMES_A_FEATURE: usize = 10;
-/// Ridge of the regression, of the features' own squares: directions in which the voltages hardly differ are left alone.
+/// Ridge of the regression, of the features' own squares: directions in which the voltages hardly differ are
+/// left alone.
 const RIDGE: f64 = 1e-6;
 
 /// Long gaps and what their motion was like.
@@ -100,7 +104,8 @@ fn regression(rows: &[[f64; FEATURES]], seen: &[usize], position: &[Vec3]) -> Ve
         .collect()
 }
 
-/// The value at frame i of the straight line through what is known on the two sides of a gap; the known one where there is one.
+/// The value at frame i of the straight line through what is known on the two sides of a gap; the known one
+/// where there is one.
 fn between(sides: [Option<Vec3>; 2], i: usize, (start, length): (usize, usize)) -> Vec3 {
     let f = (i + 1 - start) as f64 / (length + 1) as f64;
     match sides {
@@ -148,8 +153,8 @@ impl Bridges {
         })
     }
 
-    /// Bridges the `gaps` (first frame and length) of a smoothed track, read with the clock offset already in `start_s`; `None` without
-    /// any.
+    /// Bridges the `gaps` (first frame and length) of a smoothed track, read with the clock offset already in
+    /// `start_s`; `None` without any.
     pub(super) fn over(
         gaps: Vec<(usize, usize)>,
         captured: &[bool],
@@ -190,8 +195,8 @@ impl Bridges {
         })
     }
 
-    /// Puts into the gaps of `track` the path of `own` (the bridged one), shifted so that it meets `track` on both sides; with a
-    /// generator a draw of what is open is added.
+    /// Puts into the gaps of `track` the path of `own` (the bridged one), shifted so that it meets `track` on
+    /// both sides; with a generator a draw of what is open is added.
     pub(super) fn carry(&self, own: &Track, track: &mut Track, generator: Option<&mut impl Rng>) {
         let n = track.position_m.len();
         let mut generator = generator;

@@ -1,10 +1,13 @@
-//! One coordinate against one measured quantity: a hinge bench (angle, torque), a single axis (position or velocity, input), a film
-//! coupon (stretch, stress). SI units, a mask, the noise, and for an axis the band in which its motion stands above the noise.
+//! One coordinate against one measured quantity: a hinge bench (angle, torque), a single axis (position or
+//! velocity, input), a film coupon (stretch, stress). SI units, a mask, the noise, and for an axis the band
+//! in which its motion stands above the noise.
 //!
 //! # Band of an axis
-//! The balance of an axis needs an acceleration, and noise grows with the square of the frequency. Motion, input and load go through one
-//! and the same low-pass, flat up to f and zero from 1.3 f on; the derivatives are part of it (a finite kernel each), so that nothing is
-//! differentiated that was not measured. f is where a wider band would bring more noise than motion to the balance, read from the spectrum of the coordinate and its floor.
+//! The balance of an axis needs an acceleration, and noise grows with the square of the frequency. Motion,
+//! input and load go through one and the same low-pass, flat up to f and zero from 1.3 f on; the derivatives
+//! are part of it (a finite kernel each), so that nothing is differentiated that was not measured. f is where
+//! a wider band would bring more noise than motion to the balance, read from the spectrum of the coordinate
+//! and its floor.
 
 use super::coupon::LARGEST;
 use super::noise::white;
@@ -190,7 +193,8 @@ const RAIL: usize = 4;
 const MANY: usize = 20;
 /// A step is a jump from so many times the size on that 99 of 100 steps do not exceed.
 const JUMP: f64 = 3.0;
-/// A leap of a sensor that loses its target is so many times that size at least, and what follows is still within this share of it.
+/// A leap of a sensor that loses its target is so many times that size at least, and what follows is still
+/// within this share of it.
 const LEAP: f64 = 5.0;
 const STAYS: f64 = 1e-3;
 /// Times closer than this share of a step to an even clock are taken to be on it.
@@ -287,8 +291,8 @@ fn check(id: &str, usable: &[bool], columns: &[(&'static str, &[f64])]) -> Resul
     Ok(())
 }
 
-/// Samples at the rail of a sensor: the largest or smallest value, many times in a row, while another quantity goes on changing by
-/// more than its noise.
+/// Samples at the rail of a sensor: the largest or smallest value, many times in a row, while another
+/// quantity goes on changing by more than its noise.
 fn at_rail(x: &[f64], other: &[f64], noise: f64) -> Vec<bool> {
     let mut out = vec![false; x.len()];
     let finite = || x.iter().copied().filter(|v| v.is_finite());
@@ -316,7 +320,8 @@ fn at_rail(x: &[f64], other: &[f64], noise: f64) -> Vec<bool> {
     out
 }
 
-/// Of short runs at a rail, those that a jump leads to or from, as a sensor makes them that loses its target; an encoder at rest stays.
+/// Of short runs at a rail, those that a jump leads to or from, as a sensor makes them that loses its target;
+/// an encoder at rest stays.
 fn keep_jumps(x: &[f64], rail: &mut [bool]) {
     let mut steps: Vec<f64> = x
         .windows(2)
@@ -342,8 +347,8 @@ fn keep_jumps(x: &[f64], rail: &mut [bool]) {
     }
 }
 
-/// Samples of a sensor that loses its target: one leap away, nearly still, and one leap back. Only few of a recording: what leaps often is the
-/// motion itself.
+/// Samples of a sensor that loses its target: one leap away, nearly still, and one leap back. Only few of a
+/// recording: what leaps often is the motion itself.
 fn torn_away(x: &[f64]) -> Vec<bool> {
     let mut lost = vec![false; x.len()];
     let mut steps: Vec<f64> = x
@@ -678,7 +683,8 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         .unzip();
     check(id, &gaps, &[("coordinate", &x), ("input", &input)])?;
     let (floor, band_hz) = band(&x, step_s, if velocity { 1 } else { 2 });
-    // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at its ends.
+    // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at
+    // its ends.
     let (mut grid, mut x) = (grid, x);
     let still = |part: &[f64]| {
         let still = range(part) < STILL * range(&x);
@@ -747,8 +753,8 @@ const AT_REST: f64 = 0.02;
 /// Correlation of neighbours below which samples are noise.
 const WHITE: f64 = 0.3;
 
-/// Standard deviations of coordinate and input where the recording rests: the noise that an instrument has in its band, which the floor
-/// of a spectrum hides behind an anti-aliasing filter. `None` where nothing rests.
+/// Standard deviations of coordinate and input where the recording rests: the noise that an instrument has in
+/// its band, which the floor of a spectrum hides behind an anti-aliasing filter. `None` where nothing rests.
 fn noise_at_rest(x: &[f64], input: &[f64]) -> Option<(f64, f64)> {
     let spread = |values: &[f64]| {
         let n = values.len() as f64;
@@ -796,8 +802,8 @@ const ABOVE_FLOOR: f64 = 4.0;
 /// The band never reaches further than this share of the sampling rate.
 const WIDEST: f64 = 0.36;
 
-/// Variance of the white floor of a signal, and the frequency up to which its derivative (of the order that the balance needs) stands
-/// above that floor, Hz (Welch's averaged periodogram, Hann window).
+/// Variance of the white floor of a signal, and the frequency up to which its derivative (of the order that
+/// the balance needs) stands above that floor, Hz (Welch's averaged periodogram, Hann window).
 fn band(values: &[f64], step_s: f64, derivatives: i32) -> (f64, f64) {
     let size = PIECE.min(values.len() / 2 * 2).max(8);
     let count = (2 * values.len() / size).saturating_sub(1).clamp(1, PIECES);
@@ -836,8 +842,8 @@ fn band(values: &[f64], step_s: f64, derivatives: i32) -> (f64, f64) {
     let mut top: Vec<f64> = power[bins * 85 / 100..].to_vec();
     top.sort_by(f64::total_cmp);
     let floor = top[top.len() / 2];
-    // what a wider band brings of the balance's derivative, less the noise that comes with it: a far line has to be worth the noise
-    // between
+    // what a wider band brings of the balance's derivative, less the noise that comes with it: a far line has
+    // to be worth the noise between
     let (mut sum, mut best, mut end) = (0.0, 0.0, 6);
     for (k, p) in power.iter().enumerate().skip(1) {
         sum += (p - ABOVE_FLOOR * floor) * (k as f64).powi(2 * derivatives);

@@ -1,5 +1,6 @@
-//! One clock, one world frame, SI, a mask, and the motion with its derivatives and its noise. Discards no sample, marks it;
-//! writes down every choice it made in a [`Plan`], which can be given back to make the same choices again.
+//! One clock, one world frame, SI, a mask, and the motion with its derivatives and its noise. Discards no
+//! sample, marks it; writes down every choice it made in a [`Plan`], which can be given back to make the same
+//! choices again.
 
 mod colour;
 mod coupon;
@@ -78,8 +79,9 @@ pub struct Dataset {
     pub axes: [SmoothedAxis; 3],
     /// Samples whose motion can be used: captured, or in a gap that the smoother bridges.
     pub usable: Vec<bool>,
-    /// Samples about a gap that the smoother cannot bridge: beside it derivatives rest on one side, and after it what the film went
-    /// through is not known; and the first of each further stretch. Neither a fit nor an error counts them.
+    /// Samples about a gap that the smoother cannot bridge: beside it derivatives rest on one side, and after
+    /// it what the film went through is not known; and the first of each further stretch. Neither a fit nor
+    /// an error counts them.
     pub film_unknown: Vec<bool>,
     /// Payload at each frame, kg.
     pub payload_kg: Vec<f64>,
@@ -95,7 +97,8 @@ pub struct Dataset {
     pub initial: InitialState,
     /// The slow part of the capture's noise, where a marker that stands still tells of one.
     pub colour: Option<Colour>,
-    /// The point about which wrongly rotated capture axes turn: the base marker less the offset of the end-effector marker, m.
+    /// The point about which wrongly rotated capture axes turn: the base marker less the offset of the
+    /// end-effector marker, m.
     pub pivot_m: Vec3,
     /// Every choice that was made.
     pub plan: Plan,
@@ -175,8 +178,8 @@ impl Dataset {
     /// Smooths, masks and aligns. `plan` fixes choices that were made before.
     ///
     /// # Errors
-    /// [`Error::TooShort`] when fewer than 16 frames were captured, [`Error::NoOverlap`] when voltage and motion share no
-    /// time.
+    /// [`Error::TooShort`] when fewer than 16 frames were captured, [`Error::NoOverlap`] when voltage and
+    /// motion share no time.
     pub fn new(parts: Parts, plan: Option<&Plan>) -> Result<Self, Error> {
         let axis = |k: usize| -> Result<SmoothedAxis, Error> {
             let values: Vec<f64> = parts.measured_m.iter().map(|p| p[k]).collect();
@@ -275,7 +278,8 @@ impl Dataset {
         })
     }
 
-    /// Takes the colour of the capture's noise from a marker that stands still (the base), as measured, in any unit.
+    /// Takes the colour of the capture's noise from a marker that stands still (the base), as measured, in
+    /// any unit.
     pub fn colour_from(&mut self, still: &[Vec3]) {
         let axes = about_the_mean(still);
         let moves = axes
@@ -342,7 +346,8 @@ impl Dataset {
         track
     }
 
-    /// The smoothed track with the capture's noise once more: plus `times` what the smoother makes of a draw of it.
+    /// The smoothed track with the capture's noise once more: plus `times` what the smoother makes of a draw
+    /// of it.
     pub fn noisier_track(&self, generator: &mut impl Rng, times: f64) -> Track {
         let mut track = self.track();
         for (k, axis) in self.axes.iter().enumerate() {
@@ -372,8 +377,8 @@ impl Dataset {
         }
     }
 
-    /// The track of another motion, m a frame, had it been captured and smoothed as this one was: with `times` a draw of the capture's
-    /// noise, and its gaps. `None` where it is not known at too many frames.
+    /// The track of another motion, m a frame, had it been captured and smoothed as this one was: with
+    /// `times` a draw of the capture's noise, and its gaps. `None` where it is not known at too many frames.
     pub fn retaken_track(
         &self,
         position_m: &[Vec3],
@@ -397,7 +402,8 @@ impl Dataset {
         Some(track)
     }
 
-    /// A draw of the capture's noise on an axis, m: its white and its slow part; NaN where nothing was captured.
+    /// A draw of the capture's noise on an axis, m: its white and its slow part; NaN where nothing was
+    /// captured.
     fn capture_noise_m(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Vec<f64> {
         let white = self
             .colour
@@ -430,7 +436,8 @@ impl Dataset {
     fn slow_noise_m(&self, axis: &SmoothedAxis, generator: &mut impl Rng) -> Option<Vec<f64>> {
         let colour = self.colour?;
         let a = (-self.step_s / colour.correlation_s).exp();
-        // The noise that the smoother found holds the white part, and of the slow one what it does not take for motion.
+        // The noise that the smoother found holds the white part, and of the slow one what it does not take
+        // for motion.
         let size = axis.choice.noise * (colour.variance / (1.0 + colour.seen(axis))).sqrt();
         let mut state: f64 = StandardNormal.sample(generator);
         let noise = (0..self.samples()).map(|i| {
@@ -453,7 +460,8 @@ impl Dataset {
 }
 
 impl Colour {
-    /// Variance over the white part's of what lies above the frequency up to which the smoother follows an axis.
+    /// Variance over the white part's of what lies above the frequency up to which the smoother follows an
+    /// axis.
     fn seen(&self, axis: &SmoothedAxis) -> f64 {
         let turn = 2.0 * std::f64::consts::PI * axis.choice.cutoff_hz * self.correlation_s;
         self.variance * (1.0 - turn.atan() / std::f64::consts::FRAC_PI_2)
@@ -513,13 +521,16 @@ fn track_of(
     }
 }
 
-/// Samples masked after a gap that cannot be bridged, in lengths of the gap: what the bridged path is off has then faded in branches
-/// that are as fast as the gap is long; slower ones felt little of it. What is left is in the draws.
+/// Samples masked after a gap that cannot be bridged, in lengths of the gap: what the bridged path is off has
+/// then faded in branches that are as fast as the gap is long; slower ones felt little of it. What is left is
+/// in the draws.
 const AFTER_GAP: f64 = 0.5;
-/// Left out on both sides of such a gap, s: derivatives there rest on one side, as at the ends of a recording.
+/// Left out on both sides of such a gap, s: derivatives there rest on one side, as at the ends of a
+/// recording.
 const BESIDE_GAP_S: f64 = 0.3;
 
-/// Which samples can be used, which have a film of unknown history, the gaps that cannot be bridged, and a note on each of them.
+/// Which samples can be used, which have a film of unknown history, the gaps that cannot be bridged, and a
+/// note on each of them.
 #[allow(clippy::type_complexity)]
 fn bridged(
     observed: &[bool],
@@ -557,10 +568,12 @@ fn bridged(
     (usable, film_unknown, long)
 }
 
-/// Relative variance of the squared voltages up to which they count as one value: a thousandth of a volt in a kilovolt.
+/// Relative variance of the squared voltages up to which they count as one value: a thousandth of a volt in a
+/// kilovolt.
 const SAME: f64 = 1e-12;
 
-/// The clock offset at which squared voltage and height agree best, to about a tenth of a second: where a fit begins.
+/// The clock offset at which squared voltage and height agree best, to about a tenth of a second: where a fit
+/// begins.
 fn coarse_offset(height: &[f64], start_s: f64, step_s: f64, voltage: &Voltage) -> f64 {
     let stride = (0.05 / step_s).round().max(1.0) as usize;
     let step = stride as f64 * step_s;

@@ -1,4 +1,5 @@
-//! White noise of a measured column, told from differences of neighbours, in which a smooth course leaves nothing.
+//! White noise of a measured column, told from differences of neighbours, in which a smooth course leaves
+//! nothing.
 
 /// Median magnitude of a standard normal deviate.
 const MEDIAN: f64 = 0.674_489_75;
@@ -16,9 +17,10 @@ pub fn difference(neighbours: &[f64]) -> f64 {
     sum
 }
 
-/// Standard deviation of white noise in values of which these are the differences of one order, by the median of their magnitudes, which
-/// a leap does not move; no less than what rounding to `digit` (0: to none) makes. Rounded values have differences on a ladder of digits,
-/// whose median is a rung: each is spread over its rung before.
+/// Standard deviation of white noise in values of which these are the differences of one order, by the median
+/// of their magnitudes, which a leap does not move; no less than what rounding to `digit` (0: to none) makes.
+/// Rounded values have differences on a ladder of digits, whose median is a rung: each is spread over its
+/// rung before.
 #[must_use]
 pub fn of_differences(mut differences: Vec<f64>, order: usize, digit: f64) -> f64 {
     /// A share of one that no multiple of it comes near again soon (golden ratio).
@@ -35,7 +37,8 @@ pub fn of_differences(mut differences: Vec<f64>, order: usize, digit: f64) -> f6
     (median / MEDIAN / variance(order).sqrt()).max(digit / 12f64.sqrt())
 }
 
-/// Variance of a difference of independent values, over theirs: the sum of the squared binomial coefficients, (2 n)! / n!^2.
+/// Variance of a difference of independent values, over theirs: the sum of the squared binomial coefficients,
+/// (2 n)! / n!^2.
 fn variance(order: usize) -> f64 {
     (1..=order).map(|i| (order + i) as f64 / i as f64).product()
 }
@@ -47,7 +50,8 @@ pub fn white(values: &[f64], order: usize) -> f64 {
     of_differences(differences, order, digit(values.iter().copied()))
 }
 
-/// The digit to which values were rounded: all distances of neighbours in size are multiples of the smallest. 0 where they are not.
+/// The digit to which values were rounded: all distances of neighbours in size are multiples of the smallest.
+/// 0 where they are not.
 #[must_use]
 pub fn digit(values: impl Iterator<Item = f64>) -> f64 {
     /// How near to whole a multiple is, in digits, and the share of them that is.

@@ -1,4 +1,5 @@
-//! The choices that turned a recording into a dataset, written beside every result and read back to repeat them.
+//! The choices that turned a recording into a dataset, written beside every result and read back to repeat
+//! them.
 
 use serde::{Deserialize, Serialize};
 

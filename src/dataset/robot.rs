@@ -17,11 +17,11 @@ use crate::recording::{
 const UNFILTERED: u64 = 0x0dea_f117;
 /// Frames whose stamp lies further from the grid than this share of a step are said to jitter.
 const JITTER: f64 = 0.25;
-/// Rates of a motion that can be worked with, Hz: the smoother's lowest half-power frequency (0.05 Hz) lies within 0.4 of the
-/// lowest, and no capture reaches the highest.
+/// Rates of a motion that can be worked with, Hz: the smoother's lowest half-power frequency (0.05 Hz) lies
+/// within 0.4 of the lowest, and no capture reaches the highest.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 0.125..=1e6;
-/// Largest voltage, V, and distance, m, that can be worked with: far beyond any amplifier and laboratory, and their squares and
-/// fourth powers are still numbers.
+/// Largest voltage, V, and distance, m, that can be worked with: far beyond any amplifier and laboratory, and
+/// their squares and fourth powers are still numbers.
 const LARGEST_V: f64 = 1e9;
 const LARGEST_M: f64 = 1e6;
 /// Places of the grid a frame, beyond which one of its stamps is wrong: so many gaps no capture has.
@@ -31,8 +31,8 @@ const SPARSE_AND: usize = 100_000;
 impl Dataset {
     /// Puts a recording of kind `robot` on one clock and into the world frame, in SI, and smooths its motion.
     ///
-    /// The base marker's mean is taken as the position that the recording states; what the recording leaves to be estimated stays
-    /// free. Nothing is dropped: a frame without a position stays as a gap.
+    /// The base marker's mean is taken as the position that the recording states; what the recording leaves
+    /// to be estimated stays free. Nothing is dropped: a frame without a position stays as a gap.
     ///
     /// # Errors
     /// [`Error::Unsuitable`] for a recording of another kind, and those of [`Dataset::new`].
@@ -67,7 +67,8 @@ impl Dataset {
             .filter(|b| b.xyz.len() == motion.end_effector.xyz.len());
         let mut still = base.map_or_else(Cow::default, |b| Cow::Borrowed(&b.xyz[..]));
         if let Some(filter) = super::colour::filtered(&super::about_the_mean(&still), step_s) {
-            // Nothing of the motion is above the corner that the filter left; what it took of the noise would be missed by every weight.
+            // Nothing of the motion is above the corner that the filter left; what it took of the noise would
+            // be missed by every weight.
             let mut generator = ChaCha12Rng::seed_from_u64(UNFILTERED);
             let (unit, frames) = (motion.unit.to_si, measured_m.len());
             for k in 0..3 {
@@ -231,7 +232,8 @@ fn clocks(
     Ok(Some((SyncPlan::of(method, &clocks), clocks)))
 }
 
-/// From captured positions to metres in the frame of the rig: the base marker's mean is where the recording states it to be.
+/// From captured positions to metres in the frame of the rig: the base marker's mean is where the recording
+/// states it to be.
 pub(super) fn world_frame(
     motion: &RawMotion,
     stated: &MotionManifest,

@@ -1,6 +1,7 @@
 //! From a recording of a hanging film sample to a dataset: x downwards, zero at rest, SI, equidistant frames.
 //!
-//! Nothing is smoothed here: the capture's noise is in x alone, and a model that predicts x is held against x as captured.
+//! Nothing is smoothed here: the capture's noise is in x alone, and a model that predicts x is held against x
+//! as captured.
 
 use super::noise::white;
 use super::robot::{grid, possible_m, signs, volts, world_frame};
@@ -47,7 +48,8 @@ pub struct HangingDataset {
     pub start_s: f64,
     /// Captured x, downwards, zero at rest, m; NaN where nothing was captured.
     pub x_m: Vec<f64>,
-    /// How far the free end lies below the origin of the world at rest, m: it holds the length of the sample and how it was hung.
+    /// How far the free end lies below the origin of the world at rest, m: it holds the length of the sample
+    /// and how it was hung.
     pub rest_below_m: f64,
     /// Mass beside that of the rig, kg.
     pub payload_kg: f64,
@@ -67,7 +69,8 @@ impl HangingDataset {
     /// Aligns and finds rest and noise.
     ///
     /// # Errors
-    /// [`Error::TooShort`] when fewer than 16 frames were captured, [`Error::NoOverlap`] when voltage and motion share no time.
+    /// [`Error::TooShort`] when fewer than 16 frames were captured, [`Error::NoOverlap`] when voltage and
+    /// motion share no time.
     pub fn new(parts: HangingParts) -> Result<Self, Error> {
         let captured = parts.below_m.iter().filter(|v| !v.is_nan()).count();
         if captured < FEWEST_FRAMES {
@@ -156,8 +159,8 @@ impl HangingDataset {
     /// Puts a recording of kind `film-sample` on one clock, in SI, x downwards from rest.
     ///
     /// # Errors
-    /// [`Error::Unsuitable`] for a recording of another kind, a virgin film or a payload that changes, and those of
-    /// [`HangingDataset::new`].
+    /// [`Error::Unsuitable`] for a recording of another kind, a virgin film or a payload that changes, and
+    /// those of [`HangingDataset::new`].
     pub fn from_recording(recording: &Recording) -> Result<Self, Error> {
         let manifest = &recording.manifest;
         let unsuitable = |what: String| Error::Unsuitable {
@@ -236,7 +239,8 @@ impl HangingDataset {
         Ok(dataset)
     }
 
-    /// Forgets the frames after `end_s` on the motion clock: they are NaN, and the noise is that of the frames before.
+    /// Forgets the frames after `end_s` on the motion clock: they are NaN, and the noise is that of the
+    /// frames before.
     pub fn forget_after(&mut self, end_s: f64) {
         let (start_s, step_s) = (self.start_s, self.step_s);
         for (i, x) in self.x_m.iter_mut().enumerate() {

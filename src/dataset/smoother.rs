@@ -1,17 +1,18 @@
 //! Position, velocity and acceleration from a noisy capture, with their uncertainty.
 //!
-//! The motion of one axis is modelled as an m-fold integrated Wiener process seen through white noise: the smoothing spline
-//! of degree 2m - 1 in state-space form (Wahba 1978; Kohn and Ansley 1987). Its half-power frequency f_c and the
-//! noise of the capture are those of largest likelihood (the criterion), the order m too where it is not given. A missing
-//! sample is simply not observed, so that a gap needs no filling and widens the uncertainty by what it must.
+//! The motion of one axis is modelled as an m-fold integrated Wiener process seen through white noise: the
+//! smoothing spline of degree 2m - 1 in state-space form (Wahba 1978; Kohn and Ansley 1987). Its half-power
+//! frequency f_c and the noise of the capture are those of largest likelihood (the criterion), the order m
+//! too where it is not given. A missing sample is simply not observed, so that a gap needs no filling and
+//! widens the uncertainty by what it must.
 //!
 //! ```text
 //! x_{i+1} = F x_i + w_i,  y_i = x_i[0] + e_i,  e ~ N(0, sigma^2),  w ~ N(0, rho sigma^2 Q)
 //! F_jk = 1/(k-j)!,  Q_jk = 1/((m-1-j)! (m-1-k)! (2m-1-j-k)),  rho = (2 pi f_c h)^(2m)       (time in samples h)
 //! ```
 //!
-//! The posterior of the whole track can be sampled: deviations d_i = G_i d_{i+1} + L_i z_i from the smoothed track, which carry
-//! noise and smoothing error alike into whatever is computed from the motion.
+//! The posterior of the whole track can be sampled: deviations d_i = G_i d_{i+1} + L_i z_i from the smoothed
+//! track, which carry noise and smoothing error alike into whatever is computed from the motion.
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -99,8 +100,8 @@ fn factorial(n: usize) -> f64 {
 }
 
 impl<const M: usize> Recursion<M> {
-    /// Runs the covariances along `observed` for half-power frequency `cutoff` (per sample). With `smooth` the backward
-    /// part is worked out as well.
+    /// Runs the covariances along `observed` for half-power frequency `cutoff` (per sample). With `smooth`
+    /// the backward part is worked out as well.
     fn new(observed: &[bool], cutoff: f64, smooth: bool) -> Self {
         let rho = (2.0 * std::f64::consts::PI * cutoff).powi(2 * M as i32);
         let mut transition = [[0.0; M]; M];
@@ -212,8 +213,9 @@ impl<const M: usize> Recursion<M> {
         out
     }
 
-    /// Filters `y`; gives the sum of squared innovations over their variance, the sum of log variances, the number of
-    /// innovations counted (the first M observed samples settle the diffuse start), and calls `keep` with each state.
+    /// Filters `y`; gives the sum of squared innovations over their variance, the sum of log variances, the
+    /// number of innovations counted (the first M observed samples settle the diffuse start), and calls
+    /// `keep` with each state.
     fn filter(&self, y: &[f64], mut keep: impl FnMut([f64; M])) -> (f64, f64, usize) {
         let first = y.iter().copied().find(|v| !v.is_nan()).unwrap_or(0.0);
         let mut x = [0.0; M];
@@ -286,8 +288,8 @@ struct PosteriorOf<const M: usize> {
 const LOWEST_CUTOFF_HZ: f64 = 0.05;
 const HIGHEST_CUTOFF_PER_RATE: f64 = 0.4;
 
-/// Smooths one axis sampled every `step_s`; NaN is a missing sample. `order` and `cutoff_hz` are chosen by likelihood where
-/// they are `None`.
+/// Smooths one axis sampled every `step_s`; NaN is a missing sample. `order` and `cutoff_hz` are chosen by
+/// likelihood where they are `None`.
 ///
 /// # Errors
 /// A sentence when fewer than 16 samples are there.
@@ -491,8 +493,8 @@ impl<const M: usize> PosteriorOf<M> {
 }
 
 impl SmoothedAxis {
-    /// The samples of some stretches alone, as they were smoothed among all. In draws the deviations of a stretch go on into the next
-    /// one, which takes nothing from what they are within each.
+    /// The samples of some stretches alone, as they were smoothed among all. In draws the deviations of a
+    /// stretch go on into the next one, which takes nothing from what they are within each.
     pub(super) fn stretches(&self, stretches: &[Stretch]) -> Self {
         let pick = |list: &[f64]| Stretch::pick(stretches, list);
         SmoothedAxis {
@@ -509,8 +511,9 @@ impl SmoothedAxis {
         }
     }
 
-    /// A track drawn from the posterior: the smoothed one plus a deviation with its covariance. Calls `each` with the
-    /// sample and its deviations of position, velocity and acceleration, from the last sample to the first.
+    /// A track drawn from the posterior: the smoothed one plus a deviation with its covariance. Calls `each`
+    /// with the sample and its deviations of position, velocity and acceleration, from the last sample to the
+    /// first.
     pub fn draw_deviation(&self, generator: &mut impl Rng, mut each: impl FnMut(usize, [f64; 3])) {
         let h = self.step_s;
         let scaled = |d: &[f64]| [d[0], d[1] / h, d[2] / (h * h)];

@@ -1,5 +1,5 @@
-//! A recording that is longer than a fit can hold: stretches of it that are compared, spread evenly, and the motion between them, through
-//! which the film's history runs.
+//! A recording that is longer than a fit can hold: stretches of it that are compared, spread evenly, and the
+//! motion between them, through which the film's history runs.
 
 use std::sync::Arc;
 
@@ -69,8 +69,9 @@ impl Stretch {
     }
 }
 
-/// `count` stretches of `length` frames: the first begins with the recording and the last ends with it; of the others each lies
-/// within its equal share of the whole, at places (by the golden ratio) that keep no step with a drive that repeats.
+/// `count` stretches of `length` frames: the first begins with the recording and the last ends with it; of
+/// the others each lies within its equal share of the whole, at places (by the golden ratio) that keep no
+/// step with a drive that repeats.
 fn spread(frames: usize, length: usize, count: usize) -> Vec<Stretch> {
     let room = frames as f64 / count as f64 - length as f64;
     let mut out: Vec<Stretch> = Vec::new();
@@ -95,8 +96,8 @@ fn spread(frames: usize, length: usize, count: usize) -> Vec<Stretch> {
     out
 }
 
-/// For each of `datasets` the stretches that a fit to all of them compares, where it cannot hold every frame; `None` where it takes the whole.
-/// A plan in which an earlier run wrote them down comes first.
+/// For each of `datasets` the stretches that a fit to all of them compares, where it cannot hold every frame;
+/// `None` where it takes the whole. A plan in which an earlier run wrote them down comes first.
 pub fn stretches(datasets: &[&Dataset]) -> Vec<Option<StretchPlan>> {
     let all: usize = datasets.iter().map(|d| d.samples()).sum();
     let choose = |d: &&Dataset| {
@@ -116,8 +117,8 @@ pub fn stretches(datasets: &[&Dataset]) -> Vec<Option<StretchPlan>> {
 }
 
 impl Dataset {
-    /// The frames of some stretches alone. The motion between them is kept for the film's history; all that was chosen looking at the whole
-    /// (smoothing, noise, gaps, clocks) stays.
+    /// The frames of some stretches alone. The motion between them is kept for the film's history; all that
+    /// was chosen looking at the whole (smoothing, noise, gaps, clocks) stays.
     ///
     /// # Panics
     /// When there are already stretches.
@@ -190,7 +191,8 @@ impl Dataset {
         }
     }
 
-    /// Runs of frames that follow one another: first frame here, its time on the motion clock (s), number of frames.
+    /// Runs of frames that follow one another: first frame here, its time on the motion clock (s), number of
+    /// frames.
     pub fn runs(&self) -> Vec<(usize, f64, usize)> {
         match &self.part {
             None => vec![(0, self.start_s, self.samples())],

@@ -1,14 +1,15 @@
-//! The offset and the skew between the voltage clock and the motion clock, from what both recorded: events, or a channel that was
-//! logged beside the motion and shows a voltage of the other log.
+//! The offset and the skew between the voltage clock and the motion clock, from what both recorded: events,
+//! or a channel that was logged beside the motion and shows a voltage of the other log.
 //!
 //! ```text
 //! t_voltage = t_motion + offset + skew (t_motion - t_middle)
 //! ```
 //!
-//! The offset is that in the middle of the recording, where it is known best. A shared channel is cut into windows; in each the
-//! shift is sought at which gain and level times the voltage fit the channel best. The windows' shifts are then events, each with a
-//! weight. Standard errors come from how far the events scatter about the line, never from less than their own: that of the channel's
-//! noise and that of jumps, which a log that is linear between its samples knows to a sampling step only.
+//! The offset is that in the middle of the recording, where it is known best. A shared channel is cut into
+//! windows; in each the shift is sought at which gain and level times the voltage fit the channel best. The
+//! windows' shifts are then events, each with a weight. Standard errors come from how far the events scatter
+//! about the line, never from less than their own: that of the channel's noise and that of jumps, which a log
+//! that is linear between its samples knows to a sampling step only.
 
 use super::voltage::Voltage;
 
@@ -109,8 +110,8 @@ impl Clocks {
         })
     }
 
-    /// From a channel on the motion clock that shows channel `chain` (from 0) of `voltage` with any gain and level. `None` when no
-    /// part of it resembles the voltage.
+    /// From a channel on the motion clock that shows channel `chain` (from 0) of `voltage` with any gain and
+    /// level. `None` when no part of it resembles the voltage.
     #[must_use]
     pub fn from_shared(
         time_s: &[f64],
@@ -162,7 +163,8 @@ fn student(free: usize) -> f64 {
     StudentsT::new(0.0, 1.0, free as f64).map_or(1.96, |t| t.inverse_cdf(0.975))
 }
 
-/// Sum of squares that is left of the channel, the gain's square times the drive's, both by least squares of level and gain.
+/// Sum of squares that is left of the channel, the gain's square times the drive's, both by least squares of
+/// level and gain.
 fn left_over(window: &[(f64, f64)], voltage: &Voltage, chain: usize, shift: f64) -> (f64, f64) {
     let n = window.len() as f64;
     let drive: Vec<f64> = window
@@ -250,8 +252,8 @@ fn window_shift(
     })
 }
 
-/// The shift within `reach` of `near` at which the voltage explains the samples best, s, and its variance from the noise that is
-/// left, s^2; `None` at the edge, and where less than half is explained.
+/// The shift within `reach` of `near` at which the voltage explains the samples best, s, and its variance
+/// from the noise that is left, s^2; `None` at the edge, and where less than half is explained.
 fn fitted_shift(
     samples: &[(f64, f64)],
     voltage: &Voltage,
@@ -301,7 +303,8 @@ fn fitted_shift(
 /// A change between two samples of the log is a jump when its square is this many times the median's.
 const JUMP: f64 = 100.0;
 
-/// The samples that lie farther than two samples of the log from any jump; all where nothing moves between the jumps.
+/// The samples that lie farther than two samples of the log from any jump; all where nothing moves between
+/// the jumps.
 fn beside_jumps(
     samples: &[(f64, f64)],
     voltage: &Voltage,
@@ -338,8 +341,9 @@ fn beside_jumps(
         .collect()
 }
 
-/// What the log's sampling leaves unknown of the shift, s^2: a jump lies anywhere between two samples, evenly, and as many of them
-/// count as carry the squared changes (their participation number). A smooth drive is carried by all its samples.
+/// What the log's sampling leaves unknown of the shift, s^2: a jump lies anywhere between two samples,
+/// evenly, and as many of them count as carry the squared changes (their participation number). A smooth
+/// drive is carried by all its samples.
 fn jump_variance_s2(voltage: &Voltage, chain: usize, first: f64, last: f64) -> f64 {
     if voltage.holds_previous() {
         return 0.0;

@@ -13,8 +13,8 @@ pub struct Voltage {
 }
 
 impl Voltage {
-    /// Voltages `channels_v` (V) at rising times `time_s` (s, on the voltage clock). Between samples the voltage is linear, or the
-    /// last value with `hold_previous`.
+    /// Voltages `channels_v` (V) at rising times `time_s` (s, on the voltage clock). Between samples the
+    /// voltage is linear, or the last value with `hold_previous`.
     ///
     /// # Panics
     /// When the lengths differ or there is no sample.
@@ -147,11 +147,11 @@ impl Voltage {
         self.integrals(channel)[i] + (a * a + a * b + b * b) / 3.0 * (t - self.time_s[i])
     }
 
-    /// phi^2 of `channel` at `count` times from `start` in steps of `step` (s, voltage clock), V^2, and its derivative with respect
-    /// to a shift of the clock, V^2/s.
+    /// phi^2 of `channel` at `count` times from `start` in steps of `step` (s, voltage clock), V^2, and its
+    /// derivative with respect to a shift of the clock, V^2/s.
     ///
-    /// Each value is the mean over one step, sharpened by a 24th of its second difference: the point value to fourth order for a
-    /// smooth drive, and right in area where the drive jumps between two captured frames.
+    /// Each value is the mean over one step, sharpened by a 24th of its second difference: the point value to
+    /// fourth order for a smooth drive, and right in area where the drive jumps between two captured frames.
     pub fn squared(
         &self,
         channel: usize,

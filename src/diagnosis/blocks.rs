@@ -1,18 +1,20 @@
-//! Blocked prediction: how well a model foretells stretches of recordings that its parameters have not seen, and what that makes of the
-//! odds of models against each other.
+//! Blocked prediction: how well a model foretells stretches of recordings that its parameters have not seen,
+//! and what that makes of the odds of models against each other.
 //!
-//! A block is left out, the model goes one Gauss-Newton step from its optimum to that of the other blocks, and its squares on the block
-//! count (for linear models this is exact cross-validation, without a refit). Models are compared by
+//! A block is left out, the model goes one Gauss-Newton step from its optimum to that of the other blocks,
+//! and its squares on the block count (for linear models this is exact cross-validation, without a refit).
+//! Models are compared by
 //!
 //! ```text
 //! log p(blocks | M) = -N/2 ln s^2(M),   s^2 = sum w_b squares_b / sum w_b rows_b
 //! ```
 //!
-//! (For robots the squares are those over the covariance of what is foretold, r'(I - H)^-1 r with the block's hat matrix H, and
-//! -1/2 ln det (I - H)^-1 joins: the density of what was left out, were all linear.) N is the number of independent residuals, and the
-//! scale of the error is each model's own, because textbook forms are wrong in detail.
-//! The blocks' weights w are drawn from a Dirichlet distribution (Bayesian bootstrap, Rubin 1981), and the odds averaged over the draws
-//! (pseudo-BMA+; Yao, Vehtari, Simpson and Gelman 2018): a model is sure only where it is better in block after block.
+//! (For robots the squares are those over the covariance of what is foretold, r'(I - H)^-1 r with the block's
+//! hat matrix H, and -1/2 ln det (I - H)^-1 joins: the density of what was left out, were all linear.) N is
+//! the number of independent residuals, and the scale of the error is each model's own, because textbook
+//! forms are wrong in detail. The blocks' weights w are drawn from a Dirichlet distribution (Bayesian
+//! bootstrap, Rubin 1981), and the odds averaged over the draws (pseudo-BMA+; Yao, Vehtari, Simpson and
+//! Gelman 2018): a model is sure only where it is better in block after block.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -31,12 +33,13 @@ pub(super) struct Blocks {
     pub edges: Vec<usize>,
     /// Share of each one's rows that counts.
     pub counts: Vec<f64>,
-    /// Whether an error is held against how well the other blocks let it be foretold: with few recordings a block may be the only one that
-    /// tells of a parameter, and is missed widely by a right model.
+    /// Whether an error is held against how well the other blocks let it be foretold: with few recordings a
+    /// block may be the only one that tells of a parameter, and is missed widely by a right model.
     pub by_spread: bool,
 }
 
-/// Squares of what a model did not foretell, in each block, and its rows; both times the share of them that counts.
+/// Squares of what a model did not foretell, in each block, and its rows; both times the share of them that
+/// counts.
 #[derive(Debug, Clone)]
 pub(super) struct Foretold {
     squares: Vec<f64>,
@@ -62,7 +65,8 @@ impl Foretold {
         self.rows.iter().sum()
     }
 
-    /// Student's t of how much better `self` foretells than `other`: logarithms of the ratios of their mean squares, block by block.
+    /// Student's t of how much better `self` foretells than `other`: logarithms of the ratios of their mean
+    /// squares, block by block.
     pub fn beats(&self, other: &Foretold) -> f64 {
         let each: Vec<f64> = (self.squares.iter().zip(&other.squares))
             .map(|(a, b)| (b.max(f64::MIN_POSITIVE) / a.max(f64::MIN_POSITIVE)).ln())
@@ -96,7 +100,8 @@ impl Blocks {
         }
     }
 
-    /// What a fitted model leaves unforetold in each block; `more` are columns beside its own, each with a ridge over its squared length.
+    /// What a fitted model leaves unforetold in each block; `more` are columns beside its own, each with a
+    /// ridge over its squared length.
     pub fn foretell(
         &self,
         tangent: &Tangent,
@@ -111,7 +116,8 @@ impl Blocks {
         ridge
             .rows_mut(0, own)
             .copy_from(&tangent.prior_roots().map(|p| p * p));
-        // the model's own unknowns are where their fit ended: at the optimum, or at a bound that a step must not cross
+        // the model's own unknowns are where their fit ended: at the optimum, or at a bound that a step must
+        // not cross
         let mut slope = DVector::zeros(width);
         for j in own - tangent.beside..own {
             slope[j] = tangent.slope()[j];
@@ -180,19 +186,22 @@ impl Blocks {
     }
 }
 
-/// Median share of what can be foretold beyond the plain model that the true cause leaves, because its textbook form is wrong in detail. On 54
-/// simulated coordinates whose causes act in forms of their own the median was 0.008, and a tenth left more than 0.1; on three measured rigs
-/// whose physics is known (a circuit with a cubic spring, two flexure hinges) it was 0.2 to 0.4. This is the geometric middle of the two.
+/// Median share of what can be foretold beyond the plain model that the true cause leaves, because its
+/// textbook form is wrong in detail. On 54 simulated coordinates whose causes act in forms of their own the
+/// median was 0.008, and a tenth left more than 0.1; on three measured rigs whose physics is known (a circuit
+/// with a cubic spring, two flexure hinges) it was 0.2 to 0.4. This is the geometric middle of the two.
 const FORM_LEAVES: f64 = 0.05;
 
-/// Density of the share that the true cause leaves: a Lomax law of this median, whose tail is that of the ratio of two waiting times.
+/// Density of the share that the true cause leaves: a Lomax law of this median, whose tail is that of the
+/// ratio of two waiting times.
 pub(super) fn form_leaves(share: f64) -> f64 {
     (1.0 + share.max(0.0) / FORM_LEAVES).powi(-2) / FORM_LEAVES
 }
 
-/// Probability of each model given its logarithmic prior, the plain one first. Two things tell models apart: what they foretell, with
-/// `independent` of the rows counting, and the share that they leave of what the best of all, `reach` among them, foretells beyond the plain
-/// one. The weaker counts: rows without number cannot make sure of a difference that is one of form. Without a `reach` only the first counts.
+/// Probability of each model given its logarithmic prior, the plain one first. Two things tell models apart:
+/// what they foretell, with `independent` of the rows counting, and the share that they leave of what the
+/// best of all, `reach` among them, foretells beyond the plain one. The weaker counts: rows without number
+/// cannot make sure of a difference that is one of form. Without a `reach` only the first counts.
 pub(super) fn odds(models: &[(&Foretold, f64)], reach: &[Foretold], independent: f64) -> Vec<f64> {
     let mut out = vec![0.0; models.len()];
     let Some(first) = models.first() else {

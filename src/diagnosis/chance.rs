@@ -1,16 +1,19 @@
-//! What chance alone makes of a scan: is the largest of some hundred scores larger than noise would have made it?
+//! What chance alone makes of a scan: is the largest of some hundred scores larger than noise would have made
+//! it?
 //!
-//! The score of a column F of a hypothesis is s = F'r, with everything that a refit could absorb projected out. Were the plain model
-//! right, s would have mean 0 and the covariance  V = F~'S F~ + w'P w:  S is the covariance of the residual's noise, with its
-//! colour, from the drawn tracks in blocks longer than its memory; w = (C'C + P)^-1 C'F, and P the priors of the plain model, which
-//! pull a little wherever the data say little. T = s'V^-1 s then has the chi-squared distribution of as many degrees of freedom as the
-//! hypothesis has columns (Rao's score test with White's covariance). V is an estimate from a few tracks and, for a change that
-//! acts in a few blocks only, from those blocks: with nu degrees of freedom (Satterthwaite 1946) T (nu - n + 1)/(nu n) has the F
-//! distribution of n and nu - n + 1 (Hotelling 1931). The tracks are not those that set the weights.
+//! The score of a column F of a hypothesis is s = F'r, with everything that a refit could absorb projected
+//! out. Were the plain model right, s would have mean 0 and the covariance  V = F~'S F~ + w'P w:  S is the
+//! covariance of the residual's noise, with its colour, from the drawn tracks in blocks longer than its
+//! memory; w = (C'C + P)^-1 C'F, and P the priors of the plain model, which pull a little wherever the data
+//! say little. T = s'V^-1 s then has the chi-squared distribution of as many degrees of freedom as the
+//! hypothesis has columns (Rao's score test with White's covariance). V is an estimate from a few tracks and,
+//! for a change that acts in a few blocks only, from those blocks: with nu degrees of freedom (Satterthwaite
+//! 1946) T (nu - n + 1)/(nu n) has the F distribution of n and nu - n + 1 (Hotelling 1931). The tracks are
+//! not those that set the weights.
 //!
-//! Hypotheses overlap, so the limit for the largest of all is not that of a table. Noise is drawn again and again (each block
-//! takes one of the drawn tracks and a sign: a wild bootstrap), goes through the same scan, and the largest surprise of each
-//! draw is kept.
+//! Hypotheses overlap, so the limit for the largest of all is not that of a table. Noise is drawn again and
+//! again (each block takes one of the drawn tracks and a sign: a wild bootstrap), goes through the same scan,
+//! and the largest surprise of each draw is kept.
 
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -31,7 +34,8 @@ use crate::film::Locked;
 const TRACKS: usize = 18;
 /// Draws of noise for the distribution of the largest surprise.
 const DRAWS: usize = 400;
-/// Length of a block that takes its noise from one drawn track, s: long against the memory of the residual's noise.
+/// Length of a block that takes its noise from one drawn track, s: long against the memory of the residual's
+/// noise.
 const BLOCK_S: f64 = 4.0;
 /// Blocks of a recording at least, where it is shorter.
 const FEWEST_BLOCKS: f64 = 6.0;
@@ -42,9 +46,10 @@ const MOST_MOMENTS: usize = 150;
 /// Between these the noise may be larger than the capture promises, as a variance.
 const SCALES: [f64; 2] = [0.5, 3.0];
 
-/// Surprises of clean recordings over those of drawn noise: what the draws do not have (noise in the columns, motion that the smoother
-/// takes for noise). From 70 clean cases of the project's own (`deacal prove`, seeds 4242 and 7001): the exponential tail of their
-/// largest surprises exceeds 14.6 in about one of a hundred, that of the draws 8.8 in one of fifty.
+/// Surprises of clean recordings over those of drawn noise: what the draws do not have (noise in the columns,
+/// motion that the smoother takes for noise). From 70 clean cases of the project's own (`deacal prove`, seeds
+/// 4242 and 7001): the exponential tail of their largest surprises exceeds 14.6 in about one of a hundred,
+/// that of the draws 8.8 in one of fifty.
 pub(super) const BEYOND_DRAWN: f64 = 1.65;
 
 /// A column with all that its score needs.
@@ -89,10 +94,11 @@ pub(super) struct Chance {
     pub each: Vec<(&'static str, f64)>,
     /// Variance of the noise over the one that the weights promise.
     pub scale: f64,
-    /// Variance of a score over the one that white noise of the promised size would give it, median over the hypotheses.
+    /// Variance of a score over the one that white noise of the promised size would give it, median over the
+    /// hypotheses.
     pub colour: f64,
-    /// Effect, actuators, their largest surprise, and how much larger the variance of that score is than white noise of the promised
-    /// size would make it.
+    /// Effect, actuators, their largest surprise, and how much larger the variance of that score is than
+    /// white noise of the promised size would make it.
     designs: Vec<(&'static str, [bool; 3], f64, f64)>,
     /// Largest surprises of drawn noise, rising.
     drawn: Vec<f64>,
@@ -103,8 +109,8 @@ pub(super) struct Chance {
 }
 
 impl Chance {
-    /// By how much the fall of the sum of squares that an effect brings about overstates the evidence: the noise of its score is not
-    /// white, and scatters from block to block.
+    /// By how much the fall of the sum of squares that an effect brings about overstates the evidence: the
+    /// noise of its score is not white, and scatters from block to block.
     pub fn design(&self, id: &str, on: [bool; 3]) -> f64 {
         let own = self.designs.iter().find(|d| d.0 == id && d.1 == on);
         own.map_or(1.0, |d| d.3)
@@ -137,7 +143,8 @@ impl Chance {
         BEYOND_DRAWN * (at(rate.max(5.0 * within)) + (5.0 * within / rate).ln().max(0.0))
     }
 
-    /// The fall of the sum of squares that a hypothesis of one column must bring about to surprise as much as the limit.
+    /// The fall of the sum of squares that a hypothesis of one column must bring about to surprise as much as
+    /// the limit.
     pub fn fall(&self, rate: f64) -> f64 {
         let (mut low, mut high) = (0.0, 1e4);
         let limit = self.limit(rate);
@@ -165,7 +172,8 @@ impl Chance {
     }
 }
 
-/// -ln of the probability that t = s'V^-1 s of n columns is exceeded, where V is estimated with `freedom` degrees of freedom.
+/// -ln of the probability that t = s'V^-1 s of n columns is exceeded, where V is estimated with `freedom`
+/// degrees of freedom.
 fn surprise_of_estimated(t: f64, n: usize, freedom: f64) -> f64 {
     let rest = freedom - n as f64 + 1.0;
     if freedom > 1e4 || t <= 0.0 {
@@ -247,8 +255,9 @@ impl Blocks {
             .collect()
     }
 
-    /// How many of its rows count as independent, for each recording: by how much the mean square scatters over the drawn tracks. Where an
-    /// axis hardly moves, what is left of its noise is so slow that all rows say the same few things.
+    /// How many of its rows count as independent, for each recording: by how much the mean square scatters
+    /// over the drawn tracks. Where an axis hardly moves, what is left of its noise is so slow that all rows
+    /// say the same few things.
     fn independent<S: Subject>(&self, problem: &Problem<S>) -> Vec<f64> {
         let count = self.tracks.len() as f64;
         let mut first = 0;
@@ -359,7 +368,8 @@ pub(super) fn chance<S: Subject>(
     for unit in units {
         let (id, q) = (unit.acting.effect.id(), &unit.acting.effect.parameters()[0]);
         let column = DVector::from_column_slice(&unit.column);
-        // A long recording has no more moments than a short one: its cost would else grow with the square of its length.
+        // A long recording has no more moments than a short one: its cost would else grow with the square of
+        // its length.
         let apart = MOMENTS.max(column.len() / (S::CHAINS * MOST_MOMENTS));
         for from in (0..column.len()).step_by(S::CHAINS * apart) {
             let at = columns.len();
@@ -501,7 +511,8 @@ fn push(
         whole[(i, i)] *= 1.0 + 1e-9;
     }
     if let (Some(v), Some(whole)) = (v.cholesky(), whole.cholesky()) {
-        // Squares of the noise's whitened scores, block by block: they add up to n, less what the priors make.
+        // Squares of the noise's whitened scores, block by block: they add up to n, less what the priors
+        // make.
         let squares = (0..blocks.edges.len() - 1).map(|b| {
             let square = |m: usize| {
                 let noise = |i: usize| columns[own[i]].noise[b * tracks + m];
@@ -526,8 +537,9 @@ fn push(
 }
 
 impl Hypothesis {
-    /// How much more the score scatters from block to block than the noise should make it, once the effect is fitted: 1 or above. What
-    /// stands out in one block only, and is not the effect's own course there, is no evidence for it.
+    /// How much more the score scatters from block to block than the noise should make it, once the effect is
+    /// fitted: 1 or above. What stands out in one block only, and is not the effect's own course there, is no
+    /// evidence for it.
     fn scatter(&self, columns: &[Column]) -> f64 {
         let n = self.columns.len();
         let s = DVector::from_fn(n, |i, _| columns[self.columns[i]].own.iter().sum::<f64>());
@@ -571,7 +583,8 @@ impl Hypothesis {
         let n = self.columns.len();
         let mut more = 0.0;
         if n == 1 && self.one_sided {
-            // A positive size lowers the sum of squares where the residual and its column point against each other.
+            // A positive size lowers the sum of squares where the residual and its column point against each
+            // other.
             if scores[self.columns[0]] >= 0.0 {
                 return 0.0;
             }

@@ -6,7 +6,8 @@ use super::problem::{Fitted, Problem};
 use super::subject::Subject;
 use crate::effects::When;
 
-/// Torque error of the plain and the augmented model at every kept sample, in standard deviations of its own noise.
+/// Torque error of the plain and the augmented model at every kept sample, in standard deviations of its own
+/// noise.
 pub(super) fn spots<S: Subject>(
     problem: &Problem<S>,
     before: &Fitted,
@@ -144,7 +145,8 @@ pub(super) fn gain<S: Subject>(
     ))
 }
 
-/// Whether the error that a model leaves is more than noise makes, whose variance is known no better than by a quarter.
+/// Whether the error that a model leaves is more than noise makes, whose variance is known no better than by
+/// a quarter.
 pub(super) fn above_noise<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
@@ -183,7 +185,8 @@ pub(super) fn raises_error<S: Subject>(
     ))
 }
 
-/// Error that a model takes away from another's, as a root of the difference of squares: on the held-out recordings, where there are any.
+/// Error that a model takes away from another's, as a root of the difference of squares: on the held-out
+/// recordings, where there are any.
 pub(super) fn taken_away<S: Subject>(
     problem: &Problem<S>,
     before: &Fitted,

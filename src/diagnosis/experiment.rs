@@ -1,5 +1,5 @@
-//! The next drive: what would bring out, or tell apart, the effects that a diagnosis leaves open. Made of blocks, each of which brings
-//! out one kind of effect; every block begins and ends at 0 V.
+//! The next drive: what would bring out, or tell apart, the effects that a diagnosis leaves open. Made of
+//! blocks, each of which brings out one kind of effect; every block begins and ends at 0 V.
 
 use super::{Diagnosis, Verdict};
 
@@ -15,7 +15,8 @@ const RAMP_S: f64 = 0.4;
 enum Block {
     /// All actuators together, whole raised cosines at 0.2, 0.7 and 2.2 Hz: what depends on the rate.
     Rates,
-    /// A staircase up and down, then the same with the sign turned: what depends on the voltage, and what a hold lets relax.
+    /// A staircase up and down, then the same with the sign turned: what depends on the voltage, and what a
+    /// hold lets relax.
     Staircase,
     /// Held corners off the axis, each actuator high and low: what depends on the pose.
     Corners,
@@ -113,8 +114,8 @@ fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
     }
 }
 
-/// The voltages to record next, [`STEP_S`] apart, V: what would tell the first group that the recordings cannot tell apart, else what would confirm the
-/// first candidate, else everything that could hide.
+/// The voltages to record next, [`STEP_S`] apart, V: what would tell the first group that the recordings
+/// cannot tell apart, else what would confirm the first candidate, else everything that could hide.
 pub fn next_drive(d: &Diagnosis) -> Vec<[f64; 3]> {
     let highest = d
         .traces

@@ -11,8 +11,8 @@ use super::subject::Subject;
 use super::{BASELINE, FIRST, OF_ONE, PARTNERS, POLISH, RARE};
 use crate::effects::Acting;
 
-/// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is believed; with that
-/// of an ordinary film ([`Problem::log_noise`]).
+/// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is
+/// believed; with that of an ordinary film ([`Problem::log_noise`]).
 pub(super) fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, [f64; 2]), Error> {
     let ordinary = ordinary(problem)?;
     let first = problem.several(BASELINE);
@@ -110,7 +110,8 @@ pub(super) fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitte
         .unwrap_or_else(|| fitted.clone())
 }
 
-/// A fit with every effect read as plainly as it can be, where that fits as well within what `chance` makes of a sum of squares.
+/// A fit with every effect read as plainly as it can be, where that fits as well within what `chance` makes
+/// of a sum of squares.
 pub(super) fn plainest<S: Subject>(
     problem: &Problem<S>,
     blocks: &Blocks,

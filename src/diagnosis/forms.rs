@@ -1,4 +1,5 @@
-//! The other forms of a named cause: which of the links is wrong the recordings may hardly tell, and a user should not mend the wrong one.
+//! The other forms of a named cause: which of the links is wrong the recordings may hardly tell, and a user
+//! should not mend the wrong one.
 
 use rayon::prelude::*;
 
@@ -10,7 +11,8 @@ use super::subject::Subject;
 /// Share of what the named form takes away from which another form counts as nearly as good.
 const NEARLY: f64 = 0.95;
 
-/// Sentences on the forms that explain nearly as much as the named ones, each with the sizes at which it does; none where the recordings tell.
+/// Sentences on the forms that explain nearly as much as the named ones, each with the sizes at which it
+/// does; none where the recordings tell.
 pub(super) fn others<S: Subject>(
     problem: &Problem<S>,
     plain: &Judged,

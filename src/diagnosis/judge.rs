@@ -10,8 +10,8 @@ use crate::film::Locked;
 
 /// Share of the residuals that count as independent.
 pub(super) const INDEPENDENT: f64 = 0.8;
-/// Weight of the held-out recordings in a score: less than that of the fitted ones, because drift and creep extrapolate badly from the
-/// right model.
+/// Weight of the held-out recordings in a score: less than that of the fitted ones, because drift and creep
+/// extrapolate badly from the right model.
 const HELD_OUT_WEIGHT: f64 = 0.5;
 /// Smallest weighted mean square that is believed.
 const NOISE: f64 = 0.1;
@@ -22,8 +22,8 @@ pub(super) const ALIKE: f64 = 0.9;
 #[derive(Clone)]
 pub(super) struct Judged {
     pub fitted: Fitted,
-    /// Lower is better: a Bayesian information criterion with an unknown scale of the error, because every textbook form is wrong in
-    /// detail.
+    /// Lower is better: a Bayesian information criterion with an unknown scale of the error, because every
+    /// textbook form is wrong in detail.
     pub score: f64,
     /// Sum of squares with priors over the number of residuals.
     pub mean_square: f64,
@@ -34,9 +34,10 @@ pub(super) struct Judged {
 }
 
 impl Judged {
-    /// Judges a fit. A cause changes how much torque the noise of the capture makes: one that softens the film makes less of it, and would
-    /// earn by shrinking what it is weighed by, the more the longer the recordings. So a model with causes is held against the noise of
-    /// its own as well, and the larger of both squares counts.
+    /// Judges a fit. A cause changes how much torque the noise of the capture makes: one that softens the
+    /// film makes less of it, and would earn by shrinking what it is weighed by, the more the longer the
+    /// recordings. So a model with causes is held against the noise of its own as well, and the larger of
+    /// both squares counts.
     pub fn new<S: Subject>(problem: &Problem<S>, blocks: &Blocks, fitted: Fitted) -> Self {
         let n = fitted.state.rows as f64;
         let share = problem.independent;
@@ -77,8 +78,8 @@ impl Judged {
         }
     }
 
-    /// Logarithm of the prior odds against no cause, where each cause has those of `each`: the moment of a change, forms and places are
-    /// as many chances to be wrong.
+    /// Logarithm of the prior odds against no cause, where each cause has those of `each`: the moment of a
+    /// change, forms and places are as many chances to be wrong.
     pub fn prior(&self, each: f64) -> f64 {
         let free = 0.5 * steps(&self.fitted) as f64 * self.foretold.rows().max(1.0).ln();
         self.fitted.effects.len() as f64 * each - choices(&self.fitted).ln() - free
@@ -118,11 +119,13 @@ impl Odds {
     }
 }
 
-/// Share of what a model leaves beyond noise up to which the rest, were it true, is what capture and smoothing make of its own motion.
+/// Share of what a model leaves beyond noise up to which the rest, were it true, is what capture and
+/// smoothing make of its own motion.
 const SMOOTHED: f64 = 0.75;
 
-/// Mean square that a model leaves beside what capture and smoothing make of the motion that it predicts itself, where that is a good part:
-/// dry friction and stops change faster than a smoothed track can. `None` where it is not, or cannot be known.
+/// Mean square that a model leaves beside what capture and smoothing make of the motion that it predicts
+/// itself, where that is a good part: dry friction and stops change faster than a smoothed track can. `None`
+/// where it is not, or cannot be known.
 ///
 /// # Errors
 /// [`Locked`] when the film is past its locking stretch.
@@ -166,8 +169,8 @@ fn steps(fitted: &Fitted) -> usize {
 /// Plain mean square above which a model is never adequate.
 pub(super) const NEVER_ADEQUATE: f64 = 2.0;
 
-/// Ids that the recordings cannot tell from the effect number `own` of a fitted model: the projected fingerprint of that effect lies
-/// in the span of theirs.
+/// Ids that the recordings cannot tell from the effect number `own` of a fitted model: the projected
+/// fingerprint of that effect lies in the span of theirs.
 pub(super) fn alike<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
@@ -184,8 +187,8 @@ pub(super) fn alike<S: Subject>(
         .collect()
 }
 
-/// Ids whose fingerprints on the actuators `on` span a column up to an angle that cannot be told, with its cosine, largest first;
-/// `id` is the column's own.
+/// Ids whose fingerprints on the actuators `on` span a column up to an angle that cannot be told, with its
+/// cosine, largest first; `id` is the column's own.
 pub(super) fn alike_to(
     film: &Tangent,
     column: &DVector<f64>,

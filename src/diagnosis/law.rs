@@ -12,7 +12,8 @@ const TERMS: usize = 4;
 /// A term must take away this share of what is left.
 const WORTH: f64 = 0.03;
 
-/// Forward selection of terms over physical variables of each actuator, with everything projected out that a refit could absorb.
+/// Forward selection of terms over physical variables of each actuator, with everything projected out that a
+/// refit could absorb.
 pub(super) fn law<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Law, Error> {
     let tangent = Tangent::new(problem, fitted)?;
     let mut names: Vec<&'static str> = Vec::new();

@@ -1,4 +1,5 @@
-//! What recordings cannot tell apart, worked out at the truth: for a prover, who knows it. A diagnosis never calls this.
+//! What recordings cannot tell apart, worked out at the truth: for a prover, who knows it. A diagnosis never
+//! calls this.
 
 use super::judge::alike_to;
 use super::problem::{Problem, Tangent, free_values, value_unknowns};
@@ -12,14 +13,16 @@ use crate::model::{Parameters, Robot};
 /// How an effect stands out at the truth.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Likeness {
-    /// Effects whose projected fingerprints cannot be told from its own, with the cosine (of the angle between its fingerprint and
-    /// the span of theirs, everything projected out that a refit absorbs), largest first.
+    /// Effects whose projected fingerprints cannot be told from its own, with the cosine (of the angle
+    /// between its fingerprint and the span of theirs, everything projected out that a refit absorbs),
+    /// largest first.
     pub alike: Vec<(&'static str, f64)>,
     /// Weighted mean square beyond noise that a refit without it would leave.
     pub excess: f64,
 }
 
-/// How `acting` stands out beside the other effects of a case, at the film and the forearm `parameters`, all of them the true ones.
+/// How `acting` stands out beside the other effects of a case, at the film and the forearm `parameters`, all
+/// of them the true ones.
 ///
 /// # Errors
 /// [`Error`]; films and forearms of another layout than the plain model's are [`Error::Baseline`].

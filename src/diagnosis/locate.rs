@@ -24,8 +24,8 @@ pub(super) struct Spot {
 /// Bins of equal count into which a coordinate is cut.
 const BINS: usize = 16;
 
-/// The best contiguous run of bins: how much more excess a run holds than its share, as a log-likelihood ratio of two mean squares
-/// against one.
+/// The best contiguous run of bins: how much more excess a run holds than its share, as a log-likelihood
+/// ratio of two mean squares against one.
 fn best_run(mean: &[f64], count: &[f64]) -> Option<(usize, usize, f64)> {
     let n: f64 = count.iter().sum();
     let all: f64 = mean.iter().zip(count).map(|(m, c)| m * c).sum::<f64>() / n;
@@ -94,8 +94,8 @@ pub(super) fn locate(
     };
     let mut found: Vec<(f64, Place)> = Vec::new();
     let push = |found: &mut Vec<(f64, Place)>, ratio: f64, place: Place| found.push((ratio, place));
-    // What a named cause says of its own place comes first; on a single coordinate its values are in units of the recordings, and its
-    // place is found as any other.
+    // What a named cause says of its own place comes first; on a single coordinate its values are in units of
+    // the recordings, and its place is found as any other.
     for a in named.iter().filter(|_| chains > 1) {
         for place in own_places(a, entries, spots) {
             let inside = place.1;

@@ -1,13 +1,18 @@
-//! Doubts: is the plain model adequate; if not, where it fails, which physics was left out, and how much better the model is with it.
+//! Doubts: is the plain model adequate; if not, where it fails, which physics was left out, and how much
+//! better the model is with it.
 //!
-//! 1. The plain model is fitted with all of its own parameters free, weighted by what the noise of the capture makes of the residual (`fits`).
-//! 2. Every effect of the catalogue, on all actuators and on one, is scanned by its fingerprint with everything projected out that a
-//!    refit could absorb (`scan`), and the scores are held against drawn noise (`chance`).
-//! 3. The leading ones are fitted together with film and forearm, at the weights of the best of them, and judged: by what they fit, by
-//!    what they foretell of blocks that were left out, at the plain model's noise and at their own (`judge`, `blocks`).
+//! 1. The plain model is fitted with all of its own parameters free, weighted by what the noise of the
+//!    capture makes of the residual (`fits`).
+//! 2. Every effect of the catalogue, on all actuators and on one, is scanned by its fingerprint with
+//!    everything projected out that a refit could absorb (`scan`), and the scores are held against drawn
+//!    noise (`chance`).
+//! 3. The leading ones are fitted together with film and forearm, at the weights of the best of them, and
+//!    judged: by what they fit, by what they foretell of blocks that were left out, at the plain model's
+//!    noise and at their own (`judge`, `blocks`).
 //! 4. Pairs are tried where the best single one leaves more than noise.
 //! 5. Parts that differ within their tolerances are tried in the causes' place (`tolerance`).
-//! 6. The verdict: adequate, a named cause, or unexplained; where it lives (`locate`); what could not have been seen (`words`).
+//! 6. The verdict: adequate, a named cause, or unexplained; where it lives (`locate`); what could not have
+//!    been seen (`words`).
 //!
 //! Single coordinates are doubted in `single`.
 //!
@@ -73,7 +78,8 @@ const RARE: usize = 4;
 /// Hypotheses that are fitted where no score comes near what noise makes, and what near is.
 const FITTED_IF_QUIET: usize = 3;
 const QUIET: f64 = 0.6;
-/// Hypotheses that are fitted because their scores surprise most, beside those that promise most, where a cause is weak.
+/// Hypotheses that are fitted because their scores surprise most, beside those that promise most, where a
+/// cause is weak.
 const SURPRISING: usize = 4;
 /// A first fit with an effect, which only has to rank it, and a polished one.
 const FIRST: Effort = Effort {
@@ -95,9 +101,11 @@ const BASELINE: Effort = Effort {
 const LEADING: usize = 6;
 /// Mean square above which a partner of the best single effect is looked for.
 const PAIR_ABOVE: f64 = 1.15;
-/// Mean square of the plain model below which a cause is weak: slow noise, which the weights do not have, matters beside it.
+/// Mean square of the plain model below which a cause is weak: slow noise, which the weights do not have,
+/// matters beside it.
 const WEAK_BELOW: f64 = 2.0;
-/// Mean square of the plain model below which what capture and smoothing make of its own motion is taken out before a scan is judged.
+/// Mean square of the plain model below which what capture and smoothing make of its own motion is taken out
+/// before a scan is judged.
 const SMOOTHED_BELOW: f64 = 4.0;
 /// Share of the largest surprise that a weak cause's own must have.
 const SURPRISES_TOO: f64 = 0.4;
@@ -106,7 +114,8 @@ const NOT_NAMED: f64 = 0.49;
 /// Partners of a cause that are judged.
 const PARTNERS: usize = 2;
 
-/// Whether so many independent samples can judge a model of so many free parameters: what a fit refuses, a diagnosis refuses.
+/// Whether so many independent samples can judge a model of so many free parameters: what a fit refuses, a
+/// diagnosis refuses.
 fn enough(samples: usize, free: usize) -> Result<(), Error> {
     if samples < 2 * free {
         return Err(Error::NothingExcited(format!(
@@ -137,7 +146,8 @@ fn doubt<S: Subject>(
     chain(problem, remarks, request, watch, None)
 }
 
-/// The chain of a doubt; with `built` of a robot whose parts differ within their tolerances, from its plain fit on.
+/// The chain of a doubt; with `built` of a robot whose parts differ within their tolerances, from its plain
+/// fit on.
 fn chain<S: Subject>(
     mut problem: Problem<S>,
     mut remarks: Vec<String>,
@@ -178,7 +188,8 @@ fn chain<S: Subject>(
     let alarmed = |chance: &chance::Chance, plain: &Fitted| {
         chance.largest >= chance.limit(rate) || never_adequate(plain, chance)
     };
-    // What capture and smoothing make of the plain model's own motion does not shrink as recordings grow, but their evidence does.
+    // What capture and smoothing make of the plain model's own motion does not shrink as recordings grow, but
+    // their evidence does.
     let rows = plain.state.rows as f64;
     if built.is_none()
         && alarmed(&chance, &plain)
@@ -239,7 +250,8 @@ fn chain<S: Subject>(
         } else {
             nominal
         };
-        // The best of each hypothesis: those that fit best, and those that surprise most, which a film that bends to others outdoes.
+        // The best of each hypothesis: those that fit best, and those that surprise most, which a film that
+        // bends to others outdoes.
         let mut leading: Vec<&Fitted> = Vec::new();
         for f in &fits {
             let own = &f.effects[0];
@@ -259,8 +271,9 @@ fn chain<S: Subject>(
         .into_par_iter()
         .map(|f| Judged::new(&problem, &chance.blocks, f))
         .collect();
-    // A weak cause is told from slow noise by how its score scatters: what surprises little beside the most surprising one only takes
-    // up slow noise, and what is left over counts for less by as much as the leader's score overstates the evidence.
+    // A weak cause is told from slow noise by how its score scatters: what surprises little beside the most
+    // surprising one only takes up slow noise, and what is left over counts for less by as much as the
+    // leader's score overstates the evidence.
     let weak = plain.mean_square < WEAK_BELOW;
     if weak {
         let least = SURPRISES_TOO * chance.largest;
@@ -302,7 +315,8 @@ fn chain<S: Subject>(
         let models = std::iter::once(&plain).chain(singles).chain(partners);
         Odds::of(models, each)
     };
-    // A cause that is named foretells more, and is likelier than not: itself, or with those that the recordings cannot tell from it.
+    // A cause that is named foretells more, and is likelier than not: itself, or with those that the
+    // recordings cannot tell from it.
     let beyond_noise = never_adequate(&plain.fitted, &chance);
     let supported = |j: &Judged, odds: &Odds| {
         foretells(&plain, j)
@@ -319,7 +333,8 @@ fn chain<S: Subject>(
     let first_odds = told(&singles, &[]);
     let adequate =
         adequate || (!beyond_noise && singles.first().is_some_and(|j| !supported(j, &first_odds)));
-    // Nothing confirms a cause where nothing was held out: the error itself has to stand out of the noise then.
+    // Nothing confirms a cause where nothing was held out: the error itself has to stand out of the noise
+    // then.
     let adequate = adequate
         || (!beyond_noise && problem.holdout.is_none() && !above_noise(&problem, &plain.fitted)?);
     // More than one
@@ -428,8 +443,8 @@ fn chain<S: Subject>(
         }
     }
     watch("judging");
-    // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or stand in for what is: it is
-    // said, and no cause is named.
+    // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or
+    // stand in for what is: it is said, and no cause is named.
     let beyond = built
         .as_ref()
         .and_then(|b| b.beyond(&plain.fitted))
@@ -609,8 +624,8 @@ fn never_adequate(plain: &Fitted, chance: &chance::Chance) -> bool {
     plain.cost() >= most * plain.state.rows as f64
 }
 
-/// Whether a cause does better than the plain model on what was not fitted: on blocks that were left out, by as much as matters, and on
-/// held-out recordings, where there are such.
+/// Whether a cause does better than the plain model on what was not fitted: on blocks that were left out, by
+/// as much as matters, and on held-out recordings, where there are such.
 fn foretells(plain: &Judged, judged: &Judged) -> bool {
     judged.foretold.mean_square() < plain.foretold.mean_square() - MATTERS
         && (judged.holdout.is_nan() || judged.holdout < plain.holdout)
@@ -622,7 +637,8 @@ const BASE_RATES: [f64; 3] = [0.35, 0.5, 0.15];
 /// Share of what the plain model leaves on held-out recordings up to which another one foretells them.
 const FORETOLD: f64 = 0.5;
 
-/// Whether what the best model leaves must be something that is in no entry, from the mean squares of the plain and the best model.
+/// Whether what the best model leaves must be something that is in no entry, from the mean squares of the
+/// plain and the best model.
 fn unexplained(plain: f64, best: f64) -> bool {
     let left = (best - 1.0).max(0.0);
     let share = left / (plain - 1.0).max(1e-9);
@@ -651,8 +667,8 @@ fn ids(j: &Judged) -> impl Iterator<Item = &'static str> {
     j.fitted.effects.iter().map(|a| a.effect.id())
 }
 
-/// Whether a further cause stays: the excess must fall by a quarter, and nearly vanish where it is no larger than what a textbook form that is
-/// wrong in detail leaves.
+/// Whether a further cause stays: the excess must fall by a quarter, and nearly vanish where it is no larger
+/// than what a textbook form that is wrong in detail leaves.
 fn joins(base: &Judged, next: &Judged, chance: f64) -> bool {
     let left = if base.mean_square > FORM_LEAVES {
         0.75
@@ -667,6 +683,6 @@ fn joins(base: &Judged, next: &Judged, chance: f64) -> bool {
 /// Mean square up to which what one cause leaves may be its form.
 const FORM_LEAVES: f64 = 2.25;
 
-/// Mean square (noise makes 1) that a cause must take away to matter: a seventh of the noise as an error. What smoothing and numerics leave of
-/// a right model is less, however long the recordings.
+/// Mean square (noise makes 1) that a cause must take away to matter: a seventh of the noise as an error.
+/// What smoothing and numerics leave of a right model is less, however long the recordings.
 const MATTERS: f64 = 0.02;

@@ -10,7 +10,8 @@ pub enum Verdict {
     Adequate,
     /// At least one cause of the catalogue is named.
     MissingPhysics,
-    /// More than noise is left, and no cause of the catalogue accounts for it; or only a part beyond its tolerance does.
+    /// More than noise is left, and no cause of the catalogue accounts for it; or only a part beyond its
+    /// tolerance does.
     Unexplained,
 }
 
@@ -28,7 +29,8 @@ impl Verdict {
 /// A place where model and recordings differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
-    /// voltage, voltage_rate, direction, time, height, position, actuator, recording, frequency, cycle, largest_stretch.
+    /// voltage, voltage_rate, direction, time, height, position, actuator, recording, frequency, cycle,
+    /// largest_stretch.
     pub dimension: &'static str,
     /// What that is on this rig, in words.
     pub called: &'static str,
@@ -59,7 +61,8 @@ pub struct Value {
     pub name: &'static str,
     /// Its unit.
     pub unit: String,
-    /// Its value, freed of what the noise of the motion makes of it; a word for what picks a form or names a recording.
+    /// Its value, freed of what the noise of the motion makes of it; a word for what picks a form or names a
+    /// recording.
     pub value: f64,
     /// The value with which the model predicts best from motion that is as noisy.
     pub fitted: f64,
@@ -180,7 +183,8 @@ impl Departed {
 /// A law over physical variables for what no cause explains: a hypothesis, never a name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Law {
-    /// Terms: what, coefficient in N m per standard deviation of the variable, share of the excess that it alone takes away.
+    /// Terms: what, coefficient in N m per standard deviation of the variable, share of the excess that it
+    /// alone takes away.
     pub terms: Vec<(String, f64, f64)>,
     /// Share of the excess that all of them take away.
     pub share: f64,
@@ -248,15 +252,18 @@ pub struct Diagnosis {
     pub traces: Vec<Traces>,
     /// What may differ from the drawing, and by how much it does; empty where the model as drawn suffices.
     pub departed: Vec<Departed>,
-    /// The part that is farthest beyond what tolerances make, where the plain model leaves only noise with it, and more without.
+    /// The part that is farthest beyond what tolerances make, where the plain model leaves only noise with
+    /// it, and more without.
     pub beyond: Option<Departed>,
-    /// What the defaults among those tolerances are multiplied by: how well this robot was built; NaN where the model as drawn suffices.
+    /// What the defaults among those tolerances are multiplied by: how well this robot was built; NaN where
+    /// the model as drawn suffices.
     pub built: f64,
     /// What weakens the verdict, in words.
     pub remarks: Vec<String>,
     /// The verdict in one or two sentences.
     pub says: String,
-    /// What simpler methods say of the same recordings: their name, whether they see anything, and the effect that they name.
+    /// What simpler methods say of the same recordings: their name, whether they see anything, and the effect
+    /// that they name.
     pub rivals: Vec<(&'static str, bool, Option<&'static str>)>,
     /// The models that simpler methods end with; empty unless asked for.
     pub rival_models: Vec<RivalModel>,
@@ -279,8 +286,8 @@ pub struct Evidence {
     pub noise_scale: f64,
     /// Largest surprise of each effect.
     pub each: Vec<(&'static str, f64)>,
-    /// Models that were fitted in full: their effects, score less that of the plain model (lower is better), weighted mean square, that of
-    /// the held-out recordings.
+    /// Models that were fitted in full: their effects, score less that of the plain model (lower is better),
+    /// weighted mean square, that of the held-out recordings.
     pub tried: Vec<(Vec<&'static str>, f64, f64, f64)>,
     /// Largest fall of the sum of squares, priors included, by a refit with one effect.
     pub fall: f64,
@@ -346,8 +353,8 @@ pub struct Request {
     pub only: Vec<String>,
     /// Whether the models that simpler methods end with are built too.
     pub rivals: bool,
-    /// Error, in the unit of the rig's errors, that a cause of a robot must take away to matter; without, what must be taken away is a
-    /// share of the noise.
+    /// Error, in the unit of the rig's errors, that a cause of a robot must take away to matter; without,
+    /// what must be taken away is a share of the noise.
     pub relevant: Option<f64>,
 }
 

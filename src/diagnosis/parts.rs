@@ -1,7 +1,9 @@
-//! Parts that differ within their tolerances in the causes' place: whether they, alone or beside one cause, explain more than the causes do.
+//! Parts that differ within their tolerances in the causes' place: whether they, alone or beside one cause,
+//! explain more than the causes do.
 //!
-//! All are priced alike: -2 ln L, ln n for every value of a cause, and what it costs to pick the causes among all that there are. What lies
-//! within its tolerance is to be expected and has to be outdone by parts no more than chance allows; any other cause by more than that.
+//! All are priced alike: -2 ln L, ln n for every value of a cause, and what it costs to pick the causes among
+//! all that there are. What lies within its tolerance is to be expected and has to be outdone by parts no
+//! more than chance allows; any other cause by more than that.
 
 use rayon::prelude::*;
 
@@ -16,10 +18,12 @@ use super::subject::Subject;
 use super::tolerance::{self, Built, Tolerance};
 use crate::effects::Acting;
 
-/// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of them to be worth while.
+/// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of
+/// them to be worth while.
 const WORTH_A_FIT: f64 = 0.5;
-/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: three times the error. Recordings that
-/// were held out have clocks of their own, so that right parts may foretell worse than wrong causes.
+/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: three
+/// times the error. Recordings that were held out have clocks of their own, so that right parts may foretell
+/// worse than wrong causes.
 const FORETELLS_WORSE: f64 = 9.0;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
@@ -77,8 +81,8 @@ impl Causes<'_> {
         let expected = within(own);
         let by_chance = self.allowed / self.noise;
         let margin = if expected { -by_chance } else { by_chance };
-        // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that does not, and the second of two
-        // names, to parts beside a cause too.
+        // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
+        // does not, and the second of two names, to parts beside a cause too.
         let doubtful = expected || self.unexplained;
         let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
         let mut starts = vec![self.plain.fitted.clone()];
@@ -112,7 +116,8 @@ impl Causes<'_> {
                 }
                 let price = price(&built, &fitted);
                 let foretold = Judged::new(problem, blocks, fitted.clone()).holdout;
-                // where names leave only noise as drawn, parts beyond their tolerances do not take their place
+                // where names leave only noise as drawn, parts beyond their tolerances do not take their
+                // place
                 let believed = (self.unexplained || loud || built.beyond(&fitted).is_none())
                     && (self.best.holdout.is_nan()
                         || foretold <= FORETELLS_WORSE * self.best.holdout);
@@ -135,8 +140,8 @@ impl Causes<'_> {
         Ok(chosen.map(|c| (c.built, c.fitted)))
     }
 
-    /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the one beside which parts promise most in
-    /// linear theory; none that is a departure within its tolerance.
+    /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the
+    /// one beside which parts promise most in linear theory; none that is a departure within its tolerance.
     fn beside<S: Subject>(&self, problem: &Problem<S>, list: &[Tolerance]) -> Vec<Fitted> {
         let free = |a: &Acting| !tolerance::holds(list, a);
         let alone = |own: &Acting| {

@@ -22,7 +22,8 @@ const RECIPROCAL_LOCKING: Prior = Prior {
     mean: 0.0125,
     sd: 0.01,
 };
-/// Modulus of a silicone film, Pa: data sheets leave it open by as much. Softer films differ from it by less than two deviations.
+/// Modulus of a silicone film, Pa: data sheets leave it open by as much. Softer films differ from it by less
+/// than two deviations.
 const EQUILIBRIUM: Prior = Prior {
     mean: 1.0e6,
     sd: 6e5,
@@ -48,7 +49,8 @@ pub(super) struct Problem<S> {
     pub linear: Vec<Unknown>,
     /// Share of the residuals that count as independent.
     pub independent: f64,
-    /// What a standard deviation of where each recording begins changes of the torque error: no cause, and in every tangent space.
+    /// What a standard deviation of where each recording begins changes of the torque error: no cause, and in
+    /// every tangent space.
     pub begun: DepartureTorques,
 }
 
@@ -239,7 +241,8 @@ impl<S: Subject> Problem<S> {
         )
     }
 
-    /// Fits the plain model from several films: the nominal one, faster and slower ones, stiffer and softer at large stretch; the best.
+    /// Fits the plain model from several films: the nominal one, faster and slower ones, stiffer and softer
+    /// at large stretch; the best.
     pub fn several(&self, effort: Effort) -> Fitted {
         let (times, locking) = (0..BRANCHES, BRANCHES..BRANCHES + 1);
         let starts = [
@@ -290,8 +293,9 @@ impl<S: Subject> Problem<S> {
         [mean, *each.select_nth_unstable_by(middle, f64::total_cmp).1]
     }
 
-    /// Variance of the noise that the residual shows over the one that the weights promise: from second differences of neighbouring
-    /// kept samples, where slow causes leave little, against those of the drawn tracks (medians, so that jumps count little).
+    /// Variance of the noise that the residual shows over the one that the weights promise: from second
+    /// differences of neighbouring kept samples, where slow causes leave little, against those of the drawn
+    /// tracks (medians, so that jumps count little).
     pub fn noise_scale(&self, residual: &DVector<f64>) -> f64 {
         let chains = S::CHAINS;
         let tracks: Vec<Vec<f64>> = self
@@ -331,7 +335,8 @@ impl<S: Subject> Problem<S> {
         if scale.is_finite() { scale } else { 1.0 }
     }
 
-    /// The plain unknowns of the held-out recordings: the fitted model, clock offsets as far as they are known.
+    /// The plain unknowns of the held-out recordings: the fitted model, clock offsets as far as they are
+    /// known.
     pub fn holdout_eta(&self, fitted: &Fitted) -> Option<Vec<f64>> {
         let holdout = self.holdout.as_ref()?;
         Some(holdout.carried(&fitted.state.eta[..self.nonlinear.len()]))
@@ -353,8 +358,8 @@ impl<S: Subject> Problem<S> {
         Some((normal.gram[(last, last)], normal.rows))
     }
 
-    /// Takes what capture and smoothing make of a fitted plain model's own motion out of all residuals, where less is left then. The fit
-    /// without it, where it was taken out.
+    /// Takes what capture and smoothing make of a fitted plain model's own motion out of all residuals, where
+    /// less is left then. The fit without it, where it was taken out.
     pub fn take_out_smoothing(&mut self, fitted: &Fitted) -> Option<Fitted> {
         let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
         let expected = self.train.expected_residual(eta, beta)?;
@@ -403,9 +408,10 @@ impl<S: Subject> Problem<S> {
         Ok((train, holdout.transpose()?))
     }
 
-    /// Sets the weights at a fitted model. Where its film is so extreme that it makes more noise than the residual shows, weights set there
-    /// would hide everything, and those of an ordinary film are taken; the same of its causes, but a stop or a friction may multiply the
-    /// noise of what little motion it leaves, so that they are doubted only where the middle sample is too noisy. `ordinary` is
+    /// Sets the weights at a fitted model. Where its film is so extreme that it makes more noise than the
+    /// residual shows, weights set there would hide everything, and those of an ordinary film are taken; the
+    /// same of its causes, but a stop or a friction may multiply the noise of what little motion it leaves,
+    /// so that they are doubted only where the middle sample is too noisy. `ordinary` is
     /// [`Problem::log_noise`] of an ordinary film. Says whether the model's own film was taken.
     ///
     /// # Errors
@@ -561,7 +567,8 @@ impl Tangent {
         })
     }
 
-    /// Coefficients with which the tangent space takes up a column, from the column's products with the columns here.
+    /// Coefficients with which the tangent space takes up a column, from the column's products with the
+    /// columns here.
     pub fn absorbed(&self, a: &DVector<f64>) -> DVector<f64> {
         &self.inverse * a
     }
@@ -576,7 +583,8 @@ impl Tangent {
         &self.prior_roots
     }
 
-    /// The part of a'r that lies in the tangent space, from the product of a with the columns. At the fit's own residual there is none.
+    /// The part of a'r that lies in the tangent space, from the product of a with the columns. At the fit's
+    /// own residual there is none.
     pub fn hidden_product(&self, a: &DVector<f64>, r: &DVector<f64>) -> f64 {
         if std::ptr::eq(r, &self.residual) {
             return match self.beside {
@@ -598,8 +606,8 @@ impl Tangent {
     }
 }
 
-/// How many free values the data determine: each size counts whole, each shape by the share of its prior variance that they take
-/// away (MacKay 1992), so that a shape of which they say nothing costs nothing.
+/// How many free values the data determine: each size counts whole, each shape by the share of its prior
+/// variance that they take away (MacKay 1992), so that a shape of which they say nothing costs nothing.
 pub(super) fn informed<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64 {
     let is_size = |f: &(usize, usize)| fitted.effects[f.0].effect.parameters()[f.1].size;
     let sizes = fitted.free.iter().filter(|f| is_size(f)).count() as f64;

@@ -1,9 +1,10 @@
-//! Simpler methods: what each would name at a glance, and, taken to their end, which model each builds and how that does on recordings
-//! that were not fitted.
+//! Simpler methods: what each would name at a glance, and, taken to their end, which model each builds and
+//! how that does on recordings that were not fitted.
 //!
-//! Forward selection adds the cause of the catalogue whose refit lowers Akaike's criterion most, until none does. Sparse regression
-//! (LASSO, penalty by the Bayesian information criterion) picks columns among the fingerprints at once; the causes that it
-//! picks are then fitted without penalty (the relaxed LASSO, Meinshausen 2007). Neither knows chance, rivals or held-out recordings.
+//! Forward selection adds the cause of the catalogue whose refit lowers Akaike's criterion most, until none
+//! does. Sparse regression (LASSO, penalty by the Bayesian information criterion) picks columns among the
+//! fingerprints at once; the causes that it picks are then fitted without penalty (the relaxed LASSO,
+//! Meinshausen 2007). Neither knows chance, rivals or held-out recordings.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -66,7 +67,8 @@ pub(super) fn rival_models<S: Subject>(
     .collect()
 }
 
-/// Akaike's criterion where the size of the noise is known: squares over their variance, and twice the number of values.
+/// Akaike's criterion where the size of the noise is known: squares over their variance, and twice the number
+/// of values.
 fn criterion(f: &Fitted) -> f64 {
     f.cost() + 2.0 * f.free.len() as f64
 }
@@ -157,8 +159,9 @@ fn columns(groups: &[Group]) -> Vec<(Acting, DVector<f64>)> {
     out
 }
 
-/// What simpler methods name: a whiteness test, forward selection by Akaike's criterion, the largest correlation of the raw residual, and
-/// sparse regression (LASSO, penalty by the Bayesian information criterion) on projected fingerprints.
+/// What simpler methods name: a whiteness test, forward selection by Akaike's criterion, the largest
+/// correlation of the raw residual, and sparse regression (LASSO, penalty by the Bayesian information
+/// criterion) on projected fingerprints.
 pub(super) fn named(
     tangent: &Tangent,
     groups: &[Group],
@@ -196,8 +199,9 @@ pub(super) fn named(
     ]
 }
 
-/// The LASSO on fingerprints with everything projected out that a refit could absorb, standardised, at the penalty whose Bayesian
-/// information criterion is smallest: the columns that it keeps and their coefficients, largest first.
+/// The LASSO on fingerprints with everything projected out that a refit could absorb, standardised, at the
+/// penalty whose Bayesian information criterion is smallest: the columns that it keeps and their
+/// coefficients, largest first.
 fn lasso(tangent: &Tangent, columns: &[(Acting, DVector<f64>)]) -> Vec<(usize, f64)> {
     let r = &tangent.residual;
     struct Own<'a> {

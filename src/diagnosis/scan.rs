@@ -1,5 +1,6 @@
-//! The scan: every effect of the catalogue, on all actuators and on one, at several sizes and shapes, by its fingerprint alone: the
-//! change of the whitened residual when it is switched on a little, with everything that a refit could absorb projected out.
+//! The scan: every effect of the catalogue, on all actuators and on one, at several sizes and shapes, by its
+//! fingerprint alone: the change of the whitened residual when it is switched on a little, with everything
+//! that a refit could absorb projected out.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -108,7 +109,8 @@ pub(super) fn fingerprints<S: Subject>(
         .collect()
 }
 
-/// What every hypothesis promises at a fitted model, most promising first; `units` are changes that might come at a moment.
+/// What every hypothesis promises at a fitted model, most promising first; `units` are changes that might
+/// come at a moment.
 pub(super) fn scan<S: Subject>(
     problem: &Problem<S>,
     tangent: &Tangent,
@@ -265,7 +267,8 @@ pub(super) struct Unit {
     pub column: Vec<f64>,
 }
 
-/// The changes that might come at a moment, at a fitted model: an electrode that fails, a payload that comes or goes.
+/// The changes that might come at a moment, at a fitted model: an electrode that fails, a payload that comes
+/// or goes.
 ///
 /// # Errors
 /// [`Locked`] when the film is past its locking stretch.

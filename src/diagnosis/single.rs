@@ -1,13 +1,15 @@
 //! Doubts on a single coordinate: axis, hinge bench, film coupon.
 //!
-//! Fit, choose and report are three things. The models (plain, with one cause, with several) are fitted to the training recordings;
-//! which of them is believed is told by blocks of these that each fit left out (`blocks`); what is reported as not fitted took
-//! no part in either.
+//! Fit, choose and report are three things. The models (plain, with one cause, with several) are fitted to
+//! the training recordings; which of them is believed is told by blocks of these that each fit left out
+//! (`blocks`); what is reported as not fitted took no part in either.
 //!
-//! 1. The plain model, and every cause beside it; series of causes grow from the best, and lose again what does not pay.
-//! 2. The odds of all these models against each other; a cause's own odds are those of all models that have it.
-//! 3. A flexible model of every site where physics may act (`LineResidual::sites`): where it foretells much that the causes do not,
-//!    something is at work that nobody listed.
+//! 1. The plain model, and every cause beside it; series of causes grow from the best, and lose again what
+//!    does not pay.
+//! 2. The odds of all these models against each other; a cause's own odds are those of all models that have
+//!    it.
+//! 3. A flexible model of every site where physics may act (`LineResidual::sites`): where it foretells much
+//!    that the causes do not, something is at work that nobody listed.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -38,19 +40,22 @@ const EXPECTED: f64 = 0.5;
 const UNLISTED: f64 = 0.25;
 /// Odds, of those of a named cause, from which another in its place is named with it.
 const RIVALS: f64 = 0.1;
-/// Largest mean square over the promised noise that may still be noise: what is read from a recording may be a third of what there is.
+/// Largest mean square over the promised noise that may still be noise: what is read from a recording may be
+/// a third of what there is.
 const MAY_BE_NOISE: f64 = 9.0;
-/// Largest mean square over the promised noise that noise makes, but for a coordinate in fifty (of 200 clean simulated ones 2 % left more).
+/// Largest mean square over the promised noise that noise makes, but for a coordinate in fifty (of 200 clean
+/// simulated ones 2 % left more).
 const NOISE_AT_MOST: f64 = 4.0;
 /// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be.
 const TOO_GOOD: f64 = 0.25;
-/// Mean square, over the noise and over what could be foretold, from which it is worth saying that something is at work which nobody names: below
-/// it the error is less than a quarter above what it could be.
+/// Mean square, over the noise and over what could be foretold, from which it is worth saying that something
+/// is at work which nobody names: below it the error is less than a quarter above what it could be.
 const WORTH_SAYING: f64 = 1.5;
-/// Mean square to which a cause must bring what is not foretold, of the model's without: an error that falls by less than 5 % is of no use.
+/// Mean square to which a cause must bring what is not foretold, of the model's without: an error that falls
+/// by less than 5 % is of no use.
 const MATTERS: f64 = 0.9;
-/// Largest odds of a cause that is not named: it failed a test beside its odds (too small to matter, within one sample, not told from off),
-/// and is less likely than not to be at work in a way that matters.
+/// Largest odds of a cause that is not named: it failed a test beside its odds (too small to matter, within
+/// one sample, not told from off), and is less likely than not to be at work in a way that matters.
 const NOT_NAMED: f64 = 0.49;
 /// Student's t from which one model foretells better than another, block by block.
 const BETTER: f64 = 2.5;
@@ -88,7 +93,8 @@ struct Bench<'a, 'b> {
 }
 
 impl Bench<'_, '_> {
-    /// What a fitted model foretells; `None` where it cannot be, or where a drive takes the place of the plant.
+    /// What a fitted model foretells; `None` where it cannot be, or where a drive takes the place of the
+    /// plant.
     fn judge(&self, fitted: Fitted) -> Option<Model> {
         let tangent = Tangent::new(self.problem, &fitted).ok()?;
         if self.cancels(&fitted) {
@@ -106,7 +112,8 @@ impl Bench<'_, '_> {
         })
     }
 
-    /// Whether a cause of the drive takes away mass, damping or stiffness: a lag can stand in for a plant, and the plain fit found that one.
+    /// Whether a cause of the drive takes away mass, damping or stiffness: a lag can stand in for a plant,
+    /// and the plain fit found that one.
     fn cancels(&self, fitted: &Fitted) -> bool {
         if !fitted.effects.iter().any(|a| a.effect.drives()) {
             return false;
@@ -163,7 +170,8 @@ impl Bench<'_, '_> {
             .expect("there are ridges")
     }
 
-    /// What a fitted model foretells if noise in the coordinate and clocks within a sample may do to it what they do.
+    /// What a fitted model foretells if noise in the coordinate and clocks within a sample may do to it what
+    /// they do.
     fn blurred(&self, model: &Model) -> Result<Foretold, Error> {
         let (eta, beta) = (&model.fitted.state.eta, &model.fitted.state.beta);
         let columns = self.problem.residual(&model.fitted).blur(eta, beta)?;
@@ -179,7 +187,8 @@ impl Bench<'_, '_> {
         })
     }
 
-    /// What the most telling flexible model beside a fitted one foretells: one site's, or that of all together.
+    /// What the most telling flexible model beside a fitted one foretells: one site's, or that of all
+    /// together.
     fn twin(&self, fitted: &Fitted) -> Option<Foretold> {
         let tangent = Tangent::new(self.problem, fitted).ok()?;
         let residual = self.problem.residual(fitted);
@@ -317,7 +326,8 @@ pub(super) fn doubt(
     }
     watch("judging");
     let mut twins: Vec<Foretold> = bench.twin(&plain.fitted).into_iter().collect();
-    // what leaves far less than noise, and than any flexible model, has made the input told small, not the error
+    // what leaves far less than noise, and than any flexible model, has made the input told small, not the
+    // error
     let possible = twins.first().map_or(1.0, Foretold::mean_square).min(1.0);
     models.retain(|m| m.raw > TOO_GOOD * possible);
     let left_of = |m: &Model| m.foretold.mean_square();
@@ -757,8 +767,9 @@ fn size_is_nothing(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option<N
     None
 }
 
-/// Whether a residual comes in bursts, and noise does not: the mean square of the tenth of all stretches in which it is largest is more
-/// than [`PEAK`] times the median one. Stretches of so many independent rows that noise does not go beyond 3 times in one of a thousand.
+/// Whether a residual comes in bursts, and noise does not: the mean square of the tenth of all stretches in
+/// which it is largest is more than [`PEAK`] times the median one. Stretches of so many independent rows that
+/// noise does not go beyond 3 times in one of a thousand.
 fn in_bursts(residual: &[f64], blocks: &Blocks, independent: f64) -> bool {
     const ROWS: f64 = 16.0;
     let length = (ROWS / independent).ceil() as usize;
@@ -773,9 +784,10 @@ fn in_bursts(residual: &[f64], blocks: &Blocks, independent: f64) -> bool {
         && largest.iter().sum::<f64>() > PEAK * largest.len() as f64 * squares[squares.len() / 2]
 }
 
-/// Whether a residual has the spectrum of something that happens, not that of noise: more than half of its power lies in frequencies whose
-/// density is more than [`PEAK`] times the median of what position noise and input noise make of the balance (`shape`: their densities at a
-/// frequency in cycles a row, [`LineResidual::noise_shape`]), their shares by Whittle's likelihood.
+/// Whether a residual has the spectrum of something that happens, not that of noise: more than half of its
+/// power lies in frequencies whose density is more than [`PEAK`] times the median of what position noise and
+/// input noise make of the balance (`shape`: their densities at a frequency in cycles a row,
+/// [`LineResidual::noise_shape`]), their shares by Whittle's likelihood.
 fn is_structured(residual: &[f64], blocks: &Blocks, shape: impl Fn(f64) -> [f64; 2]) -> bool {
     let mut power: Vec<(f64, [f64; 2])> = Vec::new();
     for e in blocks.edges.windows(2) {
@@ -820,9 +832,9 @@ fn is_structured(residual: &[f64], blocks: &Blocks, shape: impl Fn(f64) -> [f64;
     peaks > 0.5 * all
 }
 
-/// Whether a model errs on the recordings that took no part as one that is right, named or plain, would not: its mean square
-/// there is more than [`MAY_BE_NOISE`] times what it leaves where it was fitted and what its parameters, uncertain as they are,
-/// make there.
+/// Whether a model errs on the recordings that took no part as one that is right, named or plain, would not:
+/// its mean square there is more than [`MAY_BE_NOISE`] times what it leaves where it was fitted and what its
+/// parameters, uncertain as they are, make there.
 fn misses(problem: &Problem<LineResidual>, model: &Model, independent: f64) -> Result<bool, Error> {
     let Some(holdout) = &problem.holdout else {
         return Ok(false);
@@ -860,18 +872,19 @@ fn misses(problem: &Problem<LineResidual>, model: &Model, independent: f64) -> R
     Ok(held.column(last).norm_squared() / rows > MAY_BE_NOISE * expected)
 }
 
-/// Whether a named model leaves more than a quarter of the plain one's sum of squares on the recordings that took no part.
+/// Whether a named model leaves more than a quarter of the plain one's sum of squares on the recordings that
+/// took no part.
 fn barely_foretells(problem: &Problem<LineResidual>, plain: &Model, named: &Model) -> bool {
     let held = |m: &Model| problem.held_out(&m.fitted).map_or(0.0, |h| h.0);
     held(named) > 0.25 * held(plain)
 }
 
-/// Density or mean square over the median from which a frequency or a stretch stands out: noise of a frequency goes beyond it in four of a
-/// thousand.
+/// Density or mean square over the median from which a frequency or a stretch stands out: noise of a
+/// frequency goes beyond it in four of a thousand.
 const PEAK: f64 = 8.0;
 
-/// Why the causes of a model are none: the error of the stated quantity hardly falls with them, or rises where nothing was fitted. This
-/// veto is all that the recordings which were held out have a say in.
+/// Why the causes of a model are none: the error of the stated quantity hardly falls with them, or rises
+/// where nothing was fitted. This veto is all that the recordings which were held out have a say in.
 fn lowers_nothing(
     problem: &Problem<LineResidual>,
     plain: &Fitted,
@@ -914,8 +927,9 @@ fn lowers_nothing(
     None
 }
 
-/// Probability that something unlisted is at work where a model leaves this share of what can be foretold. The shares that listed causes leave
-/// are those of their forms (`form_leaves`), those of unlisted ones are even; each cause beyond the first has to be at work, too.
+/// Probability that something unlisted is at work where a model leaves this share of what can be foretold.
+/// The shares that listed causes leave are those of their forms (`form_leaves`), those of unlisted ones are
+/// even; each cause beyond the first has to be at work, too.
 fn unlisted(m: &Model, share: f64) -> f64 {
     let more = m.fitted.effects.len().saturating_sub(1);
     let listed = (1.0 - UNLISTED) * EXPECTED.powi(more as i32) * form_leaves(share);

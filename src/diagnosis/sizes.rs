@@ -1,4 +1,5 @@
-//! The sizes of what was found: values of effects with their intervals, freed of what the capture's noise makes of them.
+//! The sizes of what was found: values of effects with their intervals, freed of what the capture's noise
+//! makes of them.
 
 use std::ops::ControlFlow;
 
@@ -42,27 +43,30 @@ pub(super) fn unknown_values(fitted: &Fitted) -> Vec<Estimate> {
 const ROUNDS: usize = 4;
 /// A round that moves every value by less than so many standard errors is the last.
 const SETTLED: f64 = 1.0;
-/// Share of what the simulated recordings move a value by that counts as its standard error: all of it made intervals of 80 own cases too
-/// wide (83 % within one standard error, 97.5 % within the interval), half of it those of 235 a little too narrow (66 %, 92.8 %). With this
-/// share and the profile 94.7 % of 398 hold (69 %).
+/// Share of what the simulated recordings move a value by that counts as its standard error: all of it made
+/// intervals of 80 own cases too wide (83 % within one standard error, 97.5 % within the interval), half of
+/// it those of 235 a little too narrow (66 %, 92.8 %). With this share and the profile 94.7 % of 398 hold (69
+/// %).
 const UNSURE: f64 = 0.7;
-/// Relative standard error of an effect's first value from which it is profiled: below, the curvature suffices.
+/// Relative standard error of an effect's first value from which it is profiled: below, the curvature
+/// suffices.
 const PROFILED: f64 = 0.05;
 /// Draws of noise that the covariance of the scores counts as, beside those of [`Subject::expected_score`].
 const PRIOR_DRAWS: f64 = 4.0;
 
 /// The free values of a fitted model's effects, in their units.
 ///
-/// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under the noise of the capture.
-/// What a textbook form leaves beyond noise widens it by the root of the mean square, and on robots what clean recordings make beyond the
-/// drawn noise ([`BEYOND_DRAWN`]).
+/// The covariance is H^-1 (S + P) H^-1: H the Gauss-Newton matrix with priors P, S that of the scores under
+/// the noise of the capture. What a textbook form leaves beyond noise widens it by the root of the mean
+/// square, and on robots what clean recordings make beyond the drawn noise ([`BEYOND_DRAWN`]).
 ///
-/// With `freed`, the values are those under which simulated recordings, captured and smoothed alike, have scores of mean 0 at the fitted
-/// ones (errors in variables, by the efficient method of moments of Gallant and Tauchen 1996): the fitted ones predict best from motion
-/// that is as noisy, and are wrong by as much. What the simulated noise does to each value then joins its variance, and the interval is
-/// Student's with as many degrees of freedom (a moderated t, Smyth 2004). The first value of each effect, where it is of middling
-/// certainty, is profiled: the interval goes as much further to a side as the sum of squares rises more slowly there than the curvature
-/// says.
+/// With `freed`, the values are those under which simulated recordings, captured and smoothed alike, have
+/// scores of mean 0 at the fitted ones (errors in variables, by the efficient method of moments of Gallant
+/// and Tauchen 1996): the fitted ones predict best from motion that is as noisy, and are wrong by as much.
+/// What the simulated noise does to each value then joins its variance, and the interval is Student's with as
+/// many degrees of freedom (a moderated t, Smyth 2004). The first value of each effect, where it is of
+/// middling certainty, is profiled: the interval goes as much further to a side as the sum of squares rises
+/// more slowly there than the curvature says.
 pub(super) fn value_estimates<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
@@ -119,9 +123,11 @@ pub(super) fn value_estimates<S: Subject>(
         .collect())
 }
 
-/// A fitted model and what is near it: unknowns scaled so that the Gauss-Newton matrix with priors has a diagonal of ones.
+/// A fitted model and what is near it: unknowns scaled so that the Gauss-Newton matrix with priors has a
+/// diagonal of ones.
 struct Near {
-    /// All unknowns: plain nonlinear ones, values of effects from number `first` on, linear ones; and where the fit has them.
+    /// All unknowns: plain nonlinear ones, values of effects from number `first` on, linear ones; and where
+    /// the fit has them.
     unknowns: Vec<Unknown>,
     first: usize,
     at: Vec<f64>,
@@ -228,7 +234,8 @@ impl Near {
             .collect()
     }
 
-    /// Distances to the ends of the profiled intervals of `candidates`, below and above, from where the fit ends on this residual.
+    /// Distances to the ends of the profiled intervals of `candidates`, below and above, from where the fit
+    /// ends on this residual.
     fn reach<S: Subject>(
         &self,
         problem: &Problem<S>,
@@ -272,7 +279,8 @@ impl Told {
         let own = near.own(fitted);
         let mut before = f64::INFINITY;
         for _ in 0..if own.is_empty() { 0 } else { ROUNDS } {
-            // a film that these values would lock tells nothing, nor does the pull of noise alone a second time
+            // a film that these values would lock tells nothing, nor does the pull of noise alone a second
+            // time
             let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
             let score = match residual.expected_score(eta, beta, &self.truth) {
                 Ok(Some(s)) if s.simulated || before.is_infinite() => s,

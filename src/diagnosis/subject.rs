@@ -1,4 +1,5 @@
-//! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie, and the words of the kind.
+//! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie,
+//! and the words of the kind.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,8 +10,8 @@ use crate::film::Locked;
 use crate::model::Parameters;
 use crate::residual::{DepartureTorques, ExpectedScore, SeparableResidual};
 
-/// Where a kept residual lies: voltage (or input), its rate, time s, height, rate, largest stretch (or swing) so far, angle (or
-/// position).
+/// Where a kept residual lies: voltage (or input), its rate, time s, height, rate, largest stretch (or swing)
+/// so far, angle (or position).
 pub(super) type At = [f64; 7];
 
 /// A coordinate in which the excess is looked for.
@@ -34,7 +35,8 @@ pub(super) struct Whereabouts {
     pub span_s: [f64; 2],
 }
 
-/// Error of the driven quantity at every sample of a recording: what the motion needs minus what the command makes.
+/// Error of the driven quantity at every sample of a recording: what the motion needs minus what the command
+/// makes.
 pub(super) struct Errors {
     pub time_s: Vec<f64>,
     pub command: Vec<[f64; 3]>,
@@ -88,11 +90,14 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     fn coordinates(&self) -> Vec<Coordinate>;
     /// Where the kept samples of a recording lie, for each actuator.
     fn at(&self, recording: usize) -> Vec<[At; 3]>;
-    /// Lower triangles of the whitening of the kept samples of a recording (row by row; with one chain the first counts alone).
+    /// Lower triangles of the whitening of the kept samples of a recording (row by row; with one chain the
+    /// first counts alone).
     fn whitening(&self, recording: usize) -> Vec<[f64; 6]>;
-    /// Physical variables for a law over what is left: names, and values at the kept samples for each actuator.
+    /// Physical variables for a law over what is left: names, and values at the kept samples for each
+    /// actuator.
     fn features(&self, recording: usize) -> (Vec<&'static str>, Vec<Vec<[f64; 3]>>);
-    /// The same recordings and weights with `effects` at work; `free` are those of their values that are unknowns.
+    /// The same recordings and weights with `effects` at work; `free` are those of their values that are
+    /// unknowns.
     fn with_effects(
         &self,
         effects: Vec<Acting>,
@@ -101,7 +106,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Self;
     /// The effects at eta.
     fn effects(&self, eta: &[f64]) -> Vec<Acting>;
-    /// Works out what is linear in some values of effects until called again; with `anew` the slopes as well, where there are some.
+    /// Works out what is linear in some values of effects until called again; with `anew` the slopes as well,
+    /// where there are some.
     fn linearise(&mut self, eta: &[f64], beta: &[f64], anew: bool) -> Result<(), Locked>;
     /// Sets the weights to what noise makes of the residual at a model.
     fn weigh(&mut self, eta: &[f64], beta: &[f64]) -> Result<(), Locked>;
@@ -128,8 +134,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Result<Vec<Vec<f64>>, Locked>;
     /// Covariance of the scores X'e under the noise.
     fn score_covariance(&self, eta: &[f64], beta: &[f64]) -> Result<DMatrix<f64>, Locked>;
-    /// What the scores X'r at (eta, beta) are on average were the model true with the values `truth`, in their order; `None` where that is
-    /// not known.
+    /// What the scores X'r at (eta, beta) are on average were the model true with the values `truth`, in
+    /// their order; `None` where that is not known.
     fn expected_score(
         &self,
         _eta: &[f64],
@@ -138,7 +144,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Result<Option<ExpectedScore>, Locked> {
         Ok(None)
     }
-    /// The whitened residual that is left on average were the model true, by capture and smoothing; `None` where that is not known.
+    /// The whitened residual that is left on average were the model true, by capture and smoothing; `None`
+    /// where that is not known.
     fn expected_residual(&self, _eta: &[f64], _beta: &[f64]) -> Option<DVector<f64>> {
         None
     }
@@ -157,7 +164,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     ) -> Result<DepartureTorques, Locked> {
         Ok(DepartureTorques::new())
     }
-    /// What a standard deviation of where each recording begins changes of the torque error: the branches remember it.
+    /// What a standard deviation of where each recording begins changes of the torque error: the branches
+    /// remember it.
     fn begun(&self, _eta: &[f64], _beta: &[f64]) -> Result<DepartureTorques, Locked> {
         Ok(DepartureTorques::new())
     }

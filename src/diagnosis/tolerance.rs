@@ -1,19 +1,22 @@
 //! How robots are built: parts that differ within their tolerances are no cause.
 //!
-//! Each tolerance is one column of the linearised residual, the change that one standard deviation of it makes, and has a normal prior.
-//! Those that the rig states are taken as stated. The others are defaults of good workshop practice, and how well this robot was built is
-//! told from the recordings: all defaults are multiplied by one scale between 0 and 1, that of largest marginal likelihood
+//! Each tolerance is one column of the linearised residual, the change that one standard deviation of it
+//! makes, and has a normal prior. Those that the rig states are taken as stated. The others are defaults of
+//! good workshop practice, and how well this robot was built is told from the recordings: all defaults are
+//! multiplied by one scale between 0 and 1, that of largest marginal likelihood
 //!
 //! ```text
 //! -2 ln L(scale) = r'r - g'D (I + D G D)^-1 D g + ln det(I + D G D),     D = scale times tolerances
 //! ```
 //!
-//! where G and g are the products of the columns with each other and with the residual, the plain model's tangent space projected out
-//! (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the columns are worked out again about the mechanism and the
-//! film that were found. The same likelihood decides between parts that differ and the causes that the robot as drawn is given: one part
-//! that is far off, where all others are as drawn, is a cause; many that are off a little are not. Parts, alone or beside a cause, are believed
-//! where they are likelier by more than chance makes of a scan, unless they foretell what was held out with more than three times the error.
-//! Where a name holds as drawn, parts beyond their tolerances do not take its place; where none does, such parts are said and nothing is named.
+//! where G and g are the products of the columns with each other and with the residual, the plain model's
+//! tangent space projected out (MacKay 1992). A mechanism that is off bends the film of the plain fit, so the
+//! columns are worked out again about the mechanism and the film that were found. The same likelihood decides
+//! between parts that differ and the causes that the robot as drawn is given: one part that is far off, where
+//! all others are as drawn, is a cause; many that are off a little are not. Parts, alone or beside a cause,
+//! are believed where they are likelier by more than chance makes of a scan, unless they foretell what was
+//! held out with more than three times the error. Where a name holds as drawn, parts beyond their tolerances
+//! do not take its place; where none does, such parts are said and nothing is named.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -27,8 +30,9 @@ use crate::fit::separable::{Prior, Unknown};
 use crate::recording::Stated;
 use crate::residual::{Departure, DepartureTorques};
 
-/// Default tolerances, one standard deviation each. Films: two cut from one roll and pre-stretched by hand. Links: 0.1 mm of 50 mm, printed or
-/// milled. Angles: 0.2 mm over a part of 60 mm. Gain: data sheets of high-voltage amplifiers and their dividers. Marker: a glued sphere.
+/// Default tolerances, one standard deviation each. Films: two cut from one roll and pre-stretched by hand.
+/// Links: 0.1 mm of 50 mm, printed or milled. Angles: 0.2 mm over a part of 60 mm. Gain: data sheets of
+/// high-voltage amplifiers and their dividers. Marker: a glued sphere.
 const FILM: f64 = 0.03;
 const LINK: f64 = 0.002;
 const ANGLE_DEG: f64 = 0.2;
@@ -52,7 +56,8 @@ const LINKS: [(&str, &str); 8] = [
 /// Steps of the scale, each by this factor, from 1 down to the last.
 const SCALE_STEP: f64 = 0.7;
 const LEAST_SCALE: f64 = 0.003;
-/// A direction in which one standard deviation changes the sum of squares by less is left out: its prior is all that is known of it.
+/// A direction in which one standard deviation changes the sum of squares by less is left out: its prior is
+/// all that is known of it.
 const VISIBLE: f64 = 0.25;
 /// A departure may go as far as this many tolerances.
 const FARTHEST: f64 = 1e3;
@@ -235,7 +240,8 @@ impl<'a> Spread<'a> {
         let rest = tangent.slope().dot(&tangent.absorbed(tangent.slope()));
         let gram = (rows.tr_mul(rows) - along.tr_mul(&absorbed)) / noise;
         let score = (rows.tr_mul(&tangent.residual) - hidden) / noise;
-        // what the mechanism has of them already lies beside the drawing, which is where the priors are centred
+        // what the mechanism has of them already lies beside the drawing, which is where the priors are
+        // centred
         let back = &gram * mean;
         Spread {
             list,
@@ -286,8 +292,8 @@ impl<'a> Spread<'a> {
         best.0
     }
 
-    /// Directions (columns, in tolerances) that the recordings can see at a scale, each with a normal prior of standard deviation 1; and the
-    /// priors' means, where those of the tolerances are `mean`.
+    /// Directions (columns, in tolerances) that the recordings can see at a scale, each with a normal prior
+    /// of standard deviation 1; and the priors' means, where those of the tolerances are `mean`.
     fn directions(&self, scale: f64, mean: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
         let eigen = SymmetricEigen::new(self.scaled(scale));
         let seen: Vec<usize> = (0..self.list.len())
@@ -359,9 +365,10 @@ fn refit<S: Subject>(problem: &Problem<S>, from: &Fitted) -> Fitted {
 }
 
 impl Built {
-    /// What the tolerances of the rig make of a fitted plain model, in whose problem none are allowed yet: the scale that explains most, and what
-    /// the problem needs to have them in its tangent. `noise` is the variance of the noise over the one that the weights promise,
-    /// `base` what the mechanism has of each tolerance already (none yet where it is `None`).
+    /// What the tolerances of the rig make of a fitted plain model, in whose problem none are allowed yet:
+    /// the scale that explains most, and what the problem needs to have them in its tangent. `noise` is the
+    /// variance of the noise over the one that the weights promise, `base` what the mechanism has of each
+    /// tolerance already (none yet where it is `None`).
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -394,9 +401,10 @@ impl Built {
         })
     }
 
-    /// Lets the parts of a robot differ within their tolerances, and fits the model of `plain`, a fit without, with them. What the fit
-    /// finds is taken for the mechanism, and told again about there. `None` where a rig has no tolerances or recordings see none of them, or where
-    /// linear theory leaves more than `most` of -2 ln L.
+    /// Lets the parts of a robot differ within their tolerances, and fits the model of `plain`, a fit
+    /// without, with them. What the fit finds is taken for the mechanism, and told again about there. `None`
+    /// where a rig has no tolerances or recordings see none of them, or where linear theory leaves more than
+    /// `most` of -2 ln L.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch, or such a mechanism cannot follow.
@@ -507,8 +515,8 @@ impl Built {
         Ok(())
     }
 
-    /// Departures in tolerances that a fit makes, from the drawing. In directions that the recordings do not see they are as drawn, whatever the
-    /// mechanism has.
+    /// Departures in tolerances that a fit makes, from the drawing. In directions that the recordings do not
+    /// see they are as drawn, whatever the mechanism has.
     fn found(&self, fitted: &Fitted) -> DVector<f64> {
         let beta = &fitted.state.beta;
         let sizes = &beta[beta.len() - self.combine.ncols()..];
@@ -521,8 +529,8 @@ impl Built {
         fitted.cost() / noise + self.log_det
     }
 
-    /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives the departures that the mechanism
-    /// then has.
+    /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives
+    /// the departures that the mechanism then has.
     fn settle<S: Subject>(
         &self,
         problem: &mut Problem<S>,
@@ -636,13 +644,15 @@ pub(super) fn remark(departed: &[Departed]) -> Option<String> {
 
 /// Departure, in tolerances, that is worth a word.
 const WORTH_SAYING: f64 = 0.05;
-/// Times that departures are told, each about the mechanism and the film of the last, at least and at most; and the share of the cost
-/// before from which they are settled.
+/// Times that departures are told, each about the mechanism and the film of the last, at least and at most;
+/// and the share of the cost before from which they are settled.
 const ROUNDS: [usize; 2] = [3, 6];
 const SETTLED: f64 = 0.95;
-/// Departure, in tolerances, above which a part that was picked is not within them: of normal ones one in 370.
+/// Departure, in tolerances, above which a part that was picked is not within them: of normal ones one in
+/// 370.
 const OF_ONE_PART: f64 = 3.0;
-/// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest exceeds it in one robot of 200.
+/// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest
+/// exceeds it in one robot of 200.
 const WITHIN: f64 = 4.0;
 
 #[cfg(test)]

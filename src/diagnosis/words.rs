@@ -125,7 +125,8 @@ pub(super) fn candidates<S: Subject>(
     out
 }
 
-/// Probability that what looks like a cause of the catalogue is something else: the more likely the more of the excess is left.
+/// Probability that what looks like a cause of the catalogue is something else: the more likely the more of
+/// the excess is left.
 pub(super) fn mimicked(plain: &Judged, best: &Judged) -> f64 {
     let left = best.excess() / plain.excess().max(1e-9);
     (MIMICRY + 0.5 * left).min(0.5)
@@ -202,8 +203,8 @@ pub(super) fn confidence(verdict: Verdict, odds: &Odds, plain: &Judged, best: &J
     }
 }
 
-/// Probabilities that nothing is left out, that it is in the catalogue, and that it is something else, from that of a verdict; the rest goes to
-/// the other two as [`BASE_RATES`] have it.
+/// Probabilities that nothing is left out, that it is in the catalogue, and that it is something else, from
+/// that of a verdict; the rest goes to the other two as [`BASE_RATES`] have it.
 pub(super) fn probabilities(verdict: Verdict, confidence: f64) -> [f64; 3] {
     let own = match verdict {
         Verdict::Adequate => 0,

@@ -1,4 +1,5 @@
-//! One actuator's film has another thickness: L3 -> L3 thickness_factor in one chain (film torque ~ L3, Maxwell torque ~ 1/L3).
+//! One actuator's film has another thickness: L3 -> L3 thickness_factor in one chain (film torque ~ L3,
+//! Maxwell torque ~ 1/L3).
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site};
 use crate::film::Film;

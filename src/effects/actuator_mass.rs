@@ -1,5 +1,5 @@
-//! Weight and inertia of bicep, SAM links and lozenge: as the point mass of the balance, with the first moment S about the bicep
-//! joint:  S (q theta_b'' - g sin theta_b) on theta_b.
+//! Weight and inertia of bicep, SAM links and lozenge: as the point mass of the balance, with the first
+//! moment S about the bicep joint:  S (q theta_b'' - g sin theta_b) on theta_b.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
 

@@ -1,4 +1,5 @@
-//! Below a threshold the output stays near zero, above it follows the command:  phi = phi_c s((|phi_c| - threshold)/w), s a soft step.
+//! Below a threshold the output stays near zero, above it follows the command:  phi = phi_c s((|phi_c| -
+//! threshold)/w), s a soft step.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size, soft_step};
 

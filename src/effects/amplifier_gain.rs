@@ -1,5 +1,5 @@
-//! The amplifier's gain or offset is wrong:  phi = (1 + e) phi_c + offset. The offset fades out below 50 V: an amplifier that is told
-//! zero gives zero.
+//! The amplifier's gain or offset is wrong:  phi = (1 + e) phi_c + offset. The offset fades out below 50 V:
+//! an amplifier that is told zero gives zero.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
 

@@ -1,5 +1,5 @@
-//! An angle of the drawing is off: theta_k1 = theta_b - omega - alpha, or theta_DEA = dea_offset - theta_SAM. No cause of the catalogue (a
-//! wrong link does nearly the same), but a tolerance that every robot has.
+//! An angle of the drawing is off: theta_k1 = theta_b - omega - alpha, or theta_DEA = dea_offset - theta_SAM.
+//! No cause of the catalogue (a wrong link does nearly the same), but a tolerance that every robot has.
 
 use super::{Effect, Quantity, Reach, Site, shape, size};
 use crate::kinematics::{Lozenge, Mechanism};

@@ -1,5 +1,5 @@
-//! Something elastic (a loom, a worn hinge) follows the bicep with play:  -k (s - s_0) on theta_b, where s is theta_b moved only where one
-//! end of the play pushes it, |theta_b - s| <= play, and s_0 its first value.
+//! Something elastic (a loom, a worn hinge) follows the bicep with play:  -k (s - s_0) on theta_b, where s is
+//! theta_b moved only where one end of the play pushes it, |theta_b - s| <= play, and s_0 its first value.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 

@@ -1,4 +1,5 @@
-//! From the voltage on the film back to the command: what an amplifier must be told so that the electrical chain makes it.
+//! From the voltage on the film back to the command: what an amplifier must be told so that the electrical
+//! chain makes it.
 
 use super::{Acting, Along};
 
@@ -11,8 +12,8 @@ const HIGHEST_V: f64 = 20_000.0;
 /// What is left of a voltage where the command counts as found: V, and share of it.
 const LEFT: (f64, f64) = (2.0, 2e-3);
 
-/// The command at which `effects` (in the order in which they act) make `film_v`, V, sample by sample; NaN where none does:
-/// above a ceiling, steeper than a limit. `film_v` is not negative.
+/// The command at which `effects` (in the order in which they act) make `film_v`, V, sample by sample; NaN
+/// where none does: above a ceiling, steeper than a limit. `film_v` is not negative.
 pub fn command_for(effects: &[&Acting], along: &Along, film_v: &[f64]) -> Vec<f64> {
     let mut out = film_v.to_vec();
     for acting in effects.iter().rev() {
@@ -26,7 +27,8 @@ pub fn command_for(effects: &[&Acting], along: &Along, film_v: &[f64]) -> Vec<f6
             made
         };
         let told = if acting.effect.remembers() {
-            // Where the sign of the command is lost, a negative one makes as much as its opposite: none is looked for.
+            // Where the sign of the command is lost, a negative one makes as much as its opposite: none is
+            // looked for.
             let opposite: Vec<f64> = wanted.iter().map(|w| -w).collect();
             let signed = apply(&opposite).iter().any(|made| *made < 0.0);
             let lowest_v = if signed { -HIGHEST_V } else { 0.0 };

@@ -1,5 +1,6 @@
-//! Part of the polarisation follows the field slowly:  phi^2 -> (1 - x - y) phi^2 + x psi_1^2 + y psi_2^2,  tau_j psi_j' = phi - psi_j.
-//! Two shares, because one time leaves structure: `time_constant`, and fifteen times that.
+//! Part of the polarisation follows the field slowly:  phi^2 -> (1 - x - y) phi^2 + x psi_1^2 + y psi_2^2,
+//! tau_j psi_j' = phi - psi_j. Two shares, because one time leaves structure: `time_constant`, and fifteen
+//! times that.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, shape, size};
 

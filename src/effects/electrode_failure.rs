@@ -1,4 +1,5 @@
-//! From a time on part of the active area has lost contact:  C, C' -> (1 - fraction) C, C' of one actuator; lasting.
+//! From a time on part of the active area has lost contact:  C, C' -> (1 - fraction) C, C' of one actuator;
+//! lasting.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 

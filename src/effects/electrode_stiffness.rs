@@ -1,5 +1,6 @@
-//! The electrode is an elastic layer, stress-free in the state in which it was painted (lambda_1 = 1.5, lambda_2 = 1.5^-1/2):
-//! sigma_i = mu (A_i - C),  A_i = (lambda_i/lambda_i0)^2,  C = 1/(A_1 A_2); torque V sum sigma_i d ln lambda_i/d theta.
+//! The electrode is an elastic layer, stress-free in the state in which it was painted (lambda_1 = 1.5,
+//! lambda_2 = 1.5^-1/2): sigma_i = mu (A_i - C),  A_i = (lambda_i/lambda_i0)^2,  C = 1/(A_1 A_2); torque V
+//! sum sigma_i d ln lambda_i/d theta.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
 

@@ -1,5 +1,5 @@
-//! The electrode flows like grease: each direction carries eta d ln lambda_i/dt, referred to the film's thickness, which is a torque
-//! -V eta sum (d ln lambda_i/d theta_DEA)^2 theta_DEA'.
+//! The electrode flows like grease: each direction carries eta d ln lambda_i/dt, referred to the film's
+//! thickness, which is a torque -V eta sum (d ln lambda_i/d theta_DEA)^2 theta_DEA'.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
 

@@ -1,5 +1,5 @@
-//! Stiff one-sided contact of the bicep at the upper edge of the workspace:  -k w ln(1 + exp((theta_b - theta_stop)/w)) on theta_b, with
-//! w = 1 mrad, and damping in proportion to the force.
+//! Stiff one-sided contact of the bicep at the upper edge of the workspace:  -k w ln(1 + exp((theta_b -
+//! theta_stop)/w)) on theta_b, with w = 1 mrad, and damping in proportion to the force.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, soft_plus};
 

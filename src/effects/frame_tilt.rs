@@ -1,4 +1,5 @@
-//! The capture axes are rotated against the world about the base marker:  u = p + R (u_measured - p), R = exp(rotation).
+//! The capture axes are rotated against the world about the base marker:  u = p + R (u_measured - p), R =
+//! exp(rotation).
 
 use super::{Effect, Quantity, Reach, Reading, Seen, Site, size};
 use crate::kinematics::Vec3;

@@ -1,6 +1,7 @@
-//! Dry friction in the bicep joints with presliding (Dahl 1968):  z follows the direction of the motion over the angle x0,
-//! dz = (sign(d theta) g - z)(1 - e^(-|d theta|/(g x0))), g = 1 + s e^(-(theta'/0.1)^2) (Stribeck; Canudas de Wit 1995), torque -F z on theta_b. Increments of the angle, not the sign of a rate: the sign of
-//! a noisy rate is noise.
+//! Dry friction in the bicep joints with presliding (Dahl 1968):  z follows the direction of the motion over
+//! the angle x0, dz = (sign(d theta) g - z)(1 - e^(-|d theta|/(g x0))), g = 1 + s e^(-(theta'/0.1)^2)
+//! (Stribeck; Canudas de Wit 1995), torque -F z on theta_b. Increments of the angle, not the sign of a rate:
+//! the sign of a noisy rate is noise.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 

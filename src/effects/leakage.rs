@@ -1,7 +1,8 @@
-//! A conductance in parallel with the film, fed through a wire: the film sees less than the command, the more the higher the field, and
-//! sees it later:  R d(C phi)/dt = phi_c - phi (1 + x (1 - n/m + n/m (E/E_0)^m)). E_0 is the field at 3 kV on a film at area stretch 1.2, where x
-//! makes the loss at rest `loss_fraction`, and where it grows with the power n of the field; m is 2, or n where that is larger: a
-//! conductance that obeys Ohm's law at low fields. Without a resistance the loss is at once.
+//! A conductance in parallel with the film, fed through a wire: the film sees less than the command, the more
+//! the higher the field, and sees it later:  R d(C phi)/dt = phi_c - phi (1 + x (1 - n/m + n/m (E/E_0)^m)).
+//! E_0 is the field at 3 kV on a film at area stretch 1.2, where x makes the loss at rest `loss_fraction`,
+//! and where it grows with the power n of the field; m is 2, or n where that is larger: a conductance that
+//! obeys Ohm's law at low fields. Without a resistance the loss is at once.
 
 use super::series_resistance::charged;
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
@@ -17,8 +18,8 @@ const GROWS: f64 = 2.0;
 /// Steps of the fixed point in which a film that is charged through a wire finds its loss.
 const ROUNDS: usize = 3;
 
-/// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire, and how much more that is for
-/// a voltage larger by a share of it.
+/// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire,
+/// and how much more that is for a voltage larger by a share of it.
 fn grown(v: &[f64], along: &Along, i: usize, phi_v: f64) -> [f64; 2] {
     let field = phi_v.abs() / AT_V * along.area_stretch(i) / AT_AREA;
     let power = v[1].max(GROWS);

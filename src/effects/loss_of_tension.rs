@@ -1,5 +1,6 @@
-//! A wrinkled film carries no compression: with the net stress p = sigma_2 - eps E^2 spread evenly over +-w around its mean, the
-//! parts below the threshold carry it no further. Carried is  t + (p + w - t)^2/(4 w)  between t - w and t + w, t below, p above.
+//! A wrinkled film carries no compression: with the net stress p = sigma_2 - eps E^2 spread evenly over +-w
+//! around its mean, the parts below the threshold carry it no further. Carried is  t + (p + w - t)^2/(4 w)
+//! between t - w and t + w, t below, p above.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape};
 

@@ -1,6 +1,7 @@
-//! The capture system filters and delays positions: a second-order low-pass of damping 0.7 and a pure delay of rho tau, whose inverse is
-//! u(t) = (u_m + 1.4 tau u_m' + tau^2 u_m'')(t + rho tau). `delay` is what slow motion lags by, (1.4 + rho) tau; `pure` is rho, at most
-//! 1: a delay that were free would take the place of every clock offset.
+//! The capture system filters and delays positions: a second-order low-pass of damping 0.7 and a pure delay
+//! of rho tau, whose inverse is u(t) = (u_m + 1.4 tau u_m' + tau^2 u_m'')(t + rho tau). `delay` is what slow
+//! motion lags by, (1.4 + rho) tau; `pure` is rho, at most 1: a delay that were free would take the place of
+//! every clock offset.
 
 use super::{Effect, Quantity, Reach, Reading, Seen, Site, shape, size};
 use crate::kinematics::Vec3;
@@ -15,7 +16,8 @@ pub(crate) fn tau_s(v: &[f64]) -> f64 {
     v[0] / (DELAY_PER_TAU + v[1])
 }
 
-/// A series and its derivative read a time later: cubics between samples; beyond the last sample the last value.
+/// A series and its derivative read a time later: cubics between samples; beyond the last sample the last
+/// value.
 fn later(x: &mut [Vec3], rate: &[Vec3], by_samples: f64, step_s: f64) {
     let n = x.len();
     let old = x.to_vec();

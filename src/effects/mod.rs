@@ -1,9 +1,10 @@
 //! What the plain model leaves out: one cause a file. Switched off, a cause changes nothing, to the bit.
 //!
-//! An [`Effect`] says in one sentence what it is, has parameters with units and bounds, and acts at one [`Site`] of the balance. It
-//! sees one actuator along one recording ([`Along`]) and knows nothing of fits. Ids, parameter names and units are those of the
-//! catalogue that `diagnosis.json` and `parameters.toml` use. The forms are textbook forms: a real cause is richer, so an estimate is
-//! the equivalent value that does the same work.
+//! An [`Effect`] says in one sentence what it is, has parameters with units and bounds, and acts at one
+//! [`Site`] of the balance. It sees one actuator along one recording ([`Along`]) and knows nothing of fits.
+//! Ids, parameter names and units are those of the catalogue that `diagnosis.json` and `parameters.toml` use.
+//! The forms are textbook forms: a real cause is richer, so an estimate is the equivalent value that does the
+//! same work.
 
 mod actuator_asymmetry;
 mod actuator_mass;
@@ -45,8 +46,9 @@ pub use command::command_for;
 use crate::film::Film;
 use crate::kinematics::{Lozenge, Mechanism, Vec3};
 
-/// Every cause that is known, in the order of the balance: electrical chain, film and lozenge, joints and masses, measurement; and at the
-/// end, with ids `x_...`, those that are thought of only where none of the others will do ([`is_rare`]).
+/// Every cause that is known, in the order of the balance: electrical chain, film and lozenge, joints and
+/// masses, measurement; and at the end, with ids `x_...`, those that are thought of only where none of the
+/// others will do ([`is_rare`]).
 pub const CATALOGUE: &[&dyn Effect] = &[
     &series_resistance::SeriesResistance,
     &leakage::Leakage,
@@ -86,13 +88,15 @@ pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.id() == id)
 }
 
-/// The name of a cause in words: its id without underscores, and without the mark of causes that no shared list has.
+/// The name of a cause in words: its id without underscores, and without the mark of causes that no shared
+/// list has.
 #[must_use]
 pub fn plain_name(id: &str) -> String {
     id.strip_prefix("x_").unwrap_or(id).replace('_', " ")
 }
 
-/// Whether a cause of a robot is thought of only where none of the others will do: nearly all that it does, one of them does too.
+/// Whether a cause of a robot is thought of only where none of the others will do: nearly all that it does,
+/// one of them does too.
 pub fn is_rare(id: &str) -> bool {
     id.starts_with("x_")
 }
@@ -166,7 +170,8 @@ pub struct Quantity {
 }
 
 impl Quantity {
-    /// The name under which files write it: three that end in `_x`, `_y`, `_z` are one list (`offset`), and this is its place there.
+    /// The name under which files write it: three that end in `_x`, `_y`, `_z` are one list (`offset`), and
+    /// this is its place there.
     pub fn part(&self) -> (&'static str, Option<usize>) {
         let ends = ["_x", "_y", "_z"];
         let found = ends
@@ -244,7 +249,8 @@ pub struct Along<'a> {
     pub theta_dea_rad: &'a [f64],
     /// theta_b, rad; its first and second time derivative, rad/s and rad/s^2.
     pub theta_b: &'a [[f64; 3]],
-    /// d theta_DEA/d theta_b: a torque on the bicep divided by it is the torque on the lozenge that does the same work.
+    /// d theta_DEA/d theta_b: a torque on the bicep divided by it is the torque on the lozenge that does the
+    /// same work.
     pub bicep_lever: &'a [f64],
     /// The torque on this lozenge per force on the end effector: (G^-1)_k, N m/N.
     pub force_lever: &'a [Vec3],
@@ -294,7 +300,8 @@ pub struct Seen {
 pub struct Reading<'a> {
     /// Distance of the samples, s.
     pub step_s: f64,
-    /// The point in the world about which the capture's axes would be rotated: the base marker less the marker's offset, m.
+    /// The point in the world about which the capture's axes would be rotated: the base marker less the
+    /// marker's offset, m.
     pub pivot_m: Vec3,
     /// Position, m.
     pub position_m: &'a mut [Vec3],
@@ -304,8 +311,8 @@ pub struct Reading<'a> {
     pub acceleration_m_s2: &'a mut [Vec3],
 }
 
-/// One cause that the plain model leaves out. Every method changes nothing unless the cause says otherwise; `v` are the values of
-/// its parameters in their order.
+/// One cause that the plain model leaves out. Every method changes nothing unless the cause says otherwise;
+/// `v` are the values of its parameters in their order.
 pub trait Effect: Sync + Send {
     /// Id of the catalogue.
     fn id(&self) -> &'static str;
@@ -323,12 +330,14 @@ pub trait Effect: Sync + Send {
     fn reach(&self) -> Reach {
         Reach::All
     }
-    /// Forms that are told apart by a word (which link), empty where there is one form only. The values carry its number first.
+    /// Forms that are told apart by a word (which link), empty where there is one form only. The values carry
+    /// its number first.
     fn variants(&self) -> &'static [&'static str] {
         &[]
     }
-    /// Where a scan of a robot looks: values near off, one group a start. The columns of a group are varied together. Nowhere unless
-    /// stated: what acts on a single coordinate only says where in [`line::LineEffect::near`].
+    /// Where a scan of a robot looks: values near off, one group a start. The columns of a group are varied
+    /// together. Nowhere unless stated: what acts on a single coordinate only says where in
+    /// [`line::LineEffect::near`].
     fn starts(&self, _seen: &Seen) -> Vec<Vec<Vec<f64>>> {
         Vec::new()
     }
@@ -383,7 +392,8 @@ pub trait Effect: Sync + Send {
     fn needs_tension(&self) -> bool {
         false
     }
-    /// What is missing of sigma_2, Pa, where the film cannot carry compression; `sigma_2_pa` is the stress of all springs.
+    /// What is missing of sigma_2, Pa, where the film cannot carry compression; `sigma_2_pa` is the stress of
+    /// all springs.
     fn slack(
         &self,
         _v: &[f64],

@@ -1,5 +1,6 @@
-//! Below the largest strain energy reached so far the film is softer (Ogden and Roxburgh 1999):  the stress of the equilibrium spring
-//! is multiplied by 1 - r erf((W_max - W)/m), W its energy density, W_max the largest in this recording.
+//! Below the largest strain energy reached so far the film is softer (Ogden and Roxburgh 1999):  the stress
+//! of the equilibrium spring is multiplied by 1 - r erf((W_max - W)/m), W its energy density, W_max the
+//! largest in this recording.
 
 use statrs::function::erf::erf;
 

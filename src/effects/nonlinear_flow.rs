@@ -1,5 +1,6 @@
-//! One more branch of the film whose flow speeds up with its stress: the rate of a linear branch times (s/S_0)^(m - 1), s the equivalent stress
-//! over the modulus and S_0 = 0.1; `time_constant` is the relaxation time at S_0. Relaxed at the first sample.
+//! One more branch of the film whose flow speeds up with its stress: the rate of a linear branch times
+//! (s/S_0)^(m - 1), s the equivalent stress over the modulus and S_0 = 0.1; `time_constant` is the relaxation
+//! time at S_0. Relaxed at the first sample.
 
 use super::slow_creep::creep;
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
@@ -11,7 +12,8 @@ const AT: f64 = 0.1;
 /// Largest share of its own relaxation time that a step may take.
 const STEP: f64 = 0.1;
 
-/// d ln xi/dt of the branch with values `v` at the squared stretches `l`, its stress over its modulus, and the rate with which it relaxes, 1/s.
+/// d ln xi/dt of the branch with values `v` at the squared stretches `l`, its stress over its modulus, and
+/// the rate with which it relaxes, 1/s.
 pub(crate) fn flow(v: &[f64], l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
     let (rate, s) = creep(v[1], l, x);
     let size = (s[0] * s[0] - s[0] * s[1] + s[1] * s[1]).sqrt();

@@ -1,5 +1,5 @@
-//! The permittivity falls with the area stretch a = lambda_1 lambda_2:  eps = eps(1) g(a), g = 1 - slope (a - 1). The capacitance is
-//! C g, so  d(C g)/d theta = C' (g + a g'/2), because C ~ a^2.
+//! The permittivity falls with the area stretch a = lambda_1 lambda_2:  eps = eps(1) g(a), g = 1 - slope (a -
+//! 1). The capacitance is C g, so  d(C g)/d theta = C' (g + a g'/2), because C ~ a^2.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 

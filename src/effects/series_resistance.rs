@@ -40,10 +40,11 @@ impl Effect for SeriesResistance {
     }
 }
 
-/// The voltage on a film that a wire of `resistance_ohm` feeds, in place of the commanded one, V, from `first_v` at the first sample; a
-/// conductance over the film takes `leak(i, phi)` times the current that phi would drive through the wire. With the charge
-/// q = C phi and k = 1 + leak,  q' = (C phi_c - k q)/(R C)  is integrated exactly for a linear C phi_c and the mean 1/C of the step, so that
-/// phi is phi_c/k in the limit of no resistance; k is that of the step's end, which `rounds` steps of a fixed point close in on.
+/// The voltage on a film that a wire of `resistance_ohm` feeds, in place of the commanded one, V, from
+/// `first_v` at the first sample; a conductance over the film takes `leak(i, phi)` times the current that phi
+/// would drive through the wire. With the charge q = C phi and k = 1 + leak,  q' = (C phi_c - k q)/(R C)  is
+/// integrated exactly for a linear C phi_c and the mean 1/C of the step, so that phi is phi_c/k in the limit
+/// of no resistance; k is that of the step's end, which `rounds` steps of a fixed point close in on.
 pub(super) fn charged(
     resistance_ohm: f64,
     along: &Along,

@@ -1,5 +1,6 @@
-//! One more branch with a very long relaxation time, creeping since the film was mounted: xi = 1 at the assembly, `since_assembly`
-//! before the first recording; between recordings the film rests in the pose of the next first sample.
+//! One more branch with a very long relaxation time, creeping since the film was mounted: xi = 1 at the
+//! assembly, `since_assembly` before the first recording; between recordings the film rests in the pose of
+//! the next first sample.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 
@@ -8,8 +9,8 @@ pub struct SlowCreep;
 /// Longest step in which the branch is followed while the robot rests, s.
 const REST_STEP_S: f64 = 5.0;
 
-/// d ln xi/dt of a neo-Hookean branch with the relaxation time `time_s`, far from locking, at the squared stretches `l`, and its stress over its
-/// modulus:  d ln xi_1/dt = (s_1 - s_2/2)/(3 T).
+/// d ln xi/dt of a neo-Hookean branch with the relaxation time `time_s`, far from locking, at the squared
+/// stretches `l`, and its stress over its modulus:  d ln xi_1/dt = (s_1 - s_2/2)/(3 T).
 pub(crate) fn creep(time_s: f64, l: [f64; 2], x: [f64; 2]) -> ([f64; 2], [f64; 2]) {
     let (a, b) = (l[0] * (-2.0 * x[0]).exp(), l[1] * (-2.0 * x[1]).exp());
     let c = 1.0 / (a * b);

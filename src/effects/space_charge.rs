@@ -1,4 +1,5 @@
-//! Charge creeps into the film and holds off part of the voltage:  phi = phi_c - s,  s' = (x phi_c - s)/tau, none at the first sample.
+//! Charge creeps into the film and holds off part of the voltage:  phi = phi_c - s,  s' = (x phi_c - s)/tau,
+//! none at the first sample.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, shape, size};
 

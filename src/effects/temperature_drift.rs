@@ -1,5 +1,5 @@
-//! The moduli drift over minutes:  mu -> mu (1 + a (1 - e^(-t/T)) + b (1 - e^(-4 t/T))), t over the series; T stays at what warming up
-//! takes, because the data leave it open beside a and b.
+//! The moduli drift over minutes:  mu -> mu (1 + a (1 - e^(-t/T)) + b (1 - e^(-4 t/T))), t over the series; T
+//! stays at what warming up takes, because the data leave it open beside a and b.
 
 use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
 use crate::film::Film;

@@ -1,24 +1,26 @@
-//! The production kernel: one pass along a sampled stretch history that gives the stress of every spring, and its exact
-//! derivatives with respect to ln T (own branch only) and ln J, projected on the two levers of the sample.
+//! The production kernel: one pass along a sampled stretch history that gives the stress of every spring, and
+//! its exact derivatives with respect to ln T (own branch only) and ln J, projected on the two levers of the
+//! sample.
 //!
-//! Branches do not interact once the stretch history is known, so a spring is a lane: lane 0 of the first eight is the
-//! equilibrium spring, the others are branches. A lane group is as wide as the machine's vectors (chosen when the
-//! program runs), and the same source serves all widths.
+//! Branches do not interact once the stretch history is known, so a spring is a lane: lane 0 of the first
+//! eight is the equilibrium spring, the others are branches. A lane group is as wide as the machine's vectors
+//! (chosen when the program runs), and the same source serves all widths.
 //!
 //! # Scheme
-//! With w_i = xi_i^-2, so that A = lambda_1^2 w_1, and G_i = lambda_i^-2 (where w_i ends when the film rests), r = 1/T, the flow
-//! rule reads
+//! With w_i = xi_i^-2, so that A = lambda_1^2 w_1, and G_i = lambda_i^-2 (where w_i ends when the film
+//! rests), r = 1/T, the flow rule reads
 //!
 //! ```text
 //! w_1' = -r (w_1 - G_1) + N_1,   N_1 = r (w_1 - G_1) - (r/3) w_1 (2 s_1 - s_2)        (w_2: 1 and 2 exchanged)
 //! ```
 //!
-//! where N is of second order in A - 1, B - 1. The linear part with its drive G (quadratic within a step) is integrated
-//! exactly by phi functions, N by exponential Adams methods (Cox and Matthews 2002, J. Comput. Phys. 176:430): the
-//! two-step formula predicts, the quadratic through the last three N corrects, and the stress is evaluated once a step, at the
-//! prediction. The elastic response is exact, because A and B take the sampled stretch itself; the equilibrium spring is a
-//! lane with r = 0. Derivatives are those of this discrete scheme, so they agree with differences of its own result to
-//! rounding. `tests/golden_film.rs` states the errors that this leaves at 100 Hz.
+//! where N is of second order in A - 1, B - 1. The linear part with its drive G (quadratic within a step) is
+//! integrated exactly by phi functions, N by exponential Adams methods (Cox and Matthews 2002, J. Comput.
+//! Phys. 176:430): the two-step formula predicts, the quadratic through the last three N corrects, and the
+//! stress is evaluated once a step, at the prediction. The elastic response is exact, because A and B take
+//! the sampled stretch itself; the equilibrium spring is a lane with r = 0. Derivatives are those of this
+//! discrete scheme, so they agree with differences of its own result to rounding. `tests/golden_film.rs`
+//! states the errors that this leaves at 100 Hz.
 //!
 //! No exponential in the loop, one division a stage: C = 1/(A B) and 1/D share the reciprocal of A B (A B D).
 
@@ -42,7 +44,8 @@ pub struct Node {
     pub rest: [f64; 2],
     /// lambda_1^-2, lambda_2^-2 in the middle of the step that ends here.
     pub mid_rest: [f64; 2],
-    /// What the kernel writes is `lever[0] s_1 + lever[1] s_2`: m^3/rad for a torque, 1/lambda_1 for a nominal stress.
+    /// What the kernel writes is `lever[0] s_1 + lever[1] s_2`: m^3/rad for a torque, 1/lambda_1 for a
+    /// nominal stress.
     pub lever: [f64; 2],
 }
 
@@ -79,16 +82,16 @@ pub struct History {
     pub segments: Vec<Segment>,
 }
 
-/// Sub-steps of each of the first samples of a virgin film: a jump at the start wants them (performance notes: without
-/// them T = 0.02 s came out as 0.0251 s).
+/// Sub-steps of each of the first samples of a virgin film: a jump at the start wants them (performance
+/// notes: without them T = 0.02 s came out as 0.0251 s).
 const LEAD_IN_SUBSTEPS: usize = 16;
 /// Samples over which a virgin film's start is sub-stepped.
 const LEAD_IN_SAMPLES: usize = 32;
 /// Waypoints that are worked on at a time.
 const WAYPOINTS: usize = 256;
 
-/// lambda^-2 in the middle of the step between two samples, from stretches and the rates of their logarithms (1/s): the cubic's middle
-/// is (v0 + v1)/2 + (r0 - r1) step/8.
+/// lambda^-2 in the middle of the step between two samples, from stretches and the rates of their logarithms
+/// (1/s): the cubic's middle is (v0 + v1)/2 + (r0 - r1) step/8.
 fn middle(stretch: [[f64; 2]; 2], rate: [[f64; 2]; 2], step_s: f64) -> [f64; 2] {
     [0, 1].map(|j| {
         let bend = (rate[1][j] - rate[0][j]) * step_s / 4.0;
@@ -126,8 +129,9 @@ impl Way {
 }
 
 impl History {
-    /// A history sampled every `step_s`: `stretch` (lambda_1, lambda_2), the `rate` of its logarithm (1/s) and the `lever` at each sample.
-    /// Between samples ln lambda is the cubic through both values and rates. A virgin start is sub-stepped over the first samples.
+    /// A history sampled every `step_s`: `stretch` (lambda_1, lambda_2), the `rate` of its logarithm (1/s)
+    /// and the `lever` at each sample. Between samples ln lambda is the cubic through both values and rates.
+    /// A virgin start is sub-stepped over the first samples.
     ///
     /// # Panics
     /// When the slices differ in length or are empty.
@@ -207,7 +211,8 @@ impl History {
         }
     }
 
-    /// Lets the history come to some samples, in rising order, not right after the ones before them but over a way between.
+    /// Lets the history come to some samples, in rising order, not right after the ones before them but over
+    /// a way between.
     ///
     /// # Panics
     /// When a sample lies within a virgin film's sub-stepped start or beyond the last one.
@@ -266,7 +271,8 @@ impl Shape<'_> {
     }
 }
 
-/// phi functions of a step and their derivatives with respect to z = step/T: (phi_0 .. phi_3), (d phi_0 .. d phi_3).
+/// phi functions of a step and their derivatives with respect to z = step/T: (phi_0 .. phi_3), (d phi_0 .. d
+/// phi_3).
 fn phi_functions(z: f64) -> ([f64; 4], [f64; 4]) {
     let mut phi = [(-z).exp(), 0.0, 0.0, 0.0];
     let mut slope = [-phi[0], 0.0, 0.0, 0.0];
@@ -347,7 +353,8 @@ impl Constants {
                 c.drive[i][lane] = z * w[i];
                 c.d_drive[i][lane] = z * (dw[i] - w[i]);
             }
-            // N through the last nodes by its backward differences (Newton): weights phi_1, phi_2, phi_3 + phi_2/2.
+            // N through the last nodes by its backward differences (Newton): weights phi_1, phi_2, phi_3 +
+            // phi_2/2.
             let stages = |p: [f64; 4]| [p[1], p[2], p[3] + 0.5 * p[2]];
             let (w, dw) = (stages(phi), stages([d(0), d(1), d(2), d(3)]));
             for i in 0..3 {
@@ -359,8 +366,8 @@ impl Constants {
     }
 }
 
-/// State of eight lanes: w, N at the same node, N at the node before, each a pair with its tangents (value, d/d ln T, d/d ln J);
-/// last the smallest A B D so far.
+/// State of eight lanes: w, N at the same node, N at the node before, each a pair with its tangents (value,
+/// d/d ln T, d/d ln J); last the smallest A B D so far.
 #[derive(Clone, Debug)]
 struct State([[f64; LANES]; 19]);
 
@@ -451,8 +458,8 @@ impl WithSimd for Block<'_> {
     }
 }
 
-/// Arithmetic on the lanes of one group. Everything here must be inlined into the function that was compiled for the machine's
-/// vectors; a closure that is not would run without them.
+/// Arithmetic on the lanes of one group. Everything here must be inlined into the function that was compiled
+/// for the machine's vectors; a closure that is not would run without them.
 #[derive(Clone, Copy)]
 struct Group<S: Simd> {
     simd: S,
@@ -785,11 +792,13 @@ impl<'a> Pass<'a> {
         ROW * self.shape.packs()
     }
 
-    /// The next samples: fills rows of `rows` (each [`Pass::row_width`] long) and says how many; 0 at the end. A row
-    /// holds, for each eight springs, the stress over modulus times the levers, then d/d ln T, then d/d ln J.
+    /// The next samples: fills rows of `rows` (each [`Pass::row_width`] long) and says how many; 0 at the
+    /// end. A row holds, for each eight springs, the stress over modulus times the levers, then d/d ln T,
+    /// then d/d ln J.
     ///
     /// # Errors
-    /// [`Locked`] names spring, invariant and time (from the first sample) where a spring reaches its locking stretch.
+    /// [`Locked`] names spring, invariant and time (from the first sample) where a spring reaches its locking
+    /// stretch.
     ///
     /// # Panics
     /// When `rows` has no room for one row.

@@ -9,7 +9,8 @@
 //! d ln(xi_1)/dt = (s_1 - s_2/2)/(3 eta),  eta_n = mu_n T_n     (and with 1, 2 exchanged)
 //! ```
 //!
-//! mu cancels in the flow rule: the inelastic history depends on the relaxation times and J only, never on the moduli.
+//! mu cancels in the flow rule: the inelastic history depends on the relaxation times and J only, never on
+//! the moduli.
 
 pub mod kernel;
 mod reference;
@@ -36,8 +37,8 @@ pub enum InitialState {
     Virgin,
 }
 
-/// A state that the film cannot be in: a spring at or past its locking stretch (D <= 0, where the Gent stress has no value), or a pose that
-/// the mechanism cannot reach.
+/// A state that the film cannot be in: a spring at or past its locking stretch (D <= 0, where the Gent stress
+/// has no value), or a pose that the mechanism cannot reach.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
     "{}{}",
@@ -50,7 +51,8 @@ pub enum InitialState {
     at_s.map(|t| format!(", at {t:.3} s")).unwrap_or_default()
 )]
 pub struct Locked {
-    /// Spring number, 1 = equilibrium spring; 0 where no film can be, because the mechanism cannot reach the pose.
+    /// Spring number, 1 = equilibrium spring; 0 where no film can be, because the mechanism cannot reach the
+    /// pose.
     pub spring: usize,
     /// A + B + C - 3 there.
     pub invariant: f64,
@@ -60,7 +62,8 @@ pub struct Locked {
     pub at_s: Option<f64>,
 }
 
-/// Cauchy stress of a Gent spring over its modulus, (s_1, s_2)/mu, and D, for squared elastic stretches `a`, `b` (Eq 23).
+/// Cauchy stress of a Gent spring over its modulus, (s_1, s_2)/mu, and D, for squared elastic stretches `a`,
+/// `b` (Eq 23).
 ///
 /// # Errors
 /// A + B + C - 3 when it reaches `locking` (D <= 0).
@@ -81,8 +84,8 @@ impl Film {
         self.relaxation_time_s.len()
     }
 
-    /// Cauchy stress (sigma_1, sigma_2), Pa, and free energy density, J/m^3, for stretches `lambda` and the inelastic
-    /// stretches `xi` of the branches (rows of 2).
+    /// Cauchy stress (sigma_1, sigma_2), Pa, and free energy density, J/m^3, for stretches `lambda` and the
+    /// inelastic stretches `xi` of the branches (rows of 2).
     ///
     /// # Errors
     /// [`Locked`] names the spring.

@@ -1,5 +1,5 @@
-//! The reference integrator: slow, exact to rounding, along a stretch history given as a function of time. It is the
-//! yardstick of the production kernel and of the golden numbers; no recording goes through it.
+//! The reference integrator: slow, exact to rounding, along a stretch history given as a function of time. It
+//! is the yardstick of the production kernel and of the golden numbers; no recording goes through it.
 
 use super::{Film, InitialState, Locked, gent_stress};
 
@@ -14,9 +14,10 @@ pub struct ReferenceState {
     pub xi: Vec<[f64; 2]>,
 }
 
-/// Integrates the flow rule of every branch along `stretch(t) -> (lambda_1, lambda_2)` from the first of `times_s`
-/// and returns the state at each of them. Classical Runge-Kutta of fourth order in the elastic log stretches with
-/// steps no longer than T/40 and `max_step_s`, each branch by itself (branches do not interact).
+/// Integrates the flow rule of every branch along `stretch(t) -> (lambda_1, lambda_2)` from the first of
+/// `times_s` and returns the state at each of them. Classical Runge-Kutta of fourth order in the elastic log
+/// stretches with steps no longer than T/40 and `max_step_s`, each branch by itself (branches do not
+/// interact).
 ///
 /// # Errors
 /// [`Locked`] with the branch and the time.

@@ -1,8 +1,10 @@
-//! The Levenberg-Marquardt iteration as an argmin `Solver`, and argmin's Nelder-Mead for costs without derivatives.
+//! The Levenberg-Marquardt iteration as an argmin `Solver`, and argmin's Nelder-Mead for costs without
+//! derivatives.
 //!
-//! Long runs want what argmin's `Executor` gives: observers that see every iteration, checkpoints on disk, timeouts. One call of
-//! `next_iter` is one call of [`advance`], the code that [`minimise`](super::levenberg_marquardt::minimise) runs too, on a
-//! [`State`] that is written down whole, so that both ways, and a run taken up again from a checkpoint, give the same bits.
+//! Long runs want what argmin's `Executor` gives: observers that see every iteration, checkpoints on disk,
+//! timeouts. One call of `next_iter` is one call of [`advance`], the code that
+//! [`minimise`](super::levenberg_marquardt::minimise) runs too, on a [`State`] that is written down whole, so
+//! that both ways, and a run taken up again from a checkpoint, give the same bits.
 //!
 //! ```
 //! use argmin::core::{Executor, State as _};
@@ -33,8 +35,8 @@
 //! # drop(stop);
 //! ```
 //!
-//! argmin keeps the parameters of the lowest cost; the polish may place them better at a cost that is equal but for rounding. Take the
-//! result from [`LevenbergMarquardt::outcome`].
+//! argmin keeps the parameters of the lowest cost; the polish may place them better at a cost that is equal
+//! but for rounding. Take the result from [`LevenbergMarquardt::outcome`].
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -77,7 +79,8 @@ impl<P: LeastSquares> Stoppable<P> {
 /// The iteration state that argmin carries beside ours: parameters and cost.
 pub type ArgminState = IterState<Vec<f64>, (), (), (), (), f64>;
 
-/// Levenberg-Marquardt for argmin's `Executor`. All that it holds is written into checkpoints, except the memory of size m n.
+/// Levenberg-Marquardt for argmin's `Executor`. All that it holds is written into checkpoints, except the
+/// memory of size m n.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LevenbergMarquardt {
     options: Options,
@@ -104,8 +107,8 @@ impl LevenbergMarquardt {
         self.state.as_ref()
     }
 
-    /// What the run gave; `None` if it never began. A run that argmin cut short (its own limit, a timeout, the flag) counts as
-    /// [`StopReason::StoppedByUser`].
+    /// What the run gave; `None` if it never began. A run that argmin cut short (its own limit, a timeout,
+    /// the flag) counts as [`StopReason::StoppedByUser`].
     pub fn outcome<P: LeastSquares>(&self, problem: &Stoppable<P>) -> Option<Outcome> {
         (self.state.as_ref()).map(|state| finish(&problem.problem, state))
     }
@@ -240,13 +243,15 @@ impl<E, F: Fn(&[f64]) -> Result<f64, E>> CostFunction for Boxed<'_, F> {
     }
 }
 
-/// Lowers a cost that has no derivatives, within finite or open `bounds` (one `[lower, upper]` a parameter), by the downhill simplex
-/// (Nelder, Mead 1965) of argmin. The first simplex is `start` and n points, each moved by `size[j]` along one parameter, away from
-/// the nearer bound. `watch` sees every iteration number; `Break` stops. A search or a polish, not a proof: it may stop short of a minimum.
+/// Lowers a cost that has no derivatives, within finite or open `bounds` (one `[lower, upper]` a parameter),
+/// by the downhill simplex (Nelder, Mead 1965) of argmin. The first simplex is `start` and n points, each
+/// moved by `size[j]` along one parameter, away from the nearer bound. `watch` sees every iteration number;
+/// `Break` stops. A search or a polish, not a proof: it may stop short of a minimum.
 ///
 /// # Errors
 ///
-/// [`Misuse`], when the lists differ in length, the start is not within its bounds, or a size is 0 or not finite.
+/// [`Misuse`], when the lists differ in length, the start is not within its bounds, or a size is 0 or not
+/// finite.
 pub fn nelder_mead<E>(
     cost: impl Fn(&[f64]) -> Result<f64, E>,
     start: &[f64],

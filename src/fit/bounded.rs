@@ -2,9 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Minimises x'Gx/2 - b'x over lower <= x <= upper by the active-set method for bounded least squares (Stark and Parker 1995,
-/// Comput. Stat. 10:129; Lawson and Hanson's NNLS where all bounds are 0 and infinity). Equal bounds fix an unknown. G is symmetric,
-/// positive semidefinite; directions in which it is numerically singular stay near `start`.
+/// Minimises x'Gx/2 - b'x over lower <= x <= upper by the active-set method for bounded least squares (Stark
+/// and Parker 1995, Comput. Stat. 10:129; Lawson and Hanson's NNLS where all bounds are 0 and infinity).
+/// Equal bounds fix an unknown. G is symmetric, positive semidefinite; directions in which it is numerically
+/// singular stay near `start`.
 ///
 /// Gives the minimiser and, for each unknown, whether it is free.
 ///

@@ -23,18 +23,19 @@
 //!     minimise over s   |S s + z|^2 + mu |D s|^2      (Marquardt 1963; More 1978)
 //! ```
 //!
-//! by Householder reflections with column pivoting of the stacked matrix `[S D^-1; sqrt(mu) I]`, never through the normal
-//! equations, whose condition number is the square. mu is the one that gives the step the length `|D s|` of the trust region, or 0 where the
-//! full step is shorter; how much of the predicted saving came true moves that radius. Parameters that the step would carry through a
-//! bound are put on it and the rest is solved again. An evaluation that fails, or that gives a number that is not finite, is a
-//! rejected step.
+//! by Householder reflections with column pivoting of the stacked matrix `[S D^-1; sqrt(mu) I]`, never
+//! through the normal equations, whose condition number is the square. mu is the one that gives the step the
+//! length `|D s|` of the trust region, or 0 where the full step is shorter; how much of the predicted saving
+//! came true moves that radius. Parameters that the step would carry through a bound are put on it and the
+//! rest is solved again. An evaluation that fails, or that gives a number that is not finite, is a rejected
+//! step.
 //!
-//! A minimiser that compares costs cannot place the parameters better than about the square root of the machine precision, because the cost
-//! is flat at its minimum. Therefore a converged search is followed by a *polish*: full Gauss-Newton steps, each kept only if the next
-//! one is shorter, until rounding stops them.
+//! A minimiser that compares costs cannot place the parameters better than about the square root of the
+//! machine precision, because the cost is flat at its minimum. Therefore a converged search is followed by a
+//! *polish*: full Gauss-Newton steps, each kept only if the next one is shorter, until rounding stops them.
 //!
-//! Converged, failed and misused are three things: [`minimise`] returns `Err` only for a [`Misuse`]; a search that does not converge is
-//! an [`Outcome`] whose [`StopReason`] says so.
+//! Converged, failed and misused are three things: [`minimise`] returns `Err` only for a [`Misuse`]; a search
+//! that does not converge is an [`Outcome`] whose [`StopReason`] says so.
 //!
 //! # Example
 //!
@@ -69,14 +70,16 @@
 //!
 //! # Sources
 //!
-//! - J. J. More, The Levenberg-Marquardt algorithm: implementation and theory, Lecture Notes in Mathematics 630 (1978) 105:
-//!   scaling, radius.
+//! - J. J. More, The Levenberg-Marquardt algorithm: implementation and theory, Lecture Notes in Mathematics
+//!   630 (1978) 105: scaling, radius.
 //! - J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed. (2006), chapters 4, 10 and 16.7: trust
 //!   regions, least squares, projection on a box.
-//! - D. M. Bates, D. G. Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23
-//!   (1981) 179: the test of convergence.
-//! - G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. (2013), 5.1 and 5.4: reflections, column pivoting.
-//! - C. J. F. Ridders, Accurate computation of F'(x) and F'(x) F''(x), Advances in Engineering Software 4 (1982) 75.
+//! - D. M. Bates, D. G. Watts, A relative offset orthogonality convergence criterion for nonlinear least
+//!   squares, Technometrics 23 (1981) 179: the test of convergence.
+//! - G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. (2013), 5.1 and 5.4: reflections, column
+//!   pivoting.
+//! - C. J. F. Ridders, Accurate computation of F'(x) and F'(x) F''(x), Advances in Engineering Software 4
+//!   (1982) 75.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -89,8 +92,9 @@ pub type Matrix = DMatrix<f64>;
 
 /// A nonlinear least-squares problem: residuals and their derivatives as functions of the parameters.
 ///
-/// Both functions write into the caller's memory. They may fail; a failure is counted and survived. A number that is not finite counts
-/// as a failure too, so that a model may let its own overflow pass. Equal parameters must give equal numbers.
+/// Both functions write into the caller's memory. They may fail; a failure is counted and survived. A number
+/// that is not finite counts as a failure too, so that a model may let its own overflow pass. Equal
+/// parameters must give equal numbers.
 pub trait LeastSquares {
     /// Why the model could not be evaluated. Its words are kept in [`Failure`].
     type Error: fmt::Display;
@@ -108,8 +112,8 @@ pub trait LeastSquares {
     /// When the model cannot be evaluated at these parameters.
     fn residuals(&self, parameters: &[f64], out: &mut [f64]) -> Result<(), Self::Error>;
 
-    /// Writes the m x n derivatives at `parameters`, `out[(i, j)] = d r_i / d p_j`. Every element must be written: `out` holds old
-    /// numbers.
+    /// Writes the m x n derivatives at `parameters`, `out[(i, j)] = d r_i / d p_j`. Every element must be
+    /// written: `out` holds old numbers.
     ///
     /// # Errors
     ///
@@ -140,18 +144,21 @@ impl<P: LeastSquares + ?Sized> LeastSquares for &P {
 /// What a search may be told. The defaults suit exact derivatives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Options {
-    /// One `[lower, upper]` a parameter; empty for none. An open side is infinite; equal sides hold the parameter fixed.
+    /// One `[lower, upper]` a parameter; empty for none. An open side is infinite; equal sides hold the
+    /// parameter fixed.
     pub bounds: Vec<[f64; 2]>,
     /// Search iterations (trial steps, kept or rejected) before giving up; polishing is not counted.
     pub iteration_limit: usize,
-    /// Converged when the relative offset of Bates and Watts, the share of `|r|` that lies in the plane of the free columns of J, is
-    /// at most this. The cost that a Gauss-Newton step would still save is its square times the cost.
+    /// Converged when the relative offset of Bates and Watts, the share of `|r|` that lies in the plane of
+    /// the free columns of J, is at most this. The cost that a Gauss-Newton step would still save is its
+    /// square times the cost.
     pub gradient_tolerance: f64,
     /// Converged when the undamped step is at most this share of the parameters, `|D s| <= tolerance |D p|`.
     pub step_tolerance: f64,
     /// Converged when a step was expected to save, and saved, at most this share of the cost.
     pub cost_tolerance: f64,
-    /// The longest first step, as a share of the scaled length `|D p|` of the start (of one, where that is zero).
+    /// The longest first step, as a share of the scaled length `|D p|` of the start (of one, where that is
+    /// zero).
     pub initial_radius: f64,
     /// The most Gauss-Newton steps of the polish; 0 leaves it out.
     pub polish_limit: usize,
@@ -336,7 +343,8 @@ pub enum Phase {
     Polish,
 }
 
-/// Everything that one iteration needs and leaves: plain data of size n^2 that can be written down and taken up again, to the bit.
+/// Everything that one iteration needs and leaves: plain data of size n^2 that can be written down and taken
+/// up again, to the bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     parameters: Vec<f64>,
@@ -471,8 +479,8 @@ impl Workspace {
     }
 }
 
-/// What a fit gave. Where the start could not be evaluated, cost, gradient and offset are infinite; formats without
-/// infinities (JSON) write them as null.
+/// What a fit gave. Where the start could not be evaluated, cost, gradient and offset are infinite; formats
+/// without infinities (JSON) write them as null.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// The parameters, n: the best that were found, whatever the reason.
@@ -565,9 +573,10 @@ impl Outcome {
         Ok(self.residual_sum_of_squares() / (self.residual_count - free) as f64)
     }
 
-    /// `(J^T J)^-1` over the free parameters, n x n: the covariance if every residual has variance one, as residuals divided by their
-    /// noise have. From the triangular factor, `R^-1 R^-T`, not from `J^T J`. Rows and columns of parameters at rest on a bound
-    /// are NaN: to first order the residuals say nothing of their spread, and 0 would claim that they do.
+    /// `(J^T J)^-1` over the free parameters, n x n: the covariance if every residual has variance one, as
+    /// residuals divided by their noise have. From the triangular factor, `R^-1 R^-T`, not from `J^T J`. Rows
+    /// and columns of parameters at rest on a bound are NaN: to first order the residuals say nothing of
+    /// their spread, and 0 would claim that they do.
     ///
     /// # Errors
     ///
@@ -615,12 +624,14 @@ impl Outcome {
         Ok(covariance)
     }
 
-    /// [`Self::covariance_unscaled`] times [`Self::residual_variance`]: the covariance if the noise is white, of one unknown size, and
-    /// all that the residuals hold. Where physics is missing it is none of these, and this is too small.
+    /// [`Self::covariance_unscaled`] times [`Self::residual_variance`]: the covariance if the noise is white,
+    /// of one unknown size, and all that the residuals hold. Where physics is missing it is none of these,
+    /// and this is too small.
     ///
     /// # Errors
     ///
-    /// [`NoCovariance`], when there is no Jacobian, it does not determine the free parameters, or no freedom is left.
+    /// [`NoCovariance`], when there is no Jacobian, it does not determine the free parameters, or no freedom
+    /// is left.
     pub fn covariance_scaled_by_residual_variance(&self) -> Result<Matrix, NoCovariance> {
         Ok(self.covariance_unscaled()? * self.residual_variance()?)
     }
@@ -646,9 +657,10 @@ impl Outcome {
         Ok(unscaled.iter().map(|v| v * deviation).collect())
     }
 
-    /// Singular values of J with each free column scaled to length one (a zero column stays zero), falling. Their quotient, first to
-    /// last, is the condition of the fit whatever the units; a last one near 0 is a combination of parameters that the
-    /// residuals do not see. Empty if the start could not be evaluated or nothing is free.
+    /// Singular values of J with each free column scaled to length one (a zero column stays zero), falling.
+    /// Their quotient, first to last, is the condition of the fit whatever the units; a last one near 0 is a
+    /// combination of parameters that the residuals do not see. Empty if the start could not be evaluated or
+    /// nothing is free.
     pub fn scaled_singular_values(&self) -> Vec<f64> {
         let n = self.parameters.len();
         let free = self.free();
@@ -684,7 +696,8 @@ pub fn minimise<P: LeastSquares + ?Sized>(
 }
 
 /// As [`minimise`], and shows `watch` the state before every iteration; [`ControlFlow::Break`] stops the work
-/// ([`StopReason::StoppedByUser`]) and keeps what was found. To stop from a signal handler, let `watch` read an `AtomicBool`.
+/// ([`StopReason::StoppedByUser`]) and keeps what was found. To stop from a signal handler, let `watch` read
+/// an `AtomicBool`.
 ///
 /// # Errors
 ///
@@ -707,7 +720,8 @@ pub fn minimise_watched<P: LeastSquares + ?Sized>(
     Ok(finish(problem, &state))
 }
 
-/// Checks the call and evaluates the start. If the model fails there, the state says [`StopReason::InitialPointFailed`].
+/// Checks the call and evaluates the start. If the model fails there, the state says
+/// [`StopReason::InitialPointFailed`].
 ///
 /// # Errors
 ///
@@ -908,7 +922,8 @@ struct Linear {
     projected: Vec<f64>,
 }
 
-/// J at the point whose residuals are in the workspace, and its factor; the residuals there are spent. `None` with the failure noted.
+/// J at the point whose residuals are in the workspace, and its factor; the residuals there are spent. `None`
+/// with the failure noted.
 fn linearise<P: LeastSquares + ?Sized>(
     problem: &P,
     parameters: &[f64],
@@ -1057,7 +1072,8 @@ fn search_step<P: LeastSquares + ?Sized>(
     state.radius = radius_after(gain.min(0.0), length, state);
 }
 
-/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978; Nocedal, Wright 2006, algorithm 4.1).
+/// The radius after a step of `length` that saved `gain` of what was predicted (More 1978; Nocedal, Wright
+/// 2006, algorithm 4.1).
 fn radius_after(gain: f64, length: f64, state: &State) -> f64 {
     if gain < 0.25 {
         (if gain <= 0.0 { 0.25 } else { 0.5 }) * length.min(state.radius)
@@ -1070,7 +1086,8 @@ fn radius_after(gain: f64, length: f64, state: &State) -> f64 {
 
 /// mu with `|D s(mu)| = radius` to a tenth, or 0 where the full step is shorter (More 1978).
 ///
-/// With `S_F D^-1 = U diag(sigma) V^T` and `c = U^T z`,  `|D s(mu)|^2 = sum (sigma_i c_i / (sigma_i^2 + mu))^2`  falls in mu.
+/// With `S_F D^-1 = U diag(sigma) V^T` and `c = U^T z`,
+/// `|D s(mu)|^2 = sum (sigma_i c_i / (sigma_i^2 + mu))^2`  falls in mu.
 fn damping_for(state: &State) -> f64 {
     let n = state.parameters.len();
     let free = free_of(&state.resting);
@@ -1148,7 +1165,8 @@ fn convergence(state: &State, options: &Options) -> Option<StopReason> {
 /// From search to polish, or to the end.
 fn end_search(state: &mut State, reason: StopReason, options: &Options) {
     state.search_reason = reason;
-    // a full step that is long, or longer than the model is trusted, leads along what the residuals hardly see
+    // a full step that is long, or longer than the model is trusted, leads along what the residuals hardly
+    // see
     let near = 1e-2 * scaled_norm(&state.scale, &state.parameters);
     let trusted = state.newton_length <= near.max(state.radius);
     if options.polish_limit > 0 && trusted && state.newton_length > 0.0 && state.cost > 0.0 {
@@ -1203,8 +1221,8 @@ fn polish_step<P: LeastSquares + ?Sized>(
     }
 }
 
-/// `p + s` with s from  `minimise |S s + z|^2 + mu |D s|^2`  over the free parameters; those that would pass a bound are put on it and
-/// the others solved again, at most n times.
+/// `p + s` with s from  `minimise |S s + z|^2 + mu |D s|^2`  over the free parameters; those that would pass
+/// a bound are put on it and the others solved again, at most n times.
 fn damped_trial(state: &State, options: &Options) -> Vec<f64> {
     let n = state.parameters.len();
     let mut free = free_of(&state.resting);
@@ -1265,8 +1283,8 @@ fn damped_solution(state: &State, free: &[usize], rhs: &[f64]) -> Vec<f64> {
     step
 }
 
-/// The undamped step over the `free` parameters (0 elsewhere) and the length of z within their plane. Directions lost in rounding get
-/// no step.
+/// The undamped step over the `free` parameters (0 elsewhere) and the length of z within their plane.
+/// Directions lost in rounding get no step.
 fn gauss_newton(
     factor: &[f64],
     n: usize,
@@ -1361,8 +1379,9 @@ fn norm(a: &[f64]) -> f64 {
     largest * sum.sqrt()
 }
 
-/// Householder reflections (Golub, Van Loan 5.2.1; with `pivot` 5.4.1): `a` (rows x cols, column after column) becomes R above and on the
-/// diagonal, `b` (rows, or empty) becomes `Q^T b`. Returns which column stands where.
+/// Householder reflections (Golub, Van Loan 5.2.1; with `pivot` 5.4.1): `a` (rows x cols, column after
+/// column) becomes R above and on the diagonal, `b` (rows, or empty) becomes `Q^T b`. Returns which column
+/// stands where.
 fn triangularise(
     a: &mut [f64],
     rows: usize,
@@ -1457,7 +1476,8 @@ fn back_substitute(r: &[f64], rows: usize, size: usize, b: &[f64]) -> Vec<f64> {
 pub enum Differences {
     /// `(r(p + h) - r(p - h)) / 2 h`: two evaluations a parameter, about 10 digits.
     Central,
-    /// Central differences of falling h, extrapolated to h = 0 (Ridders 1982): 16 evaluations a parameter, about 12 digits.
+    /// Central differences of falling h, extrapolated to h = 0 (Ridders 1982): 16 evaluations a parameter,
+    /// about 12 digits.
     Ridders,
 }
 
@@ -1562,8 +1582,9 @@ where
             .collect())
     }
 
-    /// Ridders 1982: the tableau A(k, l) = (4^l A(k, l-1) - A(k-1, l-1)) / (4^l - 1), of which each residual takes the entry that
-    /// differs least from its neighbours. One-sided differences have odd powers of h too: there the factor is 2^(l+1).
+    /// Ridders 1982: the tableau A(k, l) = (4^l A(k, l-1) - A(k-1, l-1)) / (4^l - 1), of which each residual
+    /// takes the entry that differs least from its neighbours. One-sided differences have odd powers of h
+    /// too: there the factor is 2^(l+1).
     fn ridders(&self, at: &mut [f64], j: usize, lower: f64, upper: f64) -> Result<Vec<f64>, E> {
         const ROWS: usize = 8;
         let p = at[j];

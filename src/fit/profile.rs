@@ -1,10 +1,11 @@
 //! Intervals by profiling: where the local curvature cannot be trusted.
 //!
-//! A parameter that a recording just about shows can be traded against its neighbours along a curved valley, and the curvature at
-//! the best point says little about how far that valley goes. For a parameter of middling certainty the other parameters are fitted
-//! again with it held away from its best value, until the sum of squares has risen by what the 95 % interval allows (profile
-//! likelihood; Venzon and Moolgavkar 1988, Appl. Stat. 37:87). The rise is measured in units of the noise's own spread, which
-//! correlated noise makes larger than one.
+//! A parameter that a recording just about shows can be traded against its neighbours along a curved valley,
+//! and the curvature at the best point says little about how far that valley goes. For a parameter of
+//! middling certainty the other parameters are fitted again with it held away from its best value, until the
+//! sum of squares has risen by what the 95 % interval allows (profile likelihood; Venzon and Moolgavkar 1988,
+//! Appl. Stat. 37:87). The rise is measured in units of the noise's own spread, which correlated noise makes
+//! larger than one.
 
 use std::ops::ControlFlow;
 
@@ -28,8 +29,8 @@ pub struct Candidate {
     pub inflation: f64,
 }
 
-/// Distances from the best value to the ends of the 95 % interval, below and above, for each candidate, and the evaluations
-/// that it took. A side that the data never close ends at the bound.
+/// Distances from the best value to the ends of the 95 % interval, below and above, for each candidate, and
+/// the evaluations that it took. A side that the data never close ends at the bound.
 pub fn profile<P: SeparableResidual + Sync>(
     problem: &P,
     nonlinear: &[Unknown],

@@ -1,13 +1,13 @@
-//! Separable nonlinear least squares: variable projection (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10:413) with Kaufman's
-//! Jacobian, from Gram matrices alone.
+//! Separable nonlinear least squares: variable projection (Golub and Pereyra 1973, SIAM J. Numer. Anal.
+//! 10:413) with Kaufman's Jacobian, from Gram matrices alone.
 //!
 //! ```text
 //! minimise over eta, beta:  |B(eta) beta - d(eta)|^2 + priors,   within bounds
 //! ```
 //!
-//! At each eta the linear beta is the exact minimiser within its bounds; the reduced problem in eta is solved by
-//! Gauss-Newton steps on J'PJ within a trust region (More and Sorensen 1983), where P projects out the free columns of B. One
-//! evaluation a step.
+//! At each eta the linear beta is the exact minimiser within its bounds; the reduced problem in eta is solved
+//! by Gauss-Newton steps on J'PJ within a trust region (More and Sorensen 1983), where P projects out the
+//! free columns of B. One evaluation a step.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -384,7 +384,8 @@ pub fn advance<P: SeparableResidual>(
             accept(state, eta, solved);
         }
         Some(solved) => {
-            // The parabola through the cost here, its slope, and the cost there: where along the step its lowest point lies.
+            // The parabola through the cost here, its slope, and the cost there: where along the step its
+            // lowest point lies.
             let slope = 2.0 * g.dot(&taken);
             let rise = solved.cost - state.cost;
             let lowest = if rise > slope {
@@ -398,7 +399,8 @@ pub fn advance<P: SeparableResidual>(
     }
 }
 
-/// The minimiser of g's + s'Hs/2 with |s| <= `radius`, and whether that bound did not matter. H is positive semidefinite.
+/// The minimiser of g's + s'Hs/2 with |s| <= `radius`, and whether that bound did not matter. H is positive
+/// semidefinite.
 fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64>, bool) {
     let eigen = h.clone().symmetric_eigen();
     let along = eigen.eigenvectors.tr_mul(g);
@@ -433,7 +435,8 @@ fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64
     (&eigen.eigenvectors * scaled, whole)
 }
 
-/// J'PJ and J'Pr with the priors, where P projects out the free columns of B; `None` where they hold numbers that are not finite.
+/// J'PJ and J'Pr with the priors, where P projects out the free columns of B; `None` where they hold numbers
+/// that are not finite.
 fn reduced_system(
     gram: &DMatrix<f64>,
     state: &State,
@@ -471,7 +474,8 @@ fn reduced_system(
             g -= cross.tr_mul(&c.solve(&residual));
         }
     }
-    // What the projection leaves is positive semidefinite; rounding may have left a negative direction, which says nothing.
+    // What the projection leaves is positive semidefinite; rounding may have left a negative direction, which
+    // says nothing.
     let scale: Vec<f64> = (0..n)
         .map(|i| {
             if gram[(i, i)] > 0.0 {
@@ -503,7 +507,8 @@ fn reduced_system(
     Some((h, g))
 }
 
-/// Runs a fit from `eta` to its end. `watch` is called after every evaluation and stops the fit when it says so.
+/// Runs a fit from `eta` to its end. `watch` is called after every evaluation and stops the fit when it says
+/// so.
 pub fn minimise<P: SeparableResidual>(
     problem: &P,
     nonlinear: &[Unknown],

@@ -1,6 +1,7 @@
-//! The separable fit as an argmin `Solver`, so that a long run has argmin's observers and checkpoints. One `next_iter` is one call of
-//! [`advance`], which the plain [`minimise`](super::separable::minimise) runs too, on a [`State`] that is written down whole: both ways,
-//! and a run taken up again from a checkpoint, give the same bits.
+//! The separable fit as an argmin `Solver`, so that a long run has argmin's observers and checkpoints. One
+//! `next_iter` is one call of [`advance`], which the plain [`minimise`](super::separable::minimise) runs too,
+//! on a [`State`] that is written down whole: both ways, and a run taken up again from a checkpoint, give the
+//! same bits.
 
 use argmin::core::{Error, IterState, KV, Problem, Solver, TerminationReason, TerminationStatus};
 use serde::{Deserialize, Serialize};

@@ -23,11 +23,12 @@ pub struct Closure {
 }
 
 impl FourBar {
-    /// Closes the loop |a + d e(psi) - b e(theta_k1)| = c on the branch of the minus root of Eq 11, from the sine and the cosine of
-    /// theta_k1.
+    /// Closes the loop |a + d e(psi) - b e(theta_k1)| = c on the branch of the minus root of Eq 11, from the
+    /// sine and the cosine of theta_k1.
     ///
-    /// Written with the angle of the vector a - b e(theta_k1) instead of the tangent of the half angle, which has a
-    /// pole where H = 0 (Eq 11) though the mechanism has none there; and with sines and cosines of sums instead of angles.
+    /// Written with the angle of the vector a - b e(theta_k1) instead of the tangent of the half angle, which
+    /// has a pole where H = 0 (Eq 11) though the mechanism has none there; and with sines and cosines of sums
+    /// instead of angles.
     ///
     /// # Errors
     /// The cosine that leaves [-1, 1] when the discriminant of Eq 11 is negative: the links cannot meet.
@@ -61,8 +62,8 @@ impl FourBar {
 }
 
 impl FourBar {
-    /// d^2 theta_SAM / d theta_k1^2, 1/rad, at the closure of [`FourBar::close`] for the same sine and cosine of
-    /// theta_k1.
+    /// d^2 theta_SAM / d theta_k1^2, 1/rad, at the closure of [`FourBar::close`] for the same sine and cosine
+    /// of theta_k1.
     ///
     /// From the constraint w.w = c^2, w = a + d e(psi) - b e(theta), differentiated twice:
     /// w.w'' + w'.w' = 0 with e'' = -e.

@@ -31,8 +31,9 @@ impl Lozenge {
         [0.5 * c / s, -0.5 * s / c]
     }
 
-    /// Stretches, their logarithmic slopes, and capacitance per permittivity (m) from the sine and the cosine of half the angle:
-    /// [`Lozenge::stretches`], [`Lozenge::log_stretch_slopes`] and [`Lozenge::capacitance_f`] in one.
+    /// Stretches, their logarithmic slopes, and capacitance per permittivity (m) from the sine and the cosine
+    /// of half the angle: [`Lozenge::stretches`], [`Lozenge::log_stretch_slopes`] and
+    /// [`Lozenge::capacitance_f`] in one.
     pub fn at(&self, [s, c]: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
         let stretch = [
             2.0 * self.side_m / self.l1_m * s,
@@ -48,7 +49,8 @@ impl Lozenge {
         self.films * self.l1_m * self.l2_m * self.l3_m
     }
 
-    /// Capacitance of all films in parallel, F, for permittivity `eps_f_m` (F/m): n_f eps (L1 L2/L3) (lambda_1 lambda_2)^2.
+    /// Capacitance of all films in parallel, F, for permittivity `eps_f_m` (F/m): n_f eps (L1 L2/L3)
+    /// (lambda_1 lambda_2)^2.
     pub fn capacitance_f(&self, theta_dea_rad: f64, eps_f_m: f64) -> f64 {
         let [l1, l2] = self.stretches(theta_dea_rad);
         self.films * eps_f_m * self.l1_m * self.l2_m / self.l3_m * (l1 * l2).powi(2)

@@ -1,7 +1,8 @@
 //! The mechanism: from a pose of the end effector to angles and stretches, with exact derivatives.
 //!
-//! Symbols, frames and signs are those of the paper (Chang, Wang, Axinte, Dong), Eqs 8 to 12, 15 and 17. World axes:
-//! origin at the centre of the base plate at the height of the bicep pivots, Z up, X through chain 1.
+//! Symbols, frames and signs are those of the paper (Chang, Wang, Axinte, Dong), Eqs 8 to 12, 15 and 17.
+//! World axes: origin at the centre of the base plate at the height of the bicep pivots, Z up, X through
+//! chain 1.
 //!
 //! | code | paper | meaning |
 //! |---|---|---|
@@ -11,8 +12,8 @@
 //! | `theta_dea_rad` | theta_DEA | obtuse angle of the lozenge; falls when the actuator is driven |
 //! | `theta_fa_rad` | theta_FA | out-of-plane swing of the parallelogram forearm |
 //!
-//! Derivatives come from the constraint equations, differentiated by hand (implicit function theorem), not from the
-//! printed inverse functions: they stay exact where an arc cosine loses digits.
+//! Derivatives come from the constraint equations, differentiated by hand (implicit function theorem), not
+//! from the printed inverse functions: they stay exact where an arc cosine loses digits.
 
 mod four_bar;
 mod lozenge;
@@ -107,7 +108,8 @@ pub struct Mechanism {
     pub chains: [Chain; 3],
 }
 
-/// The pose of one chain: angles (rad) and their derivatives with respect to the end effector's position (rad/m).
+/// The pose of one chain: angles (rad) and their derivatives with respect to the end effector's position
+/// (rad/m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainPose {
     /// Bicep angle.
@@ -166,7 +168,8 @@ impl Mechanism {
         }
     }
 
-    /// The pose of every chain with the end effector's centre at `u_m` (m, world axes). Along a track [`Mechanism::fixed`] is faster.
+    /// The pose of every chain with the end effector's centre at `u_m` (m, world axes). Along a track
+    /// [`Mechanism::fixed`] is faster.
     ///
     /// # Errors
     /// [`OutOfReach`] names the first chain and joint that cannot follow.
@@ -225,7 +228,8 @@ impl FixedMechanism {
 impl FixedChain {
     /// The pose of this chain; `number` (1 to 3) is used in the error only.
     ///
-    /// Sines and cosines of sums are worked out from those of their parts; an angle is taken from them where it is wanted itself.
+    /// Sines and cosines of sums are worked out from those of their parts; an angle is taken from them where
+    /// it is wanted itself.
     fn pose(&self, u_m: Vec3, number: usize) -> Result<ChainPose, OutOfReach> {
         let fail = |joint, quantity, value, low, high| OutOfReach {
             pose_m: u_m,
@@ -328,8 +332,8 @@ impl Chain {
         ([c, s, 0.0], [s, -c, 0.0])
     }
 
-    /// d theta_b/dt (rad/s) and d^2 theta_b/dt^2 (rad/s^2) along a track with velocity `v_m_s` and acceleration
-    /// `a_m_s2` of the end effector, at the pose `pose` of this chain.
+    /// d theta_b/dt (rad/s) and d^2 theta_b/dt^2 (rad/s^2) along a track with velocity `v_m_s` and
+    /// acceleration `a_m_s2` of the end effector, at the pose `pose` of this chain.
     ///
     /// From the constraint n.n = n0^2, differentiated twice: n.n'' + n'.n' = 0.
     pub fn bicep_rates(&self, pose: &ChainPose, v_m_s: Vec3, a_m_s2: Vec3) -> (f64, f64) {
@@ -348,8 +352,8 @@ impl Chain {
     }
 }
 
-/// Second derivatives of one chain's angles with respect to the end effector's position, rad/m^2, and of theta_DEA with
-/// respect to theta_b, 1/rad.
+/// Second derivatives of one chain's angles with respect to the end effector's position, rad/m^2, and of
+/// theta_DEA with respect to theta_b, 1/rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainCurvature {
     /// d^2 theta_b / du^2.
@@ -365,7 +369,8 @@ pub struct ChainCurvature {
 impl Chain {
     /// Second derivatives of this chain's angles at `pose`, exact.
     ///
-    /// theta_b from the constraint n.n = n0^2 with n = Q(theta_b) - N(u), differentiated twice: with g = d theta_b/du, s = (dN/du)^T dQ/d theta_b
+    /// theta_b from the constraint n.n = n0^2 with n = Q(theta_b) - N(u), differentiated twice: with g = d
+    /// theta_b/du, s = (dN/du)^T dQ/d theta_b
     ///
     /// ```text
     /// (n.Q') d^2 theta_b/du^2 = (n.Q - q^2) g g^T + g s^T + s g^T - 1

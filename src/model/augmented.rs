@@ -1,4 +1,5 @@
-//! The balance with effects: what each of them does to the motion, the Maxwell torque, the film and the torques of one track.
+//! The balance with effects: what each of them does to the motion, the Maxwell torque, the film and the
+//! torques of one track.
 
 use super::{Mechanics, Parameters, Robot, Unreachable};
 use crate::dataset::Track;
@@ -14,8 +15,8 @@ fn at(effects: &[Acting], site: Site) -> impl Iterator<Item = &Acting> {
 }
 
 impl Mechanics {
-    /// The balance of `robot` along `track` with those effects that change the mechanism or the measured motion. `pivot_m` is the
-    /// point about which the capture's axes would be rotated.
+    /// The balance of `robot` along `track` with those effects that change the mechanism or the measured
+    /// motion. `pivot_m` is the point about which the capture's axes would be rotated.
     ///
     /// # Errors
     /// Those of [`Mechanics::new`].
@@ -99,7 +100,8 @@ impl Mechanics {
         out
     }
 
-    /// Factors on the stress of [equilibrium spring, branches] of chain `k`; `None` without an effect on the film there.
+    /// Factors on the stress of [equilibrium spring, branches] of chain `k`; `None` without an effect on the
+    /// film there.
     pub fn stress_factor(
         &self,
         k: usize,
@@ -116,8 +118,8 @@ impl Mechanics {
         out
     }
 
-    /// What the film of chain `k` needs more of the Maxwell torque, N m, because it cannot carry compression; `None` where it can.
-    /// `phi_v` is the voltage on the film.
+    /// What the film of chain `k` needs more of the Maxwell torque, N m, because it cannot carry compression;
+    /// `None` where it can. `phi_v` is the voltage on the film.
     ///
     /// # Errors
     /// [`Locked`] when a spring reaches its locking stretch.

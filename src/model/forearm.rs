@@ -1,5 +1,6 @@
-//! Spring-back torque of the forearms, T(theta_FA): the natural cubic spline through nodal torques (second derivative zero
-//! at the end nodes), continued linearly beyond them. Smooth, and linear in the nodal torques.
+//! Spring-back torque of the forearms, T(theta_FA): the natural cubic spline through nodal torques (second
+//! derivative zero at the end nodes), continued linearly beyond them. Smooth, and linear in the nodal
+//! torques.
 
 use nalgebra::DMatrix;
 

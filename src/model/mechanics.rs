@@ -1,6 +1,6 @@
-//! Everything of the balance that does not depend on the calibrated parameters, along one track: the stretch history of
-//! each film, the Maxwell torque per squared voltage, the torques that weights and inertia ask for, and the levers of the
-//! forearms.
+//! Everything of the balance that does not depend on the calibrated parameters, along one track: the stretch
+//! history of each film, the Maxwell torque per squared voltage, the torques that weights and inertia ask
+//! for, and the levers of the forearms.
 
 use super::{ForearmTorque, Parameters, Robot};
 use crate::dataset::Track;
@@ -126,8 +126,8 @@ pub struct Mechanics {
     bicep_force_n: Vec<Vec3>,
 }
 
-/// Inverse of the 3 x 3 matrix with the given columns (rows of the result belong to the columns), and its condition
-/// number in the Frobenius norm.
+/// Inverse of the 3 x 3 matrix with the given columns (rows of the result belong to the columns), and its
+/// condition number in the Frobenius norm.
 fn invert(g: &[Vec3; 3]) -> ([Vec3; 3], f64) {
     let cross = |a: Vec3, b: Vec3| {
         [
@@ -154,8 +154,8 @@ fn invert(g: &[Vec3; 3]) -> ([Vec3; 3], f64) {
 impl Mechanics {
     /// Works out the balance of `robot` along `track`.
     ///
-    /// Samples out of reach are listed in [`Mechanics::unreachable`]; their angles are held from the last good sample (from
-    /// the first good one at the beginning) and their loads are zero.
+    /// Samples out of reach are listed in [`Mechanics::unreachable`]; their angles are held from the last
+    /// good sample (from the first good one at the beginning) and their loads are zero.
     ///
     /// # Errors
     /// The first unreachable sample, when no sample at all can be followed.
@@ -307,8 +307,9 @@ impl Mechanics {
         })
     }
 
-    /// The ways of the three films while the effector moves from one sample to a later one: its positions and velocities (m, m/s) at
-    /// both and at all `step_s` in between. A pose out of reach is held from the one before.
+    /// The ways of the three films while the effector moves from one sample to a later one: its positions and
+    /// velocities (m, m/s) at both and at all `step_s` in between. A pose out of reach is held from the one
+    /// before.
     ///
     /// # Errors
     /// Why, when no pose can be taken.
@@ -351,7 +352,8 @@ impl Mechanics {
         Ok([0, 1, 2].map(|k| Way::over(step_s, &stretch[k], &rate[k])))
     }
 
-    /// Lets the films come to some samples over ways between (see [`Mechanics::ways`]), in rising order of the samples.
+    /// Lets the films come to some samples over ways between (see [`Mechanics::ways`]), in rising order of
+    /// the samples.
     pub fn pass_over(&mut self, ways: &[(usize, [Way; 3])]) {
         for (k, chain) in self.chains.iter_mut().enumerate() {
             let own: Vec<(usize, Way)> = ways.iter().map(|(i, w)| (*i, w[k].clone())).collect();
@@ -364,7 +366,8 @@ impl Mechanics {
         self.levers.len()
     }
 
-    /// Torque of the film on the lozenge of chain `k` (0 to 2) at each sample, N m: [equilibrium spring, all branches].
+    /// Torque of the film on the lozenge of chain `k` (0 to 2) at each sample, N m: [equilibrium spring, all
+    /// branches].
     ///
     /// # Errors
     /// [`Locked`] when a spring reaches its locking stretch.
@@ -400,8 +403,8 @@ impl Mechanics {
         [0, 1, 2].map(|k| dot(self.chains[k].forearm_lever[sample], torque))
     }
 
-    /// The Maxwell torque that each lozenge needs, split by cause: for each chain and sample the contributions in the order of
-    /// [`Contribution::ALL`], N m. Their sum over 1/2 C' is phi^2.
+    /// The Maxwell torque that each lozenge needs, split by cause: for each chain and sample the
+    /// contributions in the order of [`Contribution::ALL`], N m. Their sum over 1/2 C' is phi^2.
     ///
     /// # Errors
     /// [`Locked`] when a spring reaches its locking stretch.
@@ -447,8 +450,8 @@ impl Mechanics {
         Ok(out)
     }
 
-    /// Force prediction F_FP: the force of the surroundings on the end effector (N, world axes) at each sample, from the
-    /// squared voltages `phi_squared_v2` on the films. NaN where the pose is out of reach.
+    /// Force prediction F_FP: the force of the surroundings on the end effector (N, world axes) at each
+    /// sample, from the squared voltages `phi_squared_v2` on the films. NaN where the pose is out of reach.
     ///
     /// # Errors
     /// [`Locked`] when a spring reaches its locking stretch.

@@ -3,11 +3,12 @@
 use crate::recording::FilmSampleRig;
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
-/// What an electrode does beside conducting: the causes by which it ages. [`Electrode::IDEAL`] does nothing, to the bit.
+/// What an electrode does beside conducting: the causes by which it ages. [`Electrode::IDEAL`] does nothing,
+/// to the bit.
 ///
-/// The layer is elastic and was painted on the unstretched film, so that its stretches are those of the film: in the active part it is a
-/// further equilibrium spring. Wire and electrode feed the film's capacitance C through R. Where area has lost contact, C and the
-/// Maxwell stress keep the same share.
+/// The layer is elastic and was painted on the unstretched film, so that its stretches are those of the film:
+/// in the active part it is a further equilibrium spring. Wire and electrode feed the film's capacitance C
+/// through R. Where area has lost contact, C and the Maxwell stress keep the same share.
 ///
 /// ```text
 /// sigma_i += modulus (A - C, B - C)/D at xi = 1        in the active part      (electrode_stiffness)
@@ -33,7 +34,8 @@ impl Electrode {
     };
 }
 
-/// A strip of film that hangs by one end, with an electrode that leaves a margin all round and a mass on the free end.
+/// A strip of film that hangs by one end, with an electrode that leaves a margin all round and a mass on the
+/// free end.
 ///
 /// ```text
 /// active part   (length - 2 margin) x (width - 2 margin), sigma_2 = eps E^2, E = phi lambda_1 lambda_2/L3
@@ -62,8 +64,8 @@ pub struct HangingSample {
 }
 
 impl HangingSample {
-    /// The sample of a `rig.toml` with `payload_kg` beside the rig's mass and an ideal electrode. `eps_r`, where given (a parameter
-    /// file's), wins over the rig's.
+    /// The sample of a `rig.toml` with `payload_kg` beside the rig's mass and an ideal electrode. `eps_r`,
+    /// where given (a parameter file's), wins over the rig's.
     ///
     /// # Errors
     /// A sentence when neither states the permittivity, or the numbers make no sample.
@@ -95,12 +97,14 @@ impl HangingSample {
         Ok(sample)
     }
 
-    /// Unstretched lengths of the active part (and the side strips beside it) and of the end strips together, m.
+    /// Unstretched lengths of the active part (and the side strips beside it) and of the end strips together,
+    /// m.
     pub fn lengths_m(&self) -> [f64; 2] {
         [self.length_m - 2.0 * self.margin_m, 2.0 * self.margin_m]
     }
 
-    /// Unstretched cross-sections (width L3, all films) of the active part, the side strips together and the end strips, m^2.
+    /// Unstretched cross-sections (width L3, all films) of the active part, the side strips together and the
+    /// end strips, m^2.
     pub fn sections_m2(&self) -> [f64; 3] {
         let thickness = self.films * self.l3_m;
         [

@@ -1,5 +1,6 @@
-//! What conceals a case: how little a plain refit leaves, at the price of which wrong moduli; and which effects its recordings cannot
-//! tell from the true one. All of it from the answer: nothing here is seen by the diagnosis.
+//! What conceals a case: how little a plain refit leaves, at the price of which wrong moduli; and which
+//! effects its recordings cannot tell from the true one. All of it from the answer: nothing here is seen by
+//! the diagnosis.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +18,8 @@ pub struct Concealment {
     pub residual_over_floor: f64,
     /// The same on the held-out ones.
     pub held_out_over_floor: f64,
-    /// Film parameters over the true ones less 1, those that moved furthest first: `mu_1`, ..., `T_1`, ..., `J`.
+    /// Film parameters over the true ones less 1, those that moved furthest first: `mu_1`, ..., `T_1`, ...,
+    /// `J`.
     pub moved: Vec<(String, f64)>,
 }
 

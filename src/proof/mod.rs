@@ -1,4 +1,5 @@
-//! The proof: the diagnosis runs blind over cases whose answers are sealed apart; then they are opened and scored.
+//! The proof: the diagnosis runs blind over cases whose answers are sealed apart; then they are opened and
+//! scored.
 //!
 //! A case is diagnosed from its recordings alone ([`blind`]); only [`score`] sees an answer.
 
@@ -69,14 +70,15 @@ pub struct Trial {
     pub over_smallest: Option<f64>,
     /// Weighted mean squares: plain, best; held out plain, best.
     pub mean_squares: [f64; 4],
-    /// Evidence: largest surprise of the scan, what noise allows, p-value; fall of the sum of squares, what chance allows;
-    /// variance of the noise over the promised one.
+    /// Evidence: largest surprise of the scan, what noise allows, p-value; fall of the sum of squares, what
+    /// chance allows; variance of the noise over the promised one.
     pub evidence: [f64; 6],
     /// The effect with the largest surprise.
     pub most_surprising: String,
     /// Largest surprise of each effect.
     pub surprises: Vec<(String, f64)>,
-    /// Models that were fitted: effects, score less the plain model's, weighted mean square, that of the held-out recordings.
+    /// Models that were fitted: effects, score less the plain model's, weighted mean square, that of the
+    /// held-out recordings.
     pub tried: Vec<(String, f64, f64, f64)>,
     /// What simpler methods said: their name, whether they saw anything, what they named.
     pub rivals: Vec<(String, bool, Option<String>)>,
@@ -111,7 +113,8 @@ fn entries<'a>(datasets: &'a [Dataset], first: usize, series_s: &[f64]) -> Vec<E
         .collect()
 }
 
-/// Diagnoses a case from its recordings alone: nothing of the answer is looked at. The recordings are taken to be two minutes apart.
+/// Diagnoses a case from its recordings alone: nothing of the answer is looked at. The recordings are taken
+/// to be two minutes apart.
 ///
 /// # Errors
 /// Why there is no diagnosis.
@@ -150,9 +153,9 @@ fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
         .collect()
 }
 
-/// Makes and tries all cases, in parallel: `make` is [`crate::cases::generate`] or [`own_form`] and `attempt` [`trial`]; for single
-/// coordinates [`crate::cases::line::generate`] and [`trial_lines`]. Cases that are `known` by their number are not tried again; `watch`
-/// hears of each that is.
+/// Makes and tries all cases, in parallel: `make` is [`crate::cases::generate`] or [`own_form`] and `attempt`
+/// [`trial`]; for single coordinates [`crate::cases::line::generate`] and [`trial_lines`]. Cases that are
+/// `known` by their number are not tried again; `watch` hears of each that is.
 pub fn run<S: Sync, C>(
     specs: &[S],
     make: impl Fn(&S) -> Result<C, String> + Sync,

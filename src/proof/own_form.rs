@@ -1,4 +1,5 @@
-//! Cases in which an effect acts in the very form that the catalogue gives it: what tells whether intervals hold what they promise.
+//! Cases in which an effect acts in the very form that the catalogue gives it: what tells whether intervals
+//! hold what they promise.
 
 use serde_json::Value;
 
@@ -45,8 +46,8 @@ fn simulate(planted: &Planted, options: &Options) -> Result<Motion, String> {
     }
 }
 
-/// The effect `id` of an answer as the catalogue has it, at the equivalent values; `None` for what is in no catalogue. `recording` says
-/// the number of a recording by its name.
+/// The effect `id` of an answer as the catalogue has it, at the equivalent values; `None` for what is in no
+/// catalogue. `recording` says the number of a recording by its name.
 pub(super) fn acting(
     id: &str,
     detail: &Detail,

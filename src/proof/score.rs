@@ -84,8 +84,8 @@ pub struct Method {
     pub top1_hidden: Count,
     /// Effects in no catalogue for which it claimed no name.
     pub unknown_not_named: Count,
-    /// Brier score of its names: the square of the probability less 1 where the name is right, less 0 where not. A rival knows no doubt: its
-    /// probability is 1.
+    /// Brier score of its names: the square of the probability less 1 where the name is right, less 0 where
+    /// not. A rival knows no doubt: its probability is 1.
     pub brier: Option<f64>,
 }
 
@@ -108,16 +108,18 @@ pub struct Proof {
     pub top1_hidden: Count,
     /// The same, or within the group that the prover draws at the truth.
     pub group_hidden: Count,
-    /// Single effects below 1.5 times the floor for which another name was claimed, outside the prover's group.
+    /// Single effects below 1.5 times the floor for which another name was claimed, outside the prover's
+    /// group.
     pub wrong_hidden: Count,
-    /// Single effects of three times the smallest size that the diagnosis says it would have found, or more, that were named (or one that
-    /// the recordings cannot tell from them).
+    /// Single effects of three times the smallest size that the diagnosis says it would have found, or more,
+    /// that were named (or one that the recordings cannot tell from them).
     pub found_at_three_times_smallest: Count,
     /// Effects in no catalogue that were called unexplained.
     pub unknown_called_unexplained: Count,
     /// The same of those that a plain refit leaves at 1.5 times the floor or more.
     pub visible_unknown_called_unexplained: Count,
-    /// Pairs of which both were named, where a refit without either would leave as much as a detectable single one does.
+    /// Pairs of which both were named, where a refit without either would leave as much as a detectable
+    /// single one does.
     pub pairs_both_named: Count,
     /// The same, or one that the recordings cannot tell from it.
     pub pairs_by_group: Count,
@@ -129,8 +131,8 @@ pub struct Proof {
     pub located: Count,
     /// Share of the gap to the floor that is closed on held-out recordings, detectable cases.
     pub gap_closed_median: Median,
-    /// 95 % intervals of the named effect's first stated value that hold the truth, where the right effect is named. The cases' forms are
-    /// richer than the catalogue's: this counts the equivalent value.
+    /// 95 % intervals of the named effect's first stated value that hold the truth, where the right effect is
+    /// named. The cases' forms are richer than the catalogue's: this counts the equivalent value.
     pub coverage: Count,
     /// Expected calibration error of the first candidate's probability, ten bins, where an effect is named.
     pub calibration_error: f64,

@@ -1,4 +1,5 @@
-//! C3D files: what motion-capture software has written since the 1980s, in the number formats of three makes of computer.
+//! C3D files: what motion-capture software has written since the 1980s, in the number formats of three makes
+//! of computer.
 //!
 //! ```text
 //! file      := header (512 bytes), parameters, data      all in blocks of 512 bytes
@@ -9,13 +10,14 @@
 //! data      := per frame: x, y, z, w of every point, then samples a frame x channels, channel fastest
 //! ```
 //!
-//! scale < 0: numbers are f32 and in units; scale > 0: numbers are i16 and times scale. w is a word of 16 bits with a sign in
-//! both; where it is written as f32 some writers left the sign out, and -1 is 65535 (Vicon Workstation). w < 0 says that the
-//! point was not seen; else its low byte is the residual over |scale|, its high byte the cameras that saw it. Analog values
-//! are (raw - OFFSET) SCALE GEN_SCALE.
+//! scale < 0: numbers are f32 and in units; scale > 0: numbers are i16 and times scale. w is a word of 16
+//! bits with a sign in both; where it is written as f32 some writers left the sign out, and -1 is 65535
+//! (Vicon Workstation). w < 0 says that the point was not seen; else its low byte is the residual over
+//! |scale|, its high byte the cameras that saw it. Analog values are (raw - OFFSET) SCALE GEN_SCALE.
 //!
-//! Files contradict themselves. The header decides, unless another count of points, channels and frames fits the size of
-//! the file and the header's does not; parameters that cannot be read are done without. Every such choice is a note.
+//! Files contradict themselves. The header decides, unless another count of points, channels and frames fits
+//! the size of the file and the header's does not; parameters that cannot be read are done without. Every
+//! such choice is a note.
 //!
 //! Points are section `Trajectories`, what POINT:ANGLES, FORCES, MOMENTS, POWERS and SCALARS list is section
 //! `Model Outputs`, channels are section `Devices`: the names that the same trial has as a Nexus CSV.

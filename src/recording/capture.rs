@@ -200,8 +200,9 @@ impl Section {
             .map_or(self.frames.len(), |c| c.values.len())
     }
 
-    /// Time of every row on the file's own clock, s: stamps, or (frame - zero + sub/n) / frame rate, where frame rate is
-    /// the declared rate / n and zero is [`Section::zero_frame`]. `None` if the file has neither.
+    /// Time of every row on the file's own clock, s: stamps, or (frame - zero + sub/n) / frame rate, where
+    /// frame rate is the declared rate / n and zero is [`Section::zero_frame`]. `None` if the file has
+    /// neither.
     #[must_use]
     pub fn times_s(&self) -> Option<Vec<f64>> {
         if let Some(stamps) = &self.stamps_s {
@@ -312,11 +313,12 @@ impl std::fmt::Display for ColumnRef {
 impl Capture {
     /// The column that a manifest means: (section, column).
     ///
-    /// A name is matched with the whole header first, then (where columns have groups) with `group:axis`, `group/axis`
-    /// or a group of one column, subject prefix left out or not.
+    /// A name is matched with the whole header first, then (where columns have groups) with `group:axis`,
+    /// `group/axis` or a group of one column, subject prefix left out or not.
     ///
     /// # Errors
-    /// [`ErrorKind::UnknownColumn`] with the nearest and the list of those there are; [`ErrorKind::Ambiguous`].
+    /// [`ErrorKind::UnknownColumn`] with the nearest and the list of those there are;
+    /// [`ErrorKind::Ambiguous`].
     pub fn find_column(&self, path: &Path, wanted: &ColumnRef) -> Result<(usize, usize), Error> {
         let all = || {
             self.sections.iter().enumerate().flat_map(|(s, section)| {
@@ -387,8 +389,8 @@ pub(super) fn without_subject(label: &str) -> &str {
 pub struct ReadOptions {
     /// Text encoding where it is not UTF-8: `gbk`.
     pub encoding: Option<String>,
-    /// The columns that will be used. A plain table reads no others, and may have no header if all are numbers; an empty list stands
-    /// for all that there are, header or not.
+    /// The columns that will be used. A plain table reads no others, and may have no header if all are
+    /// numbers; an empty list stands for all that there are, header or not.
     pub columns: Option<Vec<ColumnRef>>,
 }
 
@@ -399,12 +401,12 @@ pub trait Importer: Sync {
     /// What a manifest writes under `format`.
     fn name(&self) -> &'static str;
 
-    /// Whether a file that begins with `head` is of this kind. `head` is up to 64 KiB, without a byte-order mark, UTF-16
-    /// made UTF-8; `path` is there for formats that only the extension tells.
+    /// Whether a file that begins with `head` is of this kind. `head` is up to 64 KiB, without a byte-order
+    /// mark, UTF-16 made UTF-8; `path` is there for formats that only the extension tells.
     fn recognises(&self, head: &[u8], path: &Path) -> bool;
 
-    /// Reads the file: fills no gap, converts no unit. An importer has to have this or [`Importer::stream`]: each is made of the
-    /// other where it is left out.
+    /// Reads the file: fills no gap, converts no unit. An importer has to have this or [`Importer::stream`]:
+    /// each is made of the other where it is left out.
     ///
     /// # Errors
     /// The file does not follow the format, with line and column.
@@ -414,9 +416,9 @@ pub trait Importer: Sync {
         Ok(capture)
     }
 
-    /// Reads the file and shows its rows to `sink` as they come; what the sink takes out is not in the answer. An importer
-    /// that can, hands over a few rows at a time, so that a file of any size is gone through in constant memory; it says
-    /// nothing of gaps, because it has not seen them all.
+    /// Reads the file and shows its rows to `sink` as they come; what the sink takes out is not in the
+    /// answer. An importer that can, hands over a few rows at a time, so that a file of any size is gone
+    /// through in constant memory; it says nothing of gaps, because it has not seen them all.
     ///
     /// # Errors
     /// As [`Importer::read`].
@@ -439,8 +441,8 @@ pub trait Sink {
     /// The file is read again from its beginning: nothing that came before counts.
     fn restart(&mut self) {}
 
-    /// Section `index` has more rows. Those that the sink leaves in it stay; [`Section::clear_rows`] takes all out. A
-    /// format without fixed columns may have added some at the end.
+    /// Section `index` has more rows. Those that the sink leaves in it stay; [`Section::clear_rows`] takes
+    /// all out. A format without fixed columns may have added some at the end.
     fn rows(&mut self, index: usize, section: &mut Section);
 }
 
@@ -454,8 +456,8 @@ impl Sink for Keep {
 /// How many numbers an importer gathers before it shows them to a [`Sink`].
 pub(super) const BATCH: usize = 64 * 1024;
 
-/// Rows that wait to be put into their columns, many at a time: a table may have thousands of columns, and a number in each
-/// is a walk through memory.
+/// Rows that wait to be put into their columns, many at a time: a table may have thousands of columns, and a
+/// number in each is a walk through memory.
 pub(super) struct Block {
     width: usize,
     rows: usize,

@@ -1,9 +1,10 @@
 //! Plain tables of numbers: commas, semicolons, tabs or spaces; with a header, a row of units, or neither.
 //!
-//! Where the data begin is told by the columns that are numbers in most rows: the first row in which each of them holds a
-//! number or nothing. The row above is the header, or the units and the one above it the header. What stands above that
-//! (instrument settings, blank lines) is passed over and said. A table without a header is read only when its columns are
-//! asked for by number. A cell that is empty, or says NaN, is a gap; infinity is an error.
+//! Where the data begin is told by the columns that are numbers in most rows: the first row in which each of
+//! them holds a number or nothing. The row above is the header, or the units and the one above it the header.
+//! What stands above that (instrument settings, blank lines) is passed over and said. A table without a
+//! header is read only when its columns are asked for by number. A cell that is empty, or says NaN, is a gap;
+//! infinity is an error.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -146,7 +147,8 @@ fn looks_numeric(cell: &[u8], delimiter: Delimiter) -> bool {
 
 fn layout(path: &Path, sample: &[Line]) -> Result<Layout, Error> {
     let shapes = Delimiter::ALL.map(|d| (d, columns_of_numbers(sample, d)));
-    // "0,5" is one number between tabs and two between commas: several columns win over one that has not twice as many
+    // "0,5" is one number between tabs and two between commas: several columns win over one that has not
+    // twice as many
     let several = shapes
         .iter()
         .filter(|(_, s)| s.width > 1)
@@ -275,7 +277,8 @@ fn bare_unit(text: &str) -> &str {
     text
 }
 
-/// The unit in a header: `Force (N)`, `U [kV]`, `time_s`. A suffix of one letter is a unit only if it is s, m, V or N.
+/// The unit in a header: `Force (N)`, `U [kV]`, `time_s`. A suffix of one letter is a unit only if it is s,
+/// m, V or N.
 fn unit_in_name(name: &str) -> Option<&'static Unit> {
     let name = name.trim();
     for (open, close) in [('(', ')'), ('[', ']')] {
@@ -411,7 +414,8 @@ impl<'a> Table<'a> {
                     .collect()
             }
         };
-        // a row reaches the last column of numbers and the last one asked for; texts and empty cells after it may be left out
+        // a row reaches the last column of numbers and the last one asked for; texts and empty cells after it
+        // may be left out
         let last_number = layout.numeric.iter().rposition(|n| *n);
         let needed = wanted
             .iter()

@@ -1,4 +1,5 @@
-//! Typed access to the keys of a `.toml` file: every error names the file, the line, the key, and the nearest known one.
+//! Typed access to the keys of a `.toml` file: every error names the file, the line, the key, and the nearest
+//! known one.
 
 use std::io::Read;
 use std::ops::Range;

@@ -10,9 +10,10 @@
 //!   rows )*                             a segment; several may follow each other
 //! ```
 //!
-//! `X_Columns` says where the time stands: nowhere (`No`: X0 + row * Delta_X), in the first cell of a row (`One`), or before the value
-//! of every channel (`Multi`). Channels that share a clock are one section. `Samples` is not believed, cells may be
-//! empty, and the last cell is a comment, of which only is said how often it was used.
+//! `X_Columns` says where the time stands: nowhere (`No`: X0 + row * Delta_X), in the first cell of a row
+//! (`One`), or before the value of every channel (`Multi`). Channels that share a clock are one section.
+//! `Samples` is not believed, cells may be empty, and the last cell is a comment, of which only is said how
+//! often it was used.
 
 use std::path::Path;
 
@@ -216,7 +217,8 @@ impl Reader {
         Ok(true)
     }
 
-    /// The row of names and the rows of numbers. Leaves the reader behind the blank line or at the file's end.
+    /// The row of names and the rows of numbers. Leaves the reader behind the blank line or at the file's
+    /// end.
     fn rows(&mut self, lines: &mut LineReader, head: &Head) -> Result<(), Error> {
         let path = lines.path().to_owned();
         // a blank line may stand before the names
@@ -311,7 +313,8 @@ impl Reader {
         };
         say(Note::info, format!("a segment of {rows} rows"));
         let most = head.samples.iter().copied().fold(0.0, f64::max);
-        // one header may stand above rows that were written one by one: more of them than it says are no contradiction there
+        // one header may stand above rows that were written one by one: more of them than it says are no
+        // contradiction there
         let contradicts = match self.x {
             XColumns::One => most > rows as f64,
             _ => most > 0.0 && most != rows as f64,

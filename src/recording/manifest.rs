@@ -1,4 +1,5 @@
-//! `recording.toml`: what a recording is, and which files it is in. Values stay in the units that the keys name.
+//! `recording.toml`: what a recording is, and which files it is in. Values stay in the units that the keys
+//! name.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -132,8 +133,8 @@ impl Value for Payload {
 pub struct Start {
     /// As the manifest has it.
     pub text: String,
-    /// Seconds since 1970-01-01T00:00:00 on the clock that the manifest uses (UTC if it states an offset). Only
-    /// differences within a series mean something.
+    /// Seconds since 1970-01-01T00:00:00 on the clock that the manifest uses (UTC if it states an offset).
+    /// Only differences within a series mean something.
     pub clock_s: f64,
 }
 
@@ -570,8 +571,8 @@ impl Manifest {
     /// Reads a `recording.toml`.
     ///
     /// # Errors
-    /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type, cannot be, or does
-    /// not go with the kind.
+    /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type, cannot
+    /// be, or does not go with the kind.
     pub fn read(path: &Path) -> Result<Self, Error> {
         Self::from_document(&Document::read(path)?)
     }
@@ -750,8 +751,8 @@ fn sync(t: &Keys<'_>, chains: usize, manifest: &mut Manifest) -> Result<(), Erro
     Ok(())
 }
 
-/// Whether a text can be the id of a recording. It becomes a path below the output folder: relative, without `..`, and without anything
-/// that steers a terminal.
+/// Whether a text can be the id of a recording. It becomes a path below the output folder: relative, without
+/// `..`, and without anything that steers a terminal.
 #[must_use]
 pub fn is_id(id: &str) -> bool {
     let plain = !id.contains(|c: char| c == '\\' || c.is_control()) && !id.ends_with('/');

@@ -1,12 +1,12 @@
 //! What the instrument wrote: its own clock, axes, units and gaps.
 //!
-//! A [`Recording`] is a folder with a `recording.toml` ([`Manifest`]) and the files it names, read as they are. This room
-//! fills no gap and converts no unit: a missing sample is NaN, and the unit stands beside the values. Only times are put
-//! in seconds. If a file is wrong, the [`Error`] says which, in what line and column (or key), what was found, what was
-//! expected, and what to do.
+//! A [`Recording`] is a folder with a `recording.toml` ([`Manifest`]) and the files it names, read as they
+//! are. This room fills no gap and converts no unit: a missing sample is NaN, and the unit stands beside the
+//! values. Only times are put in seconds. If a file is wrong, the [`Error`] says which, in what line and
+//! column (or key), what was found, what was expected, and what to do.
 //!
-//! One importer reads one kind of file and is told by content: see [`Importer`] and [`importers`]. [`read_file`] reads a
-//! bare file without a manifest.
+//! One importer reads one kind of file and is told by content: see [`Importer`] and [`importers`].
+//! [`read_file`] reads a bare file without a manifest.
 //!
 //! ```no_run
 //! use deacal::recording::Recording;
@@ -129,8 +129,8 @@ pub struct Marker {
     pub label: String,
     /// Position in capture axes, in [`RawMotion::unit`]; NaN where it was not seen.
     pub xyz: Vec<[f64; 3]>,
-    /// Of a rigid body, its rotation as a quaternion x, y, z, w whose sign does not jump; NaN where it was not seen.
-    /// `None` for a marker, and where the file has angles whose order it does not state.
+    /// Of a rigid body, its rotation as a quaternion x, y, z, w whose sign does not jump; NaN where it was
+    /// not seen. `None` for a marker, and where the file has angles whose order it does not state.
     pub rotation: Option<Vec<[f64; 4]>>,
 }
 
@@ -139,8 +139,8 @@ pub struct Marker {
 pub struct RawMotion {
     /// Samples per second, Hz: declared, or the median of the stamps.
     pub rate_hz: f64,
-    /// Number of the first sample where the file counts frames: its time is (first_frame - 1)/rate. Frame numbers go on
-    /// without a hole: frames that the file leaves out are samples that were not seen.
+    /// Number of the first sample where the file counts frames: its time is (first_frame - 1)/rate. Frame
+    /// numbers go on without a hole: frames that the file leaves out are samples that were not seen.
     pub first_frame: Option<i64>,
     /// Time of every sample on the motion clock, s.
     pub time_s: Vec<f64>,
@@ -247,8 +247,8 @@ pub struct RawCoupon {
     pub mode: CouponMode,
     /// Time of every row, s; `None` where the file has none.
     pub time_s: Option<Vec<f64>>,
-    /// Rows whose time does not come after the row before, from 0. Such a row begins another test, or is an error of the
-    /// instrument; it is left as it is and noted.
+    /// Rows whose time does not come after the row before, from 0. Such a row begins another test, or is an
+    /// error of the instrument; it is left as it is and noted.
     pub time_steps_back: Vec<usize>,
     /// Displacement or stretch.
     pub elongation: RawElongation,

@@ -5,12 +5,13 @@
 //! section := NAME row, RATE row, GROUP row, AXIS row, UNIT row, data row*
 //! ```
 //!
-//! A section ends at a blank row, at the name of another section, or at the end of the file. The rate is the section's
-//! own: devices are sampled several times a frame, and `Sub Frame` counts those samples. A name in the group row covers
-//! the columns up to the next name. Frame f was taken at (f - 1)/rate, sub-frame s of n at (f - 1 + s/n)/frame rate.
+//! A section ends at a blank row, at the name of another section, or at the end of the file. The rate is the
+//! section's own: devices are sampled several times a frame, and `Sub Frame` counts those samples. A name in
+//! the group row covers the columns up to the next name. Frame f was taken at (f - 1)/rate, sub-frame s of n
+//! at (f - 1 + s/n)/frame rate.
 //!
-//! The delimiter is the one between `Frame` and `Sub Frame`. Files saved again by a spreadsheet pad every row to the same
-//! width; files cut while being written may end in half a row, which is dropped with a note.
+//! The delimiter is the one between `Frame` and `Sub Frame`. Files saved again by a spreadsheet pad every row
+//! to the same width; files cut while being written may end in half a row, which is dropped with a note.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -58,7 +59,8 @@ impl Importer for NexusCsv {
     }
 }
 
-/// The importer of Vicon Tracker exports: the same rows, section `Objects`. Rotations are handed over as they stand.
+/// The importer of Vicon Tracker exports: the same rows, section `Objects`. Rotations are handed over as they
+/// stand.
 pub struct TrackerCsv;
 
 impl Importer for TrackerCsv {

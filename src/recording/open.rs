@@ -149,8 +149,9 @@ impl Recording {
 }
 
 impl Recording {
-    /// SHA-256 of what the instruments measured, hexadecimal: motion and voltage (or a coupon's, bench's or axis' own columns), number for
-    /// number. Names, labels, rig and all that the manifest states do not count, so that a copy under another id has the same sum.
+    /// SHA-256 of what the instruments measured, hexadecimal: motion and voltage (or a coupon's, bench's or
+    /// axis' own columns), number for number. Names, labels, rig and all that the manifest states do not
+    /// count, so that a copy under another id has the same sum.
     #[must_use]
     pub fn content_sum(&self) -> String {
         let mut hasher = Context::new(&SHA256);
@@ -396,7 +397,8 @@ impl Reader<'_> {
         Ok(values)
     }
 
-    /// Keeps every n-th sample of a log that is too long to be held, but at least one a frame of the motion, and says so.
+    /// Keeps every n-th sample of a log that is too long to be held, but at least one a frame of the motion,
+    /// and says so.
     fn thin(
         &mut self,
         what: &str,
@@ -1010,8 +1012,8 @@ fn overruled(path: &Path, section: &Section, rate_hz: f64) -> Option<Note> {
     })
 }
 
-/// What is said where times run so slowly that their unit is doubtful: samples farther apart, on average, than the longest relaxation
-/// that a film shows within a recording (40 s) show nothing of it.
+/// What is said where times run so slowly that their unit is doubtful: samples farther apart, on average,
+/// than the longest relaxation that a film shows within a recording (40 s) show nothing of it.
 fn slow(column: &Column, time_s: &[f64], unit: &Unit) -> Option<String> {
     const FARTHEST_S: f64 = 40.0;
     let (first, last) = (time_s.first()?, time_s.last()?);

@@ -1,5 +1,5 @@
-//! The one door to the files of this room: it opens plain files only, and remembers which, so that no result is ever put onto a file
-//! that it was made of.
+//! The one door to the files of this room: it opens plain files only, and remembers which, so that no result
+//! is ever put onto a file that it was made of.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -10,8 +10,8 @@ use std::sync::{Mutex, PoisonError};
 /// Every file that was opened, by its own name without links.
 static OPENED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Opens a plain file for reading. A pipe or a device could keep a reader waiting for ever, and cannot be read twice: the importers
-/// look at a file first and read it then.
+/// Opens a plain file for reading. A pipe or a device could keep a reader waiting for ever, and cannot be
+/// read twice: the importers look at a file first and read it then.
 ///
 /// # Errors
 /// What the file system says; `IsADirectory` for a folder, `InvalidInput` for a pipe, a socket or a device.

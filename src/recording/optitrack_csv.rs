@@ -19,8 +19,8 @@
 //! frame,index,time,bodies,(id,x,y,z,qx,qy,qz,qw,yaw,pitch,roll)*,markers,(x,y,z,id,name)*
 //! ```
 //!
-//! Rotations are columns RX, RY, RZ, RW (quaternions, scalar last; Euler angles have no RW), positions X, Y, Z. An empty
-//! cell is a gap. The printed time is rounded to ms: frames and the rate say when.
+//! Rotations are columns RX, RY, RZ, RW (quaternions, scalar last; Euler angles have no RW), positions X, Y,
+//! Z. An empty cell is a gap. The printed time is rounded to ms: frames and the rate say when.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::Path;
@@ -299,7 +299,8 @@ fn free_name(taken: &mut HashSet<String>, kind: &str, name: &str, id: &str, cell
     free
 }
 
-/// A marker is there without its error too: columns that are neither rotation nor position leave their group's range.
+/// A marker is there without its error too: columns that are neither rotation nor position leave their
+/// group's range.
 fn errors_last(section: &mut Section, slots: &mut [Option<usize>]) {
     let is_pose =
         |c: &Column| matches!(c.axis.as_str(), "X" | "Y" | "Z" | "RX" | "RY" | "RZ" | "RW");

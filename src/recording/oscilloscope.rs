@@ -1,4 +1,5 @@
-//! CSV files of oscilloscopes, which hide their clock in the header: Tektronix, Keysight, Rigol, Rohde & Schwarz.
+//! CSV files of oscilloscopes, which hide their clock in the header: Tektronix, Keysight, Rigol, Rohde &
+//! Schwarz.
 //!
 //! | make | how it begins | where the time stands |
 //! |---|---|---|

@@ -1,13 +1,15 @@
 //! Rotations of rigid bodies, however a file writes them, as quaternions x, y, z, w.
 //!
-//! Tracker's RX, RY, RZ in rad are a rotation vector, axis times angle, with angles up to 2 pi: no Euler angles.
-//! q = (r/|r| sin(|r|/2), cos(|r|/2)). Three angles in degrees have an order that no file states; they are left alone.
-//! q and -q are one rotation: the sign is the one nearer to the sample before, so that a track can be differentiated.
+//! Tracker's RX, RY, RZ in rad are a rotation vector, axis times angle, with angles up to 2 pi: no Euler
+//! angles. q = (r/|r| sin(|r|/2), cos(|r|/2)). Three angles in degrees have an order that no file states;
+//! they are left alone. q and -q are one rotation: the sign is the one nearer to the sample before, so that a
+//! track can be differentiated.
 
 use super::capture::Section;
 use std::ops::Range;
 
-/// The rotation of a group, one a row, NaN where there is none; `None` if the group has no rotation that can be told.
+/// The rotation of a group, one a row, NaN where there is none; `None` if the group has no rotation that can
+/// be told.
 pub(super) fn rotations(section: &Section, group: Range<usize>) -> Option<Vec<[f64; 4]>> {
     let at = |axis: &str| {
         let mut columns = section.columns.get(group.clone())?.iter();

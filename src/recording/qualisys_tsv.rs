@@ -6,8 +6,8 @@
 //!         | body X | Y | Z | Roll | Pitch | Yaw | Residual | Rot[0] .. Rot[8]     for 6D
 //! ```
 //!
-//! Every key is a word in capitals. Without a column row the names come from MARKER_NAMES. No unit is stated anywhere: the
-//! format is in mm and degrees. An empty cell, or 0, 0, 0, is a sample that was not seen.
+//! Every key is a word in capitals. Without a column row the names come from MARKER_NAMES. No unit is stated
+//! anywhere: the format is in mm and degrees. An empty cell, or 0, 0, 0, is a sample that was not seen.
 
 use std::path::Path;
 

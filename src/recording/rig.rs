@@ -142,7 +142,8 @@ impl Rig {
     /// Reads a rig file.
     ///
     /// # Errors
-    /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type or cannot be.
+    /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type or cannot
+    /// be.
     pub fn read(path: &Path) -> Result<Self, Error> {
         Self::from_document(&Document::read(path)?)
     }

@@ -39,8 +39,8 @@ pub(super) enum End {
     Reread,
 }
 
-/// Reads a file of one table below a header, again where a column turns out to have a decimal comma. `header` gives the table, and whether
-/// the reader already stands on its first row.
+/// Reads a file of one table below a header, again where a column turns out to have a decimal comma. `header`
+/// gives the table, and whether the reader already stands on its first row.
 ///
 /// # Errors
 /// The file does not follow the format, with line and column.

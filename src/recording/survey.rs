@@ -1,8 +1,9 @@
 //! What is in a bare file, and what looks wrong in it, in one pass and constant memory.
 //!
-//! The file goes by in batches of rows; of each column its range and its gaps are kept, of each marker and each voltage a
-//! little history: enough for spikes, frozen stretches, swaps and clipping, not enough to grow with the file. A [`Doubt`] is a
-//! sentence to a person. Nothing is changed, and an import that has doubts is no failure.
+//! The file goes by in batches of rows; of each column its range and its gaps are kept, of each marker and
+//! each voltage a little history: enough for spikes, frozen stretches, swaps and clipping, not enough to grow
+//! with the file. A [`Doubt`] is a sentence to a person. Nothing is changed, and an import that has doubts is
+//! no failure.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -83,8 +84,8 @@ pub struct ColumnSurvey {
     pub missing: usize,
     /// Smallest and largest value, in `unit`.
     pub range: Option<[f64; 2]>,
-    /// Whether it is there in every row, of a plain table of two and more, and each value is larger than the one before: what a
-    /// clock does.
+    /// Whether it is there in every row, of a plain table of two and more, and each value is larger than the
+    /// one before: what a clock does.
     pub rises: bool,
 }
 
@@ -115,7 +116,8 @@ pub enum DoubtKind {
 }
 
 impl SectionSurvey {
-    /// Whether each row has a time of its own beside the columns: a header's clock, or the stamps of messages.
+    /// Whether each row has a time of its own beside the columns: a header's clock, or the stamps of
+    /// messages.
     #[must_use]
     pub fn has_own_clock(&self) -> bool {
         self.frames.is_none() && self.time_column.is_none() && self.time_s.is_some()
@@ -123,8 +125,8 @@ impl SectionSurvey {
 }
 
 impl Survey {
-    /// How a manifest names a column of this file so that no other is meant: by its header, with its group, else by its number;
-    /// `None` where none of them does.
+    /// How a manifest names a column of this file so that no other is meant: by its header, with its group,
+    /// else by its number; `None` where none of them does.
     #[must_use]
     pub fn column_ref(&self, section: usize, column: usize) -> Option<ColumnRef> {
         let own = self.sections.get(section)?.columns.get(column)?;
@@ -253,7 +255,8 @@ const ALONE: u64 = 1 << 20;
 /// What the reading thread hands over: rows of a section; none where what came before does not count.
 type Batch = Option<(usize, Section)>;
 
-/// Hands rows over, and takes emptied sections back to be filled again: names of thousands of columns are not copied each time.
+/// Hands rows over, and takes emptied sections back to be filled again: names of thousands of columns are not
+/// copied each time.
 struct Hand {
     to: mpsc::SyncSender<Batch>,
     emptied: mpsc::Receiver<(usize, Section)>,
@@ -610,7 +613,8 @@ impl Sizes {
         }
     }
 
-    /// The value that a share of all does not exceed (upper end of its bin); of all, or of those that are not 0.
+    /// The value that a share of all does not exceed (upper end of its bin); of all, or of those that are not
+    /// 0.
     fn quantile(&self, share: f64, with_zeros: bool) -> f64 {
         #[allow(clippy::cast_precision_loss)]
         let wanted = share * (self.total - if with_zeros { 0 } else { self.zeros }) as f64;
@@ -655,7 +659,8 @@ impl Spikes {
         }
     }
 
-    /// `off`: how far a sample is from the middle between its neighbours, `apart`: how far these are from each other.
+    /// `off`: how far a sample is from the middle between its neighbours, `apart`: how far these are from
+    /// each other.
     #[inline]
     fn add(&mut self, off: f64, apart: f64, row: usize) {
         self.off.add(off);
@@ -670,7 +675,8 @@ impl Spikes {
         }
     }
 
-    /// How many exceed what noise and motion do, and the worst of them. `rough` for a signal that may be rough by itself.
+    /// How many exceed what noise and motion do, and the worst of them. `rough` for a signal that may be
+    /// rough by itself.
     fn found(&self, floor: f64, rough: bool) -> Option<(usize, f64, usize)> {
         if self.off.total < 20 {
             return None;
@@ -977,7 +983,8 @@ impl VoltTrack {
         }
     }
 
-    /// The extremes at which the signal was cut: run into at its usual slope, and held, while it is not a staircase.
+    /// The extremes at which the signal was cut: run into at its usual slope, and held, while it is not a
+    /// staircase.
     fn clipped(&self) -> Vec<&Extreme> {
         let both: Vec<&Extreme> = self.high.iter().chain(&self.low).collect();
         let at_ends: usize = both.iter().map(|e| e.samples).sum();

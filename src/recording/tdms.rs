@@ -5,13 +5,14 @@
 //! segment := "TDSm", contents u32, version u32, next segment u64, raw data u64, metadata?, raw data?
 //! ```
 //!
-//! A segment that lists no objects goes on with those of the one before; one may list only what changed. Raw data of the listed
-//! channels repeat until the segment ends, one channel after the other or interleaved, in either byte order. A file that was cut (or is
-//! still being written) gives the values that are whole. Values that the driver left unscaled (`NI_Scale`) are scaled, which
-//! is said; so are scales that are not known here.
+//! A segment that lists no objects goes on with those of the one before; one may list only what changed. Raw
+//! data of the listed channels repeat until the segment ends, one channel after the other or interleaved, in
+//! either byte order. A file that was cut (or is still being written) gives the values that are whole. Values
+//! that the driver left unscaled (`NI_Scale`) are scaled, which is said; so are scales that are not known
+//! here.
 //!
-//! Channels of a group that share a clock (`wf_start_offset`, `wf_increment`) and a length are one section. No length in the file
-//! is believed: what is read is what the file has bytes for.
+//! Channels of a group that share a clock (`wf_start_offset`, `wf_increment`) and a length are one section.
+//! No length in the file is believed: what is read is what the file has bytes for.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -168,7 +169,8 @@ fn stamp(seconds: i64, fraction: u64) -> f64 {
     (seconds as f64 - 2_082_844_800.0) + fraction as f64 / 18_446_744_073_709_551_616.0
 }
 
-/// A time as a date of the Gregorian calendar: `2012-09-07 18:58:23 UTC`. What is beyond all calendars is left in seconds.
+/// A time as a date of the Gregorian calendar: `2012-09-07 18:58:23 UTC`. What is beyond all calendars is
+/// left in seconds.
 fn utc(since_1970_s: f64) -> String {
     if since_1970_s.is_nan() || since_1970_s.abs() > 1e11 {
         return format!("{since_1970_s:e} s since 1970");

@@ -1,11 +1,13 @@
 //! The text rules that every importer shares: encodings, lines, cells, numbers.
 //!
-//! A file is streamed: at most one line of at most [`MAX_LINE_BYTES`] is held. A byte-order mark is dropped, LF and CRLF
-//! and a missing last newline are all fine. Text that is not UTF-8 is read as Latin-1 unless another encoding is declared.
+//! A file is streamed: at most one line of at most [`MAX_LINE_BYTES`] is held. A byte-order mark is dropped,
+//! LF and CRLF and a missing last newline are all fine. Text that is not UTF-8 is read as Latin-1 unless
+//! another encoding is declared.
 //!
-//! Numbers: a column is written with a decimal dot until a cell shows otherwise. `1,5` between semicolons, tabs or spaces
-//! is a decimal comma; a cell with two dots, `1.003.000`, makes every dot of its column a thousands separator. Where a
-//! column was read the other way before, the reader says so ([`Trouble::Reread`]) and the file is read again.
+//! Numbers: a column is written with a decimal dot until a cell shows otherwise. `1,5` between semicolons,
+//! tabs or spaces is a decimal comma; a cell with two dots, `1.003.000`, makes every dot of its column a
+//! thousands separator. Where a column was read the other way before, the reader says so
+//! ([`Trouble::Reread`]) and the file is read again.
 
 use std::borrow::Cow;
 use std::io::{self, BufRead, BufReader, Read};
@@ -119,14 +121,14 @@ pub struct LineReader {
     cells_left: u64,
 }
 
-/// Numbers that a table may hold whatever its length, and how many more for each byte of the file: rows that are almost
-/// empty below a wide header would ask for any amount of memory.
+/// Numbers that a table may hold whatever its length, and how many more for each byte of the file: rows that
+/// are almost empty below a wide header would ask for any amount of memory.
 const CELLS: u64 = 1 << 23;
 const CELLS_PER_BYTE: u64 = 16;
 
 impl LineReader {
-    /// Opens a file. Without a declared encoding it is UTF-8, or UTF-16 if a byte-order mark says so; a cell that is not
-    /// UTF-8 is then read as Latin-1.
+    /// Opens a file. Without a declared encoding it is UTF-8, or UTF-16 if a byte-order mark says so; a cell
+    /// that is not UTF-8 is then read as Latin-1.
     ///
     /// # Errors
     /// The file cannot be opened, or the encoding is not known.
@@ -377,8 +379,8 @@ impl<'a> Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// The next cell, if it is empty or nothing but a sign, digits and a dot, and whether it has a dot. The cells stay
-    /// where they are otherwise. Rounded as [`plain_number`] rounds.
+    /// The next cell, if it is empty or nothing but a sign, digits and a dot, and whether it has a dot. The
+    /// cells stay where they are otherwise. Rounded as [`plain_number`] rounds.
     #[inline]
     fn plain(&mut self) -> Option<(f64, bool)> {
         let rest = self.rest?;
@@ -437,7 +439,8 @@ impl<'a> Iterator for Cells<'a> {
         };
         let lead = rest.iter().take_while(|b| **b == b' ').count();
         if rest.get(lead) == Some(&b'"') {
-            // "..." with "" for a mark inside; what follows the closing mark must be spaces up to the delimiter
+            // "..." with "" for a mark inside; what follows the closing mark must be spaces up to the
+            // delimiter
             let body = &rest[lead + 1..];
             let mut i = 0;
             while i < body.len() {
@@ -543,7 +546,8 @@ impl NumberColumn {
         }
     }
 
-    /// The columns of a row of so many cells; `comma` says of a cell whether it is known to be in [`Notation::Comma`].
+    /// The columns of a row of so many cells; `comma` says of a cell whether it is known to be in
+    /// [`Notation::Comma`].
     #[must_use]
     pub fn row(cells: usize, delimiter: Delimiter, comma: impl Fn(usize) -> bool) -> Vec<Self> {
         let notation = |cell| match comma(cell) {
@@ -555,7 +559,8 @@ impl NumberColumn {
             .collect()
     }
 
-    /// Whether dots part thousands in the column only because a number in it has two of them: no cell has a decimal comma.
+    /// Whether dots part thousands in the column only because a number in it has two of them: no cell has a
+    /// decimal comma.
     #[must_use]
     pub fn groups_by_dots_alone(&self) -> bool {
         self.notation == Notation::Comma && !self.saw_comma
@@ -567,7 +572,8 @@ impl NumberColumn {
         self.notation
     }
 
-    /// The number in the next cell of a row, NaN when it is empty; `None` after the last. With trouble comes the cell.
+    /// The number in the next cell of a row, NaN when it is empty; `None` after the last. With trouble comes
+    /// the cell.
     #[inline]
     pub fn next<'a>(&mut self, cells: &mut Cells<'a>) -> Option<Result<f64, (Trouble, Cell<'a>)>> {
         if self.notation == Notation::Dot
@@ -677,8 +683,8 @@ pub fn says_not_finite(cell: &[u8]) -> bool {
         )
 }
 
-/// Whether a cell spells that nothing was measured: NaN in any of its spellings, or a spreadsheet's `#N/A`. Infinity is none: it was a
-/// number once.
+/// Whether a cell spells that nothing was measured: NaN in any of its spellings, or a spreadsheet's `#N/A`.
+/// Infinity is none: it was a number once.
 #[must_use]
 pub fn says_missing(cell: &[u8]) -> bool {
     let text = cell.to_ascii_lowercase();
@@ -732,8 +738,8 @@ const EXACT_POWERS: [f64; 23] = [
 
 /// `[+-]digits[.digits][e[+-]digits]`, rounded as the standard library rounds, and whether it has a dot.
 ///
-/// A mantissa below 2^53 times or over an exact power of ten is one correctly rounded operation (Clinger 1990); anything
-/// longer goes to the standard library.
+/// A mantissa below 2^53 times or over an exact power of ten is one correctly rounded operation (Clinger
+/// 1990); anything longer goes to the standard library.
 #[inline]
 #[must_use]
 pub fn plain_number(cell: &[u8]) -> Option<(f64, bool)> {
@@ -821,8 +827,8 @@ pub fn bad_cell(path: &Path, line: u64, column: usize, cell: &[u8], trouble: Tro
         .action(action)
 }
 
-/// The error for a cell of the reader's line that no column takes, or that is no number; `cell` counts from 0, `expected` says what
-/// a row has.
+/// The error for a cell of the reader's line that no column takes, or that is no number; `cell` counts from
+/// 0, `expected` says what a row has.
 #[must_use]
 pub fn wrong_cell(
     lines: &LineReader,

@@ -10,8 +10,8 @@
 //! rows
 //! ```
 //!
-//! Cells are parted by tabs, rarely by commas. NumFrames and NumMarkers may be wrong: the rows and the axis row decide.
-//! Columns without a name are called by their number, as `*34`. Empty cells are gaps.
+//! Cells are parted by tabs, rarely by commas. NumFrames and NumMarkers may be wrong: the rows and the axis
+//! row decide. Columns without a name are called by their number, as `*34`. Empty cells are gaps.
 
 use std::path::Path;
 

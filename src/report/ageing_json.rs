@@ -143,7 +143,8 @@ pub struct DifferenceJson {
     pub scatter_percent: Number,
     /// Whether that scatter was measured; else it is an assumption.
     pub scatter_measured: bool,
-    /// Samples an electrode that would show such a difference with 80 % power at 5 %; null where no number would.
+    /// Samples an electrode that would show such a difference with 80 % power at 5 %; null where no number
+    /// would.
     pub samples_needed: Option<usize>,
     /// In words.
     pub says: String,
@@ -190,14 +191,15 @@ pub struct SampleAgeingJson {
     pub indistinguishable: Vec<[String; 2]>,
     /// Probability that nothing changed.
     pub nothing: Number,
-    /// Mean square of (predicted minus captured)/noise, x of a sample, torques of a robot: 1 where the model is right.
+    /// Mean square of (predicted minus captured)/noise, x of a sample, torques of a robot: 1 where the model
+    /// is right.
     pub weighted_mean_square: Number,
     /// The same with nothing allowed to change.
     pub unchanged_mean_square: Number,
     /// Whether the fit converged.
     pub converged: Option<bool>,
-    /// Change of the position at rest since the first, as captured, downwards, mm, of a hanging sample. Values do not rest on it: it holds how
-    /// the sample was hung.
+    /// Change of the position at rest since the first, as captured, downwards, mm, of a hanging sample.
+    /// Values do not rest on it: it holds how the sample was hung.
     pub rest_shift_mm: Vec<Number>,
     /// The same by the chosen model, mm.
     pub predicted_rest_shift_mm: Vec<Number>,
@@ -231,7 +233,8 @@ pub struct AgeingJson {
     pub provenance: Provenance,
 }
 
-/// Id of the effect, its parameter, its unit, and its value and standard error from those of the fit; `mass_kg` of the sample.
+/// Id of the effect, its parameter, its unit, and its value and standard error from those of the fit;
+/// `mass_kg` of the sample.
 #[must_use]
 pub fn effect(
     cause: Cause,

@@ -1,7 +1,8 @@
 //! Aligned recording, prediction and residual as arrays: CSV, MATLAB (`.mat`, level 5) and NumPy (`.npz`).
 //!
-//! One array a column, all as long as the recording, in the units that the names end in; NaN where there is no value. The residual is
-//! predicted minus command. The same input gives the same bytes: no date is written.
+//! One array a column, all as long as the recording, in the units that the names end in; NaN where there is
+//! no value. The residual is predicted minus command. The same input gives the same bytes: no date is
+//! written.
 
 use std::io::{self, Write};
 

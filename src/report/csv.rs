@@ -1,5 +1,6 @@
-//! Tables as CSV: predictions and the aligned recording. Comma, point, one header row, LF; the last column `flag` says why
-//! cells of a row are empty. Rows are streamed; a number is written to the digit that means something.
+//! Tables as CSV: predictions and the aligned recording. Comma, point, one header row, LF; the last column
+//! `flag` says why cells of a row are empty. Rows are streamed; a number is written to the digit that means
+//! something.
 
 use std::io::{self, Write};
 
@@ -14,7 +15,8 @@ pub struct Column<'a> {
 }
 
 impl<'a> Column<'a> {
-    /// A column: its header (unit included), digits after the point (at most 9), and its value in a row; NaN leaves the cell empty.
+    /// A column: its header (unit included), digits after the point (at most 9), and its value in a row; NaN
+    /// leaves the cell empty.
     pub fn new(
         name: impl Into<String>,
         decimals: usize,
@@ -92,7 +94,8 @@ pub(super) fn fixed(buffer: &mut Vec<u8>, value: f64, decimals: usize) {
     }
 }
 
-/// Writes a table of `rows` rows. `flag` writes the last cell of a row, without commas, quotes or line breaks.
+/// Writes a table of `rows` rows. `flag` writes the last cell of a row, without commas, quotes or line
+/// breaks.
 ///
 /// # Errors
 /// Those of the writer.
@@ -225,9 +228,10 @@ pub fn no_command(flags: &mut [Option<Missing>], command_v: &[[f64; 3]]) {
     }
 }
 
-/// Predicted voltages: `time_s,phi1_V,phi2_V,phi3_V,phi1_sd_V,phi2_sd_V,phi3_sd_V,flag`. `sd` is what the noise of the
-/// capture makes of the prediction. Every frame has its row; see [`Missing`] for the flags. With `command_v`, what the amplifier must
-/// be told, that is phi, and `film1_V` to `film3_V` before the flag are the voltages on the films.
+/// Predicted voltages: `time_s,phi1_V,phi2_V,phi3_V,phi1_sd_V,phi2_sd_V,phi3_sd_V,flag`. `sd` is what the
+/// noise of the capture makes of the prediction. Every frame has its row; see [`Missing`] for the flags. With
+/// `command_v`, what the amplifier must be told, that is phi, and `film1_V` to `film3_V` before the flag are
+/// the voltages on the films.
 ///
 /// # Errors
 /// Those of the writer.
@@ -267,7 +271,8 @@ pub fn predicted_voltage(
     })
 }
 
-/// Why nothing is predicted at each frame of a hanging sample: of its voltage, which follows from the captured x.
+/// Why nothing is predicted at each frame of a hanging sample: of its voltage, which follows from the
+/// captured x.
 #[must_use]
 pub fn missing_of_sample(r: &SampleFit) -> Vec<Option<Missing>> {
     (0..r.time_s.len())
@@ -323,8 +328,8 @@ pub fn predicted_sample_motion(
     flagged(out, &columns, flags)
 }
 
-/// Predicted side of a single coordinate: `time_s`, the coordinate, what was measured and what the model asks for; `names` are the headers of
-/// the last three. A sample with a flag has empty cells.
+/// Predicted side of a single coordinate: `time_s`, the coordinate, what was measured and what the model asks
+/// for; `names` are the headers of the last three. A sample with a flag has empty cells.
 ///
 /// # Errors
 /// Those of the writer.
@@ -404,9 +409,10 @@ fn vectors(
     })
 }
 
-/// The aligned recording, on the motion clock, world axes: raw and smoothed position (mm), velocity (mm/s), acceleration
-/// (mm/s^2), command and, where there is one, monitor of each chain (V, shifted by `offset_s`), payload (g), flag: `gap`
-/// (nothing captured, nothing usable), `gap bridged` (smoothed values go on), `no voltage`.
+/// The aligned recording, on the motion clock, world axes: raw and smoothed position (mm), velocity (mm/s),
+/// acceleration (mm/s^2), command and, where there is one, monitor of each chain (V, shifted by `offset_s`),
+/// payload (g), flag: `gap` (nothing captured, nothing usable), `gap bridged` (smoothed values go on),
+/// `no voltage`.
 ///
 /// # Errors
 /// Those of the writer.

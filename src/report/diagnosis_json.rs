@@ -17,7 +17,8 @@ use crate::diagnosis::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "diagnosis.json")]
 pub struct DiagnosisJson {
-    /// `adequate`, `missing_physics`, `unexplained` or `recording`: the recording or a stated number is wrong, and no physics is named.
+    /// `adequate`, `missing_physics`, `unexplained` or `recording`: the recording or a stated number is
+    /// wrong, and no physics is named.
     pub verdict: String,
     /// Probability of the verdict; null where the recording is to be mended first and no check has odds.
     pub confidence: Number,
@@ -57,7 +58,8 @@ pub struct DiagnosisJson {
     /// The models that simpler methods end with, where `--rivals` asked for them.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub rivals: Vec<RivalJson>,
-    /// Probabilities that nothing is left out, that it is a cause of the catalogue, and that it is something else.
+    /// Probabilities that nothing is left out, that it is a cause of the catalogue, and that it is something
+    /// else.
     pub probabilities: ProbabilitiesJson,
     /// What may differ from the drawing, and by how much it does; empty where the model as drawn suffices.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
@@ -143,7 +145,8 @@ pub struct CandidateJson {
     pub says: String,
 }
 
-/// A value of a cause: a number, a word (a link, a recording), or the three of a vector with three errors and intervals.
+/// A value of a cause: a number, a word (a link, a recording), or the three of a vector with three errors and
+/// intervals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ValueJson {
     /// The value, freed of what the noise of the motion makes of it (`X_estimate` in `parameters.toml`).

@@ -1,4 +1,5 @@
-//! Causes of the catalogue to `[[effect]]` of a parameter file and back, under the names and units that the catalogue promises.
+//! Causes of the catalogue to `[[effect]]` of a parameter file and back, under the names and units that the
+//! catalogue promises.
 
 use std::path::Path;
 
@@ -44,7 +45,8 @@ pub fn actuators(on: [bool; 3]) -> Vec<usize> {
     (1..=3).filter(|k| on[k - 1]).collect()
 }
 
-/// The word that a value stands for: a form, or the recording of that number in the series (the number itself where none has it).
+/// The word that a value stands for: a form, or the recording of that number in the series (the number itself
+/// where none has it).
 #[must_use]
 pub fn word(value: &Value, series: &[SeriesEntry]) -> Option<String> {
     let named = || {
@@ -98,9 +100,9 @@ fn value_of(name: &str, text: &str) -> toml::Value {
 impl std::str::FromStr for Effect {
     type Err = String;
 
-    /// `ID:NAME=VALUE[,NAME=VALUE...][@ACTUATOR[,ACTUATOR]]`, as `--effect` takes it; all actuators where none is named. Vectors are
-    /// lists, `offset=1e-3/0/0` or `offset=[1e-3,0,0]`, or go by their parts, `offset_x=1e-3`. Whether there is such a cause with such
-    /// names, [`Effect::check`] says.
+    /// `ID:NAME=VALUE[,NAME=VALUE...][@ACTUATOR[,ACTUATOR]]`, as `--effect` takes it; all actuators where
+    /// none is named. Vectors are lists, `offset=1e-3/0/0` or `offset=[1e-3,0,0]`, or go by their parts,
+    /// `offset_x=1e-3`. Whether there is such a cause with such names, [`Effect::check`] says.
     fn from_str(text: &str) -> Result<Self, String> {
         let (text, place) = match text.rsplit_once('@') {
             Some((text, place)) => (text, Some(place)),
@@ -206,8 +208,9 @@ impl Effect {
 }
 
 impl ParameterFile {
-    /// The causes of the file as the model applies them. `number_of` gives the number of a recording in the series of what is to be
-    /// predicted; `None` when it belongs to another series: a change at a moment there never happens.
+    /// The causes of the file as the model applies them. `number_of` gives the number of a recording in the
+    /// series of what is to be predicted; `None` when it belongs to another series: a change at a moment
+    /// there never happens.
     ///
     /// # Errors
     /// An id or a name that is not in the catalogue (the nearest is named), or a value that cannot be.
@@ -218,10 +221,12 @@ impl ParameterFile {
             .collect()
     }
 
-    /// The model of a single coordinate: constants, film, curve, and its causes in the units of the recordings.
+    /// The model of a single coordinate: constants, film, curve, and its causes in the units of the
+    /// recordings.
     ///
     /// # Errors
-    /// An id or a name that the catalogue of single coordinates does not have (the nearest is named), or a value that cannot be.
+    /// An id or a name that the catalogue of single coordinates does not have (the nearest is named), or a
+    /// value that cannot be.
     pub fn line_model(&self) -> Result<LineModel, Error> {
         let known: Vec<&'static dyn crate::effects::Effect> = line::CATALOGUE
             .iter()

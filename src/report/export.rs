@@ -1,5 +1,5 @@
-//! Parameters for a controller: JSON, a MATLAB script, a Python module, a C header. Every number reads back to the same
-//! bits: it is written with the shortest digits that do.
+//! Parameters for a controller: JSON, a MATLAB script, a Python module, a C header. Every number reads back
+//! to the same bits: it is written with the shortest digits that do.
 
 use std::fmt::Write;
 
@@ -151,7 +151,8 @@ fn one_line(text: &str) -> String {
 struct Names(std::collections::BTreeSet<String>);
 
 impl Names {
-    /// A name of letters, digits and `_` for the key `key` of `table`: another one where capitals are all that tells it from an earlier.
+    /// A name of letters, digits and `_` for the key `key` of `table`: another one where capitals are all
+    /// that tells it from an earlier.
     fn of(&mut self, table: &str, key: &str) -> String {
         let mut name = identifier(key);
         let mut number = 1;

@@ -1,5 +1,5 @@
-//! `fit.json`, `validation.json` and `import.json`: plain data, in the keys that scripts rely on. A number that does not
-//! exist (NaN) is null. No time of day is written: the same inputs give the same bytes.
+//! `fit.json`, `validation.json` and `import.json`: plain data, in the keys that scripts rely on. A number
+//! that does not exist (NaN) is null. No time of day is written: the same inputs give the same bytes.
 
 use std::path::Path;
 
@@ -33,7 +33,8 @@ pub fn finite(value: f64) -> Number {
 /// Something that is wrong with a recording, or looks so.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FindingJson {
-    /// The kind of mistake: `chain_order`, `mirror`, `axes`, `unit`, `rate`, `clock`, `polarity`, `sentinel`, `stated_value`, ...
+    /// The kind of mistake: `chain_order`, `mirror`, `axes`, `unit`, `rate`, `clock`, `polarity`, `sentinel`,
+    /// `stated_value`, ...
     pub check: String,
     /// `wrong`: a diagnosis stops at it; `doubtful`: it is said, and the job goes on.
     pub grade: String,
@@ -104,7 +105,8 @@ impl<T: JsonSchema> JsonSchema for Named<T> {
     }
 }
 
-/// The text of a JSON file: two spaces an indent, lists of numbers or words in one line, a newline at the end.
+/// The text of a JSON file: two spaces an indent, lists of numbers or words in one line, a newline at the
+/// end.
 ///
 /// # Panics
 /// Never for the types of this room: all their keys are strings.
@@ -127,8 +129,9 @@ pub struct NoFigure {
     place: String,
 }
 
-/// The text of a file of results, as [`to_text`] makes it. Null stands only where a key's description says that there may be no number:
-/// errors of no sample, the standard error of what was held or is not determined, what a job has no use for.
+/// The text of a file of results, as [`to_text`] makes it. Null stands only where a key's description says
+/// that there may be no number: errors of no sample, the standard error of what was held or is not
+/// determined, what a job has no use for.
 ///
 /// # Errors
 /// The first place at which there is no number though there should be one.
@@ -237,7 +240,8 @@ fn pretty(value: &Value, depth: usize, out: &mut String) {
 /// The error of a prediction. In V unless `rmse_unit` of the file says otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Errors {
-    /// Root mean square over the samples of `rmse_basis`; null where there is none, as everything here that is over none.
+    /// Root mean square over the samples of `rmse_basis`; null where there is none, as everything here that
+    /// is over none.
     #[serde(rename = "rmse_V")]
     pub rmse_v: Number,
     /// Largest magnitude among them.
@@ -485,8 +489,8 @@ pub struct ParameterJson {
     pub unit: String,
     /// Standard error; null where it was fixed, rests on a bound or is not determined at all.
     pub std_error: Number,
-    /// Standard error as if the misfit were noise of its own size and correlation length: of coupons, of which `std_error` is what
-    /// the noise alone leaves open. Null where there is none.
+    /// Standard error as if the misfit were noise of its own size and correlation length: of coupons, of
+    /// which `std_error` is what the noise alone leaves open. Null where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit_std_error: Number,
     /// 95 % interval; null where it was fixed.
@@ -645,10 +649,12 @@ pub struct FitJson {
     /// All recordings together.
     #[serde(flatten)]
     pub errors: Errors,
-    /// Root of the mean squared NRMSE (error over the range of the measured stress) of coupons, %: what their fit makes small.
+    /// Root of the mean squared NRMSE (error over the range of the measured stress) of coupons, %: what their
+    /// fit makes small.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nrmse_percent: Number,
-    /// Unit of the errors, here and below: `V`, `N m` for a hinge, `Pa` for a coupon, that of the input for an axis.
+    /// Unit of the errors, here and below: `V`, `N m` for a hinge, `Pa` for a coupon, that of the input for
+    /// an axis.
     pub rmse_unit: String,
     /// Samples over which `rmse_V` is taken: `above_1kV` or `all`.
     pub rmse_basis: String,
@@ -774,7 +780,8 @@ impl FitJson {
         }
     }
 
-    /// Of a calibration on coupons: errors of the nominal stress in Pa over all rows, under the keys of the others.
+    /// Of a calibration on coupons: errors of the nominal stress in Pa over all rows, under the keys of the
+    /// others.
     #[must_use]
     pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
         let misfit = outcome.misfit_std_error.iter().copied();
@@ -906,7 +913,8 @@ impl FitJson {
 /// Measured against predicted motion, per axis x, y, z.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PathErrors {
-    /// `predicted` (forward dynamics of the recorded voltages) or `planned` (the path that they were made for).
+    /// `predicted` (forward dynamics of the recorded voltages) or `planned` (the path that they were made
+    /// for).
     pub basis: String,
     /// Root mean square, mm.
     pub rmse_mm: [Number; 3],
@@ -916,7 +924,8 @@ pub struct PathErrors {
     pub rmse_relative: [Number; 3],
     /// Largest magnitude over `relative_to_mm`.
     pub max_relative: [Number; 3],
-    /// Diameter of the measured path (its larger extent in x and y) for x and y, its stroke for z, mm; null below 1 mm.
+    /// Diameter of the measured path (its larger extent in x and y) for x and y, its stroke for z, mm; null
+    /// below 1 mm.
     pub relative_to_mm: [Number; 3],
     /// Frames.
     pub n_frames: usize,
@@ -1144,8 +1153,8 @@ pub struct ValidationJson {
 }
 
 impl ValidationJson {
-    /// Of one or more parameter files against the same recordings; errors are in V above 1 kV, or in the `unit` of a single coordinate over
-    /// all samples.
+    /// Of one or more parameter files against the same recordings; errors are in V above 1 kV, or in the
+    /// `unit` of a single coordinate over all samples.
     #[must_use]
     pub fn new(
         first: ModelValidation,
@@ -1840,7 +1849,8 @@ pub struct SimulationJson {
     pub n_frames: usize,
     /// From the first frame to the last, s.
     pub duration_s: f64,
-    /// Height between lowest and highest pose, mm; of a hanging sample between its longest and its shortest length.
+    /// Height between lowest and highest pose, mm; of a hanging sample between its longest and its shortest
+    /// length.
     pub stroke_mm: f64,
     /// Largest magnitude of a voltage, V.
     #[serde(rename = "largest_voltage_V")]

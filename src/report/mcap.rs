@@ -8,8 +8,9 @@
 //! | `/voltage/command`, `/voltage/monitor`, `/voltage/predicted`, `/voltage/residual` | `deacal.Voltages` | V |
 //! | `/log` | `foxglove.Log`: gaps and notes | |
 //!
-//! The residual is predicted minus command. A topic has no message where there is no value. Log time is the motion clock
-//! in ns; should that clock begin below zero, whole seconds are added and metadata `deacal` says how many (`time_shift_s`).
+//! The residual is predicted minus command. A topic has no message where there is no value. Log time is the
+//! motion clock in ns; should that clock begin below zero, whole seconds are added and metadata `deacal` says
+//! how many (`time_shift_s`).
 
 use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
@@ -138,7 +139,8 @@ impl<W: Write + Seek> Recorder<W> {
 const AXES: [&str; 3] = ["x", "y", "z"];
 const CHAINS: [&str; 3] = ["chain_1", "chain_2", "chain_3"];
 
-/// Writes the aligned recording; with an `outcome` of the same recording its predictions as well, and its clock offset.
+/// Writes the aligned recording; with an `outcome` of the same recording its predictions as well, and its
+/// clock offset.
 ///
 /// # Errors
 /// Those of the writer; an outcome with another number of frames.

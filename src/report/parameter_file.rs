@@ -1,5 +1,5 @@
-//! `parameters.toml`: every value that a prediction needs, beside the rig. It is written for people too (units in the
-//! names, a comment over each block), and every number reads back to the same bits.
+//! `parameters.toml`: every value that a prediction needs, beside the rig. It is written for people too
+//! (units in the names, a comment over each block), and every number reads back to the same bits.
 //!
 //! ```text
 //! [film]        mu_Pa (n + 1, the equilibrium spring first), T_s (n, rising), J, eps_r
@@ -10,8 +10,9 @@
 //! [provenance]  program, command, rig and recordings with their SHA-256
 //! ```
 //!
-//! Each number `X` has its standard error in `X_std_error` and its 95 % interval in `X_ci95`, `nan` where there is none; where noise in the
-//! motion pulls at a number of a cause, both belong to `X_estimate`, the one freed of that.
+//! Each number `X` has its standard error in `X_std_error` and its 95 % interval in `X_ci95`, `nan` where
+//! there is none; where noise in the motion pulls at a number of a cause, both belong to `X_estimate`, the
+//! one freed of that.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -227,7 +228,8 @@ fn degrees(rad: f64) -> f64 {
 }
 
 impl ForearmEntry {
-    /// A curve without errors. Nodes that were made of degrees come back to the bit; others to the last place.
+    /// A curve without errors. Nodes that were made of degrees come back to the bit; others to the last
+    /// place.
     #[must_use]
     pub fn of(forearm: &ForearmTorque) -> Self {
         let torques = forearm.torque_n_m.iter();
@@ -239,8 +241,8 @@ impl ForearmEntry {
 }
 
 impl ParameterFile {
-    /// Parameters without errors or provenance. Nodes of the forearm that were made of degrees come back to the bit;
-    /// others to the last place.
+    /// Parameters without errors or provenance. Nodes of the forearm that were made of degrees come back to
+    /// the bit; others to the last place.
     #[must_use]
     pub fn of(parameters: &Parameters, eps_r: Option<f64>) -> Self {
         ParameterFile {
@@ -304,7 +306,8 @@ impl ParameterFile {
         }
     }
 
-    /// The film that a calibration on coupons found, with its errors: those of the noise of the stress alone, as in `fit.json`.
+    /// The film that a calibration on coupons found, with its errors: those of the noise of the stress alone,
+    /// as in `fit.json`.
     #[must_use]
     pub fn of_coupons(outcome: &CouponOutcome, provenance: Provenance) -> Self {
         ParameterFile {
@@ -339,7 +342,8 @@ impl ParameterFile {
         }
     }
 
-    /// The film that a calibration on hanging samples found, with its errors; what their electrodes do, where all do the same.
+    /// The film that a calibration on hanging samples found, with its errors; what their electrodes do, where
+    /// all do the same.
     #[must_use]
     pub fn of_samples(outcome: &SampleOutcome, provenance: Provenance) -> Self {
         let first = outcome.recordings.first().map(|r| r.electrode);
@@ -361,8 +365,8 @@ impl ParameterFile {
         }
     }
 
-    /// What the electrode of a hanging sample does, from `[[effect]]`: `electrode_stiffness`, `series_resistance` and
-    /// `electrode_failure` from the first sample on.
+    /// What the electrode of a hanging sample does, from `[[effect]]`: `electrode_stiffness`,
+    /// `series_resistance` and `electrode_failure` from the first sample on.
     ///
     /// # Errors
     /// An effect that a hanging sample has no place for, or one without its number.
@@ -450,8 +454,8 @@ impl ParameterFile {
     /// Reads a parameter file.
     ///
     /// # Errors
-    /// The file cannot be read; a key is unknown (the nearest is named), missing or of the wrong type; a value that cannot
-    /// be, with its line and what to do.
+    /// The file cannot be read; a key is unknown (the nearest is named), missing or of the wrong type; a
+    /// value that cannot be, with its line and what to do.
     pub fn read(path: &Path) -> Result<Self, Error> {
         read(&Document::read(path)?)
     }
@@ -467,7 +471,8 @@ impl ParameterFile {
     /// The text of the file.
     ///
     /// # Errors
-    /// A parameter that is no finite number, by its name: no prediction can be made with it, so that it is not written.
+    /// A parameter that is no finite number, by its name: no prediction can be made with it, so that it is
+    /// not written.
     pub fn to_toml(&self) -> Result<String, NotFinite> {
         self.finite()?;
         Ok(self.text())
@@ -630,7 +635,8 @@ fn block(id: &str, actuators: &[usize], values: &[(&str, f64)]) -> Effect {
     }
 }
 
-/// The blocks of an electrode on `actuators`, its lost area lost since `since_s`; none for what it does not do.
+/// The blocks of an electrode on `actuators`, its lost area lost since `since_s`; none for what it does not
+/// do.
 fn electrode_effects(electrode: &Electrode, actuators: &[usize], since_s: f64) -> Vec<Effect> {
     let ideal = Electrode::IDEAL;
     let mut out = Vec::new();
@@ -650,7 +656,8 @@ fn electrode_effects(electrode: &Electrode, actuators: &[usize], since_s: f64) -
     out
 }
 
-/// The blocks of what has aged on a level of a joint fit, beside the film; none for what has not. A sample has one film, a robot three.
+/// The blocks of what has aged on a level of a joint fit, beside the film; none for what has not. A sample
+/// has one film, a robot three.
 #[must_use]
 pub fn ageing_effects(joint: &Joint, level: usize) -> Vec<Effect> {
     let own = &joint.levels[level];
@@ -797,7 +804,8 @@ fn provenance(out: &mut String, p: &Provenance) {
     }
 }
 
-/// A name that is an identifier in every language of an export: a letter, then letters, digits and `_`, at most 63.
+/// A name that is an identifier in every language of an export: a letter, then letters, digits and `_`, at
+/// most 63.
 fn is_name(name: &str) -> bool {
     name.len() <= 63
         && name.starts_with(|c: char| c.is_ascii_alphabetic())

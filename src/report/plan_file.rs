@@ -1,5 +1,5 @@
-//! `plan.toml`: the choices that turned recordings into datasets, one `[[recording]]` table each. Given back, they are made
-//! again, to the bit.
+//! `plan.toml`: the choices that turned recordings into datasets, one `[[recording]]` table each. Given back,
+//! they are made again, to the bit.
 
 use std::fmt::Write;
 use std::path::Path;

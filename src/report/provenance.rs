@@ -1,5 +1,5 @@
-//! Where a result comes from: program, command, rig and recordings, each file with the SHA-256 of its bytes. No time of
-//! day: the same inputs give the same file.
+//! Where a result comes from: program, command, rig and recordings, each file with the SHA-256 of its bytes.
+//! No time of day: the same inputs give the same file.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

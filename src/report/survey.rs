@@ -315,8 +315,8 @@ fn metres(s: &SectionSurvey, m: &MarkerSurvey, length: f64) -> f64 {
     length * Unit::parse(&s.columns[m.columns[0]].unit).map_or(1e-3, |u| u.to_si)
 }
 
-/// The table whose markers are the motion: the first with markers that were seen in more than one row; of topics, which are a table each,
-/// the one that moves farthest.
+/// The table whose markers are the motion: the first with markers that were seen in more than one row; of
+/// topics, which are a table each, the one that moves farthest.
 fn motion_place<'a>(places: &[Place<'a>]) -> Option<Place<'a>> {
     let far = |p: &Place| {
         let s = p.section();
@@ -335,7 +335,8 @@ fn motion_place<'a>(places: &[Place<'a>]) -> Option<Place<'a>> {
     Some(best)
 }
 
-/// The marker that moves least: of the same table, or where each marker is a table of its own, of the others of the file.
+/// The marker that moves least: of the same table, or where each marker is a table of its own, of the others
+/// of the file.
 fn base<'a>(places: &[Place<'a>], motion: Place<'a>) -> Option<(f64, &'a MarkerSurvey, &'a str)> {
     let s = motion.section();
     let unit = |s: &'a SectionSurvey, m: &MarkerSurvey| s.columns[m.columns[0]].unit.as_str();
@@ -355,8 +356,8 @@ fn base<'a>(places: &[Place<'a>], motion: Place<'a>) -> Option<(f64, &'a MarkerS
         .map(|(t, m, s)| (t, m, unit(s, m)))
 }
 
-/// A `recording.toml` to start from, for files beside it. What is a guess has a question mark behind it; what the files do not say is left
-/// to be filled in.
+/// A `recording.toml` to start from, for files beside it. What is a guess has a question mark behind it; what
+/// the files do not say is left to be filled in.
 #[must_use]
 pub fn manifest(files: &[(String, &Survey)]) -> String {
     let places: Vec<Place> = files

@@ -1,9 +1,11 @@
-//! The residual of film coupons: predicted minus measured nominal stress, of several coupons that share one film.
+//! The residual of film coupons: predicted minus measured nominal stress, of several coupons that share one
+//! film.
 //!
 //! # Why it is separable, the uniaxial test included
-//! A coupon prescribes lambda_1. Equibiaxial lambda_2 = lambda_1 and pure shear lambda_2 = 1 are prescribed too. In a uniaxial test
-//! lambda_2 follows from sigma_2 = sum s_n2 = 0, which looks as if it depended on the moduli. It does not, when the film
-//! begins alike across width and thickness (virgin, xi_n1 = xi_n2 = 1; or relaxed at the first stretch, xi_n2 = xi_n1^(-1/2)):
+//! A coupon prescribes lambda_1. Equibiaxial lambda_2 = lambda_1 and pure shear lambda_2 = 1 are prescribed
+//! too. In a uniaxial test lambda_2 follows from sigma_2 = sum s_n2 = 0, which looks as if it depended on the
+//! moduli. It does not, when the film begins alike across width and thickness (virgin, xi_n1 = xi_n2 = 1; or
+//! relaxed at the first stretch, xi_n2 = xi_n1^(-1/2)):
 //!
 //! ```text
 //! suppose    lambda_2 = lambda_1^(-1/2)  and  xi_n2 = xi_n1^(-1/2)              for every branch n
@@ -12,9 +14,9 @@
 //! and        d ln xi_n1/dt = s_n1/(3 eta_n),   d ln xi_n2/dt = -s_n1/(6 eta_n) = -1/2 d ln xi_n1/dt
 //! ```
 //!
-//! so that xi_n2 = xi_n1^(-1/2) stays, sigma_2 = 0 holds whatever the moduli, and by the uniqueness of the solution there is no other.
-//! (`tests/coupon.rs` solves sigma_2 = 0 with lambda_2 free and finds it.) Hence a coupon of any mode is one known stretch
-//! history, and its nominal stress
+//! so that xi_n2 = xi_n1^(-1/2) stays, sigma_2 = 0 holds whatever the moduli, and by the uniqueness of the
+//! solution there is no other. (`tests/coupon.rs` solves sigma_2 = 0 with lambda_2 free and finds it.) Hence
+//! a coupon of any mode is one known stretch history, and its nominal stress
 //!
 //! ```text
 //! P = sigma_1/lambda_1 = sum_n mu_n [ (A_n - C_n)/(D_n lambda_1) ](T_n, J)
@@ -23,22 +25,23 @@
 //! is linear in the moduli given relaxation times and J: one kernel pass with the lever (1/lambda_1, 0).
 //!
 //! # Every row counts, at the price of the grid
-//! The kernel gives P at the nodes of the grid, a row reads it between two nodes by a straight line. The rows within one step ask for
-//! the sum over (1 - f_i) p_k + f_i p_(k+1) - d_i squared, a quadratic form in (p_k, p_(k+1), 1): two pseudo-rows (mean, slope) and a
-//! constant have the same sum for every p, so that they stand for all rows exactly.
+//! The kernel gives P at the nodes of the grid, a row reads it between two nodes by a straight line. The rows
+//! within one step ask for the sum over (1 - f_i) p_k + f_i p_(k+1) - d_i squared, a quadratic form in (p_k,
+//! p_(k+1), 1): two pseudo-rows (mean, slope) and a constant have the same sum for every p, so that they
+//! stand for all rows exactly.
 //!
 //! # Weights
-//! Models of real film err by far more than the noise, so that weighing by the noise alone would let a hold of 1800 s at 50 Hz
-//! rule out a ramp of 20 s. What is judged is each coupon's root mean square error over its stress range (NRMSE), so
-//! each coupon counts with that: a row of coupon c is divided by
+//! Models of real film err by far more than the noise, so that weighing by the noise alone would let a hold
+//! of 1800 s at 50 Hz rule out a ramp of 20 s. What is judged is each coupon's root mean square error over
+//! its stress range (NRMSE), so each coupon counts with that: a row of coupon c is divided by
 //!
 //! ```text
 //! scale_c = kappa range_c sqrt(rows_c),     kappa = max over coupons of noise_c/(range_c sqrt(rows_c))
 //! ```
 //!
-//! and the cost is sum_c NRMSE_c^2/kappa^2. With this kappa no row counts for more than its noise allows: a single coupon is weighed by
-//! its noise, of several the one that its noise limits most, the others for less. The uncertainty knows the true noise (see
-//! [`CouponResidual::score_covariance`]).
+//! and the cost is sum_c NRMSE_c^2/kappa^2. With this kappa no row counts for more than its noise allows: a
+//! single coupon is weighed by its noise, of several the one that its noise limits most, the others for less.
+//! The uncertainty knows the true noise (see [`CouponResidual::score_covariance`]).
 
 use nalgebra::DMatrix;
 use pulp::Arch;
@@ -84,7 +87,8 @@ struct Prepared<'a> {
     scale_pa: f64,
 }
 
-/// Residual of several coupons that share a film; eta holds ln T_1 .. ln T_n, ln J; beta the n + 1 moduli, Pa.
+/// Residual of several coupons that share a film; eta holds ln T_1 .. ln T_n, ln J; beta the n + 1 moduli,
+/// Pa.
 pub struct CouponResidual<'a> {
     coupons: Vec<Prepared<'a>>,
     branches: usize,
@@ -252,8 +256,8 @@ impl<'a> CouponResidual<'a> {
         (3 * self.branches + 3).next_multiple_of(PAD)
     }
 
-    /// Calls `each` with blocks of kernel rows: number of the first node and rows; each block begins with the last node of the
-    /// one before.
+    /// Calls `each` with blocks of kernel rows: number of the first node and rows; each block begins with the
+    /// last node of the one before.
     fn for_each_block(
         &self,
         number: usize,
@@ -365,8 +369,9 @@ impl<'a> CouponResidual<'a> {
         }
     }
 
-    /// Covariance of the scores X'e of the weighted columns [d r/d eta | B], first under the noise of each coupon, then with `variance_pa2` a
-    /// row in its place: white noise of variance v in the rows of coupon c gives v/scale_c^2 times its Gram matrix.
+    /// Covariance of the scores X'e of the weighted columns [d r/d eta | B], first under the noise of each
+    /// coupon, then with `variance_pa2` a row in its place: white noise of variance v in the rows of coupon c
+    /// gives v/scale_c^2 times its Gram matrix.
     ///
     /// # Errors
     /// [`CouponLocked`] when the film is past its locking stretch.

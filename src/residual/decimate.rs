@@ -1,6 +1,6 @@
-//! The residual's own low-pass: one symmetric (zero-phase) filter for the recorded and the predicted side alike, kept at every
-//! few samples, so that what is kept is nearly independent. Filtering both sides alike leaves no bias, which filtering the
-//! motion alone would.
+//! The residual's own low-pass: one symmetric (zero-phase) filter for the recorded and the predicted side
+//! alike, kept at every few samples, so that what is kept is nearly independent. Filtering both sides alike
+//! leaves no bias, which filtering the motion alone would.
 
 /// Filter and kept samples for one sampling step.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,7 +17,8 @@ pub struct Decimation {
 
 /// Lowest cutoff, Hz: slow robots move below it, and the capture noise above it says nothing.
 const LOWEST_CUTOFF_HZ: f64 = 5.0;
-/// Half length of the filter in periods of the cutoff; with the lowest cutoff 0.32 s, which is also left out at both ends.
+/// Half length of the filter in periods of the cutoff; with the lowest cutoff 0.32 s, which is also left out
+/// at both ends.
 const HALF_PERIODS: f64 = 1.6;
 /// Distance of the kept samples in periods of the cutoff: 80 ms with the lowest.
 const KEEP_PERIODS: f64 = 0.4;
@@ -25,8 +26,9 @@ const KEEP_PERIODS: f64 = 0.4;
 const EDGE_S: f64 = 0.3;
 
 impl Decimation {
-    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`, or at 5 Hz if that is
-    /// more; none where the rate is too low for one. Where it is longer than the `samples` that there are, none is kept.
+    /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`,
+    /// or at 5 Hz if that is more; none where the rate is too low for one. Where it is longer than the
+    /// `samples` that there are, none is kept.
     pub fn new(step_s: f64, band_hz: f64, samples: usize) -> Self {
         let cutoff_hz = band_hz.max(LOWEST_CUTOFF_HZ).min(0.2 / step_s);
         let half = (HALF_PERIODS / (cutoff_hz * step_s)).round() as usize;

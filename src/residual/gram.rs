@@ -1,16 +1,17 @@
-//! Vector kernels of the residual pass: filtering rows, and adding blocks of rows to a Gram matrix. Chosen for the machine's
-//! vectors when the program runs.
+//! Vector kernels of the residual pass: filtering rows, and adding blocks of rows to a Gram matrix. Chosen
+//! for the machine's vectors when the program runs.
 
 use pulp::{Arch, Simd, WithSimd};
 
 /// Columns are padded to a multiple of this.
 pub const PAD: usize = 8;
 
-/// Columns that are filtered together: enough independent sums to hide the latency of an addition. Rows to be filtered are padded to
-/// a multiple of this.
+/// Columns that are filtered together: enough independent sums to hide the latency of an addition. Rows to be
+/// filtered are padded to a multiple of this.
 pub const STRIP: usize = 24;
 
-/// Filters consecutive rows: `out[j]` = sum over taps of `weights[t]` * `rows[first[j] + t]`, row by row of `width` numbers.
+/// Filters consecutive rows: `out[j]` = sum over taps of `weights[t]` * `rows[first[j] + t]`, row by row of
+/// `width` numbers.
 ///
 /// # Panics
 /// When `width` is no multiple of [`STRIP`], as the width of the film kernel's rows is.
@@ -87,7 +88,8 @@ impl WithSimd for Filter<'_> {
     }
 }
 
-/// Adds `rows` (each `width` numbers, a multiple of 8) to the lower triangle (by blocks of 8) of the `width` x `width` matrix `gram`.
+/// Adds `rows` (each `width` numbers, a multiple of 8) to the lower triangle (by blocks of 8) of the `width`
+/// x `width` matrix `gram`.
 ///
 /// # Panics
 /// When `width` is no multiple of [`PAD`], or `gram` has another size.

@@ -1,4 +1,5 @@
-//! The residual of a single coordinate: what the model asks for minus what was measured, in force (torque, stress), over its noise.
+//! The residual of a single coordinate: what the model asks for minus what was measured, in force (torque,
+//! stress), over its noise.
 //!
 //! ```text
 //! bench    r = sum_j beta_j N_j(angle)                                    + effects - torque          N_j: natural cubic spline
@@ -6,12 +7,13 @@
 //! coupon   r = sum_n mu_n P_n(stretch history; T, J)                      + effects - nominal stress
 //! ```
 //!
-//! All are linear in beta: nodal torques; m, c, k, the bias b (zero of position and input are conventions of the instruments) and the gain
-//! g where they are to be found; moduli. eta: ln T_1 .. ln T_n and 1/J of a coupon, the free clock offsets of an axis, then the free
-//! values of effects over their spreads.
+//! All are linear in beta: nodal torques; m, c, k, the bias b (zero of position and input are conventions of
+//! the instruments) and the gain g where they are to be found; moduli. eta: ln T_1 .. ln T_n and 1/J of a
+//! coupon, the free clock offsets of an axis, then the free values of effects over their spreads.
 //!
-//! An axis is judged at samples so far apart that they are nearly independent after the low-pass ([`crate::dataset::line`]). A kernel for
-//! the k-th derivative is the sampled inverse transform of (2 pi i f)^k H(f); a straight line goes through it exactly.
+//! An axis is judged at samples so far apart that they are nearly independent after the low-pass
+//! ([`crate::dataset::line`]). A kernel for the k-th derivative is the sampled inverse transform of (2 pi i
+//! f)^k H(f); a straight line goes through it exactly.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -64,14 +66,16 @@ pub struct Scales {
 pub enum Plain {
     /// A torque curve with these nodes.
     Bench(ForearmTorque),
-    /// An axis: terms to be found, and the known gain, mass, damping, stiffness (0 where they are to be found).
+    /// An axis: terms to be found, and the known gain, mass, damping, stiffness (0 where they are to be
+    /// found).
     Axis {
         /// To be found, in this order.
         terms: Vec<AxisTerm>,
         /// Known gain, mass, damping, stiffness.
         known: [f64; 4],
-        /// The balance is written in units of the input, because the gain g is to be found: unknowns are 1/g (under
-        /// [`AxisTerm::Gain`]) and the others over g. Written as forces, a small gain would make any error small.
+        /// The balance is written in units of the input, because the gain g is to be found: unknowns are 1/g
+        /// (under [`AxisTerm::Gain`]) and the others over g. Written as forces, a small gain would make any
+        /// error small.
         over_gain: bool,
     },
     /// A film with this number of branches.
@@ -148,8 +152,8 @@ impl Kernel {
         let half = ((6.0 / (stop - pass)).ceil() as usize)
             .min(samples / 6)
             .max(3);
-        // phi and its derivatives in units of samples, then times a window w: the taps of a derivative are those of (phi w)', so that
-        // all three belong to one and the same low-pass
+        // phi and its derivatives in units of samples, then times a window w: the taps of a derivative are
+        // those of (phi w)', so that all three belong to one and the same low-pass
         let points = 1024;
         let mut taps = [0, 1, 2].map(|_| vec![0.0; 2 * half + 1]);
         for i in 0..=2 * half {
@@ -217,7 +221,8 @@ const EDGE_S: f64 = 0.3;
 const EDGE_SHARE: f64 = 0.05;
 /// Kept samples of a recording of an axis, about: more say little more and cost as much.
 const MOST_ROWS: usize = 6000;
-/// Least step of the input, over its largest value, over which the slope of a drive is taken, and slope below which the input is not told.
+/// Least step of the input, over its largest value, over which the slope of a drive is taken, and slope below
+/// which the input is not told.
 const SECANT: f64 = 1e-4;
 const FLAT: f64 = 0.05;
 /// Blocks over all recordings, about, and the fewest rows of one.
@@ -386,7 +391,8 @@ pub fn plain(lines: &[&Line], branches: usize) -> Plain {
     }
 }
 
-/// Stress of the second invariant for C2 = 1: 2 (lambda_1 - 1/lambda_1^2 ...) of each mode, per mode (Mooney 1940).
+/// Stress of the second invariant for C2 = 1: 2 (lambda_1 - 1/lambda_1^2 ...) of each mode, per mode (Mooney
+/// 1940).
 fn second_invariant(coupon: &Coupon, lambda: f64) -> f64 {
     let [l1, l2] = coupon.stretches(lambda);
     // W = C2 (I2 - 3), I2 = l1^-2 + l2^-2 + (l1 l2)^2; P = (l1 dW/dl1 - l3 dW/dl3)/l1
@@ -427,8 +433,9 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// The same recordings at finished parameters, eta and beta: `values` as [`Self::values`] gives them, the film of coupons, the torque
-    /// curve of benches. What these recordings state as known gives way to `values`. With `every` row kept, not only nearly independent ones.
+    /// The same recordings at finished parameters, eta and beta: `values` as [`Self::values`] gives them, the
+    /// film of coupons, the torque curve of benches. What these recordings state as known gives way to
+    /// `values`. With `every` row kept, not only nearly independent ones.
     ///
     /// # Errors
     /// The name of what is not there.
@@ -563,7 +570,8 @@ impl<'a> LineResidual<'a> {
         self.parts.iter().map(|p| p.kept.len()).sum()
     }
 
-    /// The same recordings and weights with `effects` at work; `free` are those of their values that are unknowns.
+    /// The same recordings and weights with `effects` at work; `free` are those of their values that are
+    /// unknowns.
     #[must_use]
     pub fn with_effects(
         &self,
@@ -634,8 +642,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// Whether forces are told in units of the input, because nothing but the input or what is known of mass, damping, stiffness or load
-    /// sets their scale.
+    /// Whether forces are told in units of the input, because nothing but the input or what is known of mass,
+    /// damping, stiffness or load sets their scale.
     fn over_gain(&self) -> bool {
         match &*self.plain {
             Plain::Axis { over_gain, .. } => {
@@ -669,8 +677,9 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// What a parameter file needs beside film and torque curve: of an axis its constants, each name with its unit; of all kinds rest
-    /// and the largest values ([`Scales`]), in m or rad (1 for a stretch), N, N m or Pa, and the unit of the input.
+    /// What a parameter file needs beside film and torque curve: of an axis its constants, each name with its
+    /// unit; of all kinds rest and the largest values ([`Scales`]), in m or rad (1 for a stretch), N, N m or
+    /// Pa, and the unit of the input.
     #[must_use]
     pub fn values(&self, eta: &[f64], beta: &[f64]) -> Vec<(String, f64)> {
         let mut out: Vec<(String, f64)> = Vec::new();
@@ -757,12 +766,14 @@ impl<'a> LineResidual<'a> {
         terms
     }
 
-    /// Mean logarithm, over the kept samples of all recordings, of the slope of what `effects` make of the input by the input: the Jacobian
-    /// by which a residual in what acts is told as one of the input that was stated (Box and Cox 1964). Without it a cause that maps much
-    /// of the input to one value, or makes it small, would earn by shrinking what it is weighed against. 0 without such causes.
+    /// Mean logarithm, over the kept samples of all recordings, of the slope of what `effects` make of the
+    /// input by the input: the Jacobian by which a residual in what acts is told as one of the input that was
+    /// stated (Box and Cox 1964). Without it a cause that maps much of the input to one value, or makes it
+    /// small, would earn by shrinking what it is weighed against. 0 without such causes.
     ///
-    /// The slope is a secant over more than the input's noise. What passes frequencies unevenly counts with the mean logarithm of what it
-    /// passes in the band. Where the input is not told (a ceiling says "at least"), its density is even over the untold range.
+    /// The slope is a secant over more than the input's noise. What passes frequencies unevenly counts with
+    /// the mean logarithm of what it passes in the band. Where the input is not told (a ceiling says "at
+    /// least"), its density is even over the untold range.
     #[must_use]
     pub fn log_slope(&self, effects: &[Acting]) -> f64 {
         let drives: Vec<Acting> = effects
@@ -810,7 +821,8 @@ impl<'a> LineResidual<'a> {
             };
             passed += p.kept.len() as f64 * (0..points).map(of).sum::<f64>() / points as f64;
         }
-        // Even over the range that is not told, against a normal density of the noise; and there no residual shows how large that is.
+        // Even over the range that is not told, against a normal density of the noise; and there no residual
+        // shows how large that is.
         let range = flat.iter().fold(0.0_f64, |m, u| m.max(*u))
             - flat.iter().fold(f64::INFINITY, |m, u| m.min(*u));
         let even = TAU.sqrt() * noise / range.max(SECANT);
@@ -864,8 +876,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// Columns of beta and the constant side of a recording at its kept places: r = B beta - d, N, N m or Pa; of an axis also d without
-    /// what the input makes.
+    /// Columns of beta and the constant side of a recording at its kept places: r = B beta - d, N, N m or Pa;
+    /// of an axis also d without what the input makes.
     fn rows_of(
         &self,
         number: usize,
@@ -1025,7 +1037,8 @@ impl<'a> LineResidual<'a> {
         }))
     }
 
-    /// Whitened residual at every kept place of every recording, as one of the stated input ([`Self::log_slope`]).
+    /// Whitened residual at every kept place of every recording, as one of the stated input
+    /// ([`Self::log_slope`]).
     fn residual(
         &self,
         eta: &[f64],
@@ -1044,7 +1057,8 @@ impl<'a> LineResidual<'a> {
         Ok(DVector::from_vec(out))
     }
 
-    /// The whitened design: d r/d eta, B, residual; of an axis as a residual of the stated input ([`Self::log_slope`]).
+    /// The whitened design: d r/d eta, B, residual; of an axis as a residual of the stated input
+    /// ([`Self::log_slope`]).
     ///
     /// # Errors
     /// [`Locked`] when a coupon's film is past its locking stretch.
@@ -1120,7 +1134,8 @@ impl<'a> LineResidual<'a> {
         Ok((after - before).iter().copied().collect())
     }
 
-    /// Sets the weights to the noise at a model: of the torque or stress; of an axis that of position, input and load through the low-pass.
+    /// Sets the weights to the noise at a model: of the torque or stress; of an axis that of position, input
+    /// and load through the low-pass.
     pub fn weigh(&mut self, beta: &[f64]) {
         let plain = self.plain.clone();
         for p in &mut self.parts {
@@ -1155,7 +1170,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// Standard deviation of the noise of a recording's residual, N, N m or Pa, as the weights have it (root mean square over the rows).
+    /// Standard deviation of the noise of a recording's residual, N, N m or Pa, as the weights have it (root
+    /// mean square over the rows).
     #[must_use]
     pub fn noise(&self, number: usize) -> f64 {
         let weight = &self.parts[number].weight;
@@ -1176,7 +1192,8 @@ impl<'a> LineResidual<'a> {
             .collect()
     }
 
-    /// Names of the constants of an axis that are linear unknowns, in their order: the beginnings of names in [`Self::values`].
+    /// Names of the constants of an axis that are linear unknowns, in their order: the beginnings of names in
+    /// [`Self::values`].
     #[must_use]
     pub fn constants(&self) -> Vec<&'static str> {
         let turns = self
@@ -1198,8 +1215,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// What white noise of position and of the measured quantity makes of the residual at a frequency in cycles a kept row, as densities that
-    /// have the mean 1 over the band.
+    /// What white noise of position and of the measured quantity makes of the residual at a frequency in
+    /// cycles a kept row, as densities that have the mean 1 over the band.
     #[must_use]
     pub fn noise_shape(&self, beta: &[f64], cycles: f64) -> [f64; 2] {
         let (
@@ -1235,8 +1252,8 @@ impl<'a> LineResidual<'a> {
         [(density(cycles) / mean).max(1e-6), 1.0]
     }
 
-    /// Stretches of rows to be left out one at a time: about twelve over all recordings, at least two of each, of a whole cycle or more
-    /// where there are four. First rows, and one past the last.
+    /// Stretches of rows to be left out one at a time: about twelve over all recordings, at least two of
+    /// each, of a whole cycle or more where there are four. First rows, and one past the last.
     #[must_use]
     pub fn blocks(&self) -> Vec<usize> {
         let wanted = BLOCKS.div_ceil(self.parts.len()).max(2);
@@ -1262,9 +1279,10 @@ impl<'a> LineResidual<'a> {
         edges
     }
 
-    /// Flexible columns by the site where physics might act, whitened at the kept places: what a force, a drive or a reading could be that
-    /// depends on position, rate, direction, history, input or time in whatever way. Hat functions in position, rate and input,
-    /// ripples in position, states of sliding over three distances, Debye lags over five times, waves along the recording.
+    /// Flexible columns by the site where physics might act, whitened at the kept places: what a force, a
+    /// drive or a reading could be that depends on position, rate, direction, history, input or time in
+    /// whatever way. Hat functions in position, rate and input, ripples in position, states of sliding over
+    /// three distances, Debye lags over five times, waves along the recording.
     ///
     /// # Errors
     /// [`Locked`] when a coupon's film is past its locking stretch.
@@ -1447,10 +1465,11 @@ impl<'a> LineResidual<'a> {
         Ok(out)
     }
 
-    /// What instruments make of the whitened balance of an axis without anything being at work, a column each, as large as it is expected
-    /// (one standard deviation): noise in the coordinate shortens what is fitted to its derivatives by the noise's share of their power
-    /// (errors in variables: Fuller, Measurement Error Models, 1987), and no two clocks agree, nor is a drive held, within a sample. None for
-    /// benches and coupons, whose noise is that of what is measured.
+    /// What instruments make of the whitened balance of an axis without anything being at work, a column
+    /// each, as large as it is expected (one standard deviation): noise in the coordinate shortens what is
+    /// fitted to its derivatives by the noise's share of their power (errors in variables: Fuller,
+    /// Measurement Error Models, 1987), and no two clocks agree, nor is a drive held, within a sample. None
+    /// for benches and coupons, whose noise is that of what is measured.
     ///
     /// # Errors
     /// None for axes; those of [`LineResidual::design`].
@@ -1526,9 +1545,10 @@ impl<'a> LineResidual<'a> {
         &self.parts[number].weight
     }
 
-    /// The stated quantity at the kept places of a recording, predicted from everything else and as measured: torque of a bench, stress of
-    /// a coupon, input of an axis in its unit (low-passed as the balance is, the model's drive causes taken back). NaN where the model does
-    /// not tell it: a ceiling says no more than "at least". A prediction reads nothing of what it predicts.
+    /// The stated quantity at the kept places of a recording, predicted from everything else and as measured:
+    /// torque of a bench, stress of a coupon, input of an axis in its unit (low-passed as the balance is, the
+    /// model's drive causes taken back). NaN where the model does not tell it: a ceiling says no more than
+    /// "at least". A prediction reads nothing of what it predicts.
     ///
     /// # Errors
     /// [`Locked`] when a coupon's film is past its locking stretch.
@@ -1604,7 +1624,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// The same recordings with only those kept places for which `keep` is true: number of the place, and how many there are.
+    /// The same recordings with only those kept places for which `keep` is true: number of the place, and how
+    /// many there are.
     #[must_use]
     pub fn only(&self, keep: impl Fn(usize, usize) -> bool) -> Self {
         let mut out = self.clone();

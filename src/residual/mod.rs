@@ -1,9 +1,10 @@
 //! Predicted minus recorded, weighted: the only minus sign between the two.
 //!
-//! The residual of chain k is a torque on its lozenge: what the motion needs (film, forearms, weights, inertia) minus what the
-//! commanded voltage makes there (1/2 C' phi^2). Divided by C' phi it is, to first order, the error of the predicted voltage;
-//! weighted by its own noise it is the same number whichever of the two it is written in. As a torque it is linear in moduli
-//! and nodal torques, has no root, and is as well behaved near 0 V as anywhere.
+//! The residual of chain k is a torque on its lozenge: what the motion needs (film, forearms, weights,
+//! inertia) minus what the commanded voltage makes there (1/2 C' phi^2). Divided by C' phi it is, to first
+//! order, the error of the predicted voltage; weighted by its own noise it is the same number whichever of
+//! the two it is written in. As a torque it is linear in moduli and nodal torques, has no root, and is as
+//! well behaved near 0 V as anywhere.
 
 mod coupon;
 mod decimate;
@@ -25,8 +26,8 @@ pub use sample::{
     command_for_v, film_voltage_v, inverse_sample, run_sample,
 };
 
-/// Correlation length of residuals in a row, in residuals: 1 + 2 sum of their autocorrelation until that falls below 0.05. So many of them
-/// say as much as one that is independent.
+/// Correlation length of residuals in a row, in residuals: 1 + 2 sum of their autocorrelation until that
+/// falls below 0.05. So many of them say as much as one that is independent.
 #[must_use]
 pub fn correlation_length(residual: &[f64]) -> f64 {
     let n = residual.len();

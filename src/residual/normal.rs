@@ -1,8 +1,9 @@
 //! What a separable least-squares fit needs of one evaluation: all inner products of the residual's columns.
 //!
-//! A separable residual is r(eta, beta) = B(eta) beta - d(eta): linear in beta, not in eta. With the columns of B, their
-//! derivatives with respect to eta, and the residual itself, one Gram matrix holds cost, gradient and Gauss-Newton matrix for
-//! *every* beta, so that the linear part can be solved again without another pass.
+//! A separable residual is r(eta, beta) = B(eta) beta - d(eta): linear in beta, not in eta. With the columns
+//! of B, their derivatives with respect to eta, and the residual itself, one Gram matrix holds cost, gradient
+//! and Gauss-Newton matrix for *every* beta, so that the linear part can be solved again without another
+//! pass.
 
 use nalgebra::DMatrix;
 
@@ -34,8 +35,8 @@ impl Normal {
         self.reference.len()
     }
 
-    /// The inner products of [d r/d eta (one column a nonlinear parameter) | B | r], where the parameters are eta, `beta`:
-    /// symmetric, `nonlinear` + linear + 1 wide.
+    /// The inner products of [d r/d eta (one column a nonlinear parameter) | B | r], where the parameters are
+    /// eta, `beta`: symmetric, `nonlinear` + linear + 1 wide.
     pub fn at(&self, nonlinear: usize, beta: &[f64]) -> DMatrix<f64> {
         let linear = self.linear();
         let size = self.gram.nrows();
@@ -62,6 +63,7 @@ pub trait SeparableResidual {
     /// Evaluates all columns at `eta`; the last column is the residual at `reference`.
     ///
     /// # Errors
-    /// When the residual does not exist at `eta` (a film at its locking stretch, say): the fit counts it and steps back.
+    /// When the residual does not exist at `eta` (a film at its locking stretch, say): the fit counts it and
+    /// steps back.
     fn evaluate(&self, eta: &[f64], reference: &[f64]) -> Result<Normal, Self::Error>;
 }

@@ -17,8 +17,9 @@ use crate::film::Locked;
 use crate::film::kernel::{LANES, Pass, ROW, Shape, Way};
 use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Track, Unreachable};
 
-/// Where a clock offset is free: the residual's band over the half-power frequency of the smoothed motion. Timing shows in fast
-/// motion; for the film alone the wider band only lets in what smoothing takes from the motion.
+/// Where a clock offset is free: the residual's band over the half-power frequency of the smoothed motion.
+/// Timing shows in fast motion; for the film alone the wider band only lets in what smoothing takes from the
+/// motion.
 const BAND_PER_CUTOFF: f64 = 1.6;
 /// Samples of one kernel block.
 const BLOCK: usize = 64;
@@ -26,11 +27,13 @@ const BLOCK: usize = 64;
 const HELD: usize = 512;
 /// Tracks that are drawn from the capture's uncertainty to see what it does to the residual.
 const REPLICATES: usize = 12;
-/// Frames of drawn tracks that are worked on at the same time at most, where more than one: what limits memory on machines with many cores.
+/// Frames of drawn tracks that are worked on at the same time at most, where more than one: what limits
+/// memory on machines with many cores.
 const FRAMES_AT_ONCE: usize = 400_000;
 /// Reach of the average of the noise covariance on both sides of a kept sample, s.
 const COVARIANCE_REACH_S: f64 = 0.6;
-/// Kept samples to each side over which the size of the noise is averaged where it is followed from place to place.
+/// Kept samples to each side over which the size of the noise is averaged where it is followed from place to
+/// place.
 const NEAR: usize = 2;
 /// Length of a block of the noise scores, s: long against the correlation of the residual's noise.
 const SCORE_BLOCK_S: f64 = 4.0;
@@ -40,16 +43,18 @@ pub(crate) const OFFSET_REACH_S: f64 = 0.25;
 /// Where the parameters stand in eta and beta.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
-    /// Viscoelastic branches: eta holds ln T_1 .. ln T_n, 1/J, then the free offsets; beta n + 1 moduli, then nodes.
+    /// Viscoelastic branches: eta holds ln T_1 .. ln T_n, 1/J, then the free offsets; beta n + 1 moduli, then
+    /// nodes.
     pub branches: usize,
     /// Nodes of the forearm torque curve.
     pub nodes: usize,
-    /// Directions in which the robot as built may depart from its drawing: beta holds their sizes after the nodes.
+    /// Directions in which the robot as built may depart from its drawing: beta holds their sizes after the
+    /// nodes.
     pub departures: usize,
     /// Numbers of the recordings whose clock offset is free, in the order of their place in eta.
     pub free_offsets: Vec<usize>,
-    /// Free values of effects (number of the effect, number of the value), in the order of their place in eta, after the offsets;
-    /// eta holds them over their [`crate::effects::Quantity::spread`].
+    /// Free values of effects (number of the effect, number of the value), in the order of their place in
+    /// eta, after the offsets; eta holds them over their [`crate::effects::Quantity::spread`].
     pub free_values: Vec<(usize, usize)>,
 }
 
@@ -85,7 +90,8 @@ pub enum Departure {
         /// Number of the only recording, or all.
         only: Option<usize>,
     },
-    /// A spring of one actuator's film (0: the equilibrium spring, then the branches) is stiffer than the others' by this share.
+    /// A spring of one actuator's film (0: the equilibrium spring, then the branches) is stiffer than the
+    /// others' by this share.
     Spring {
         /// 0 to 2.
         chain: usize,
@@ -96,7 +102,8 @@ pub enum Departure {
     },
 }
 
-/// Changes of the torque error that departures make, N m: for each recording, each departure (or direction of several).
+/// Changes of the torque error that departures make, N m: for each recording, each departure (or direction of
+/// several).
 pub type DepartureTorques = Vec<Vec<Chains>>;
 
 /// One recording, worked out as far as it does not depend on the parameters.
@@ -119,7 +126,8 @@ struct Prepared<'a> {
     forearm: Vec<f64>,
     /// Filtered 1/2 C' phi^2 and its derivative with respect to the offset, at a fixed offset.
     maxwell: Option<(Triples, Triples)>,
-    /// Lower triangle of the inverse Cholesky factor of the noise covariance at each kept sample: 11, 21, 22, 31, 32, 33.
+    /// Lower triangle of the inverse Cholesky factor of the noise covariance at each kept sample: 11, 21, 22,
+    /// 31, 32, 33.
     whitening: Vec<[f64; 6]>,
     /// Weight of a kept sample in a robust fit.
     robust: Vec<f64>,
@@ -129,15 +137,18 @@ struct Prepared<'a> {
     drawn: Arc<Vec<Option<Mechanics>>>,
     /// The recording about given values of effects that move the mechanism or the motion.
     linear: Option<Arc<Linear>>,
-    /// What capture and smoothing are known to make of the filtered residual of a right model, N m; empty where nothing is known.
+    /// What capture and smoothing are known to make of the filtered residual of a right model, N m; empty
+    /// where nothing is known.
     smoothed: Arc<Triples>,
     /// Torque of each direction of departure at the frames, N m, and filtered: kept sample, chain, direction.
     departed: Arc<(Vec<Chains>, Vec<f64>)>,
-    /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been worked out.
+    /// Variance of the torque error of each frame and chain from the capture noise, (N m)^2, once it has been
+    /// worked out.
     torque_variance: Arc<Vec<[f64; 3]>>,
 }
 
-/// A recording about given values of the effects that move the mechanism or the motion: exact there, linear around.
+/// A recording about given values of the effects that move the mechanism or the motion: exact there, linear
+/// around.
 struct Linear {
     mechanics: Mechanics,
     load: Triples,
@@ -182,10 +193,11 @@ pub struct RobotResidual<'a> {
 pub struct VoltageError {
     /// Predicted phi^2 at each frame and chain, V^2; NaN where out of reach.
     pub predicted_squared_v2: Vec<[f64; 3]>,
-    /// Size of the voltage that the command makes on the film at each frame and chain, V: the film feels its square, so that a command's
-    /// sign is no error.
+    /// Size of the voltage that the command makes on the film at each frame and chain, V: the film feels its
+    /// square, so that a command's sign is no error.
     pub command_v: Vec<[f64; 3]>,
-    /// Standard deviation of the predicted voltage from the noise of the capture, V (phi^2 < 0 counts as 0 V).
+    /// Standard deviation of the predicted voltage from the noise of the capture, V (phi^2 < 0 counts as 0
+    /// V).
     pub sd_v: Vec<[f64; 3]>,
     /// Frames that count: captured, not within 0.3 s of an end, in reach, with a known voltage.
     pub counts: Vec<bool>,
@@ -214,8 +226,9 @@ pub(crate) fn root_v(squared: f64) -> f64 {
 }
 
 impl Prepared<'_> {
-    /// The balance along a track of the dataset's frames, with what lies between them in the films' histories: the smoothed motion, whatever
-    /// the track, because noise there has faded where frames are compared again.
+    /// The balance along a track of the dataset's frames, with what lies between them in the films'
+    /// histories: the smoothed motion, whatever the track, because noise there has faded where frames are
+    /// compared again.
     fn through(&self, mut mechanics: Mechanics) -> Mechanics {
         mechanics.pass_over(&self.ways);
         mechanics
@@ -273,8 +286,8 @@ impl Prepared<'_> {
         mechanics.film_voltage_v(chain, self.when, effects, &command.2)
     }
 
-    /// Maxwell torque of a chain at the frames, N m, and its change per second of clock offset: 1/2 C' times the command's square
-    /// plus what the electrical effects change of it.
+    /// Maxwell torque of a chain at the frames, N m, and its change per second of clock offset: 1/2 C' times
+    /// the command's square plus what the electrical effects change of it.
     fn made(
         &self,
         mechanics: &Mechanics,
@@ -334,13 +347,15 @@ fn clock(effects: &[Acting]) -> (f64, f64) {
 }
 
 impl<'a> RobotResidual<'a> {
-    /// Prepares `datasets` of `robot` for films with `branches` branches and a forearm curve on the nodes of `forearm`.
+    /// Prepares `datasets` of `robot` for films with `branches` branches and a forearm curve on the nodes of
+    /// `forearm`.
     ///
-    /// Without noise weights every torque counts alike (in units of 1e-4 N m) until [`RobotResidual::weigh`] is called.
+    /// Without noise weights every torque counts alike (in units of 1e-4 N m) until [`RobotResidual::weigh`]
+    /// is called.
     ///
     /// # Errors
-    /// The number of the recording and the first pose that the mechanism cannot take, when more than one frame in twenty of a recording
-    /// is out of reach.
+    /// The number of the recording and the first pose that the mechanism cannot take, when more than one
+    /// frame in twenty of a recording is out of reach.
     pub fn new(
         robot: &'a Robot,
         datasets: &[&'a Dataset],
@@ -405,8 +420,8 @@ impl<'a> RobotResidual<'a> {
         })
     }
 
-    /// The same recordings and weights with `effects` at work; `free` are those of their values that are unknowns. `series`
-    /// says when each recording was made.
+    /// The same recordings and weights with `effects` at work; `free` are those of their values that are
+    /// unknowns. `series` says when each recording was made.
     pub fn with_effects(
         &self,
         effects: Vec<Acting>,
@@ -507,7 +522,8 @@ impl<'a> RobotResidual<'a> {
         }
     }
 
-    /// Columns of a row: springs, nodes, departures, d/d ln T, d/d(1/J), d/d offset, d/d values, residual; padded.
+    /// Columns of a row: springs, nodes, departures, d/d ln T, d/d(1/J), d/d offset, d/d values, residual;
+    /// padded.
     fn width(&self) -> usize {
         (self.last() + 1).next_multiple_of(PAD)
     }
@@ -518,7 +534,8 @@ impl<'a> RobotResidual<'a> {
         self.layout.linear() + (s - 1) + s + 1 + self.layout.free_values.len()
     }
 
-    /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has three rows.
+    /// Calls `each(first kept sample, rows)` with blocks of whitened rows of one recording; a kept sample has
+    /// three rows.
     fn for_each_block(
         &self,
         recording: usize,
@@ -542,8 +559,8 @@ impl<'a> RobotResidual<'a> {
         let mut passes: Vec<Pass> = (0..3)
             .map(|k| Pass::new(&condition.mechanics.chains[k].history, shape))
             .collect();
-        // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`; they move to the front
-        // when the room is used up.
+        // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`;
+        // they move to the front when the room is used up.
         let room = taps + HELD;
         let mut held = vec![vec![0.0; room * film_width]; 3];
         let (mut held_from, mut held_count) = (0usize, 0usize);
@@ -707,7 +724,8 @@ impl<'a> RobotResidual<'a> {
             .collect()
     }
 
-    /// Squared whitened residual of each kept sample at the parameters, over its three chains: what a robust loss looks at.
+    /// Squared whitened residual of each kept sample at the parameters, over its three chains: what a robust
+    /// loss looks at.
     fn squares(&self, recording: usize, eta: &[f64], beta: &[f64]) -> Result<Vec<f64>, Locked> {
         let width = self.width();
         let last = self.last();
@@ -720,8 +738,8 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
-    /// Sets Huber weights: a kept sample whose whitened residual (rms over its chains) exceeds `limit` counts as
-    /// limit/residual.
+    /// Sets Huber weights: a kept sample whose whitened residual (rms over its chains) exceeds `limit` counts
+    /// as limit/residual.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -739,7 +757,8 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
-    /// Torque error (needed minus made, N m) of each frame and chain of one recording along `mechanics`, with effects.
+    /// Torque error (needed minus made, N m) of each frame and chain of one recording along `mechanics`, with
+    /// effects.
     fn torque_error(
         &self,
         recording: usize,
@@ -832,7 +851,8 @@ impl<'a> RobotResidual<'a> {
             .collect()
     }
 
-    /// What the rows of a recording are made of at `eta`; derivatives with respect to free values at the linear parameters `beta`.
+    /// What the rows of a recording are made of at `eta`; derivatives with respect to free values at the
+    /// linear parameters `beta`.
     fn condition(
         &self,
         recording: usize,
@@ -923,10 +943,11 @@ impl<'a> RobotResidual<'a> {
         })
     }
 
-    /// Works out the recordings at the values in `eta` of the effects that move the mechanism or the motion. Until this is called
-    /// again the residual is linear in those values; evaluating it at other values costs no more than without them. With `anew`
-    /// the changes per value are worked out as well, without it those of the last call go on (they change little): a secant step
-    /// that costs one walk through the mechanism instead of one more a value.
+    /// Works out the recordings at the values in `eta` of the effects that move the mechanism or the motion.
+    /// Until this is called again the residual is linear in those values; evaluating it at other values costs
+    /// no more than without them. With `anew` the changes per value are worked out as well, without it those
+    /// of the last call go on (they change little): a secant step that costs one walk through the mechanism
+    /// instead of one more a value.
     ///
     /// # Errors
     /// [`Locked`] when the mechanism cannot follow.
@@ -1008,7 +1029,8 @@ impl<'a> RobotResidual<'a> {
         })
     }
 
-    /// Takes the mechanism and the reading of the motion to be these effects beside the drawing, once and for all that follows.
+    /// Takes the mechanism and the reading of the motion to be these effects beside the drawing, once and for
+    /// all that follows.
     ///
     /// # Errors
     /// [`Locked`] when the mechanism cannot follow.
@@ -1031,8 +1053,8 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
-    /// d(filtered residual)/d eta of every free value of an effect at a site that is `wanted`, by a forward difference of the side that
-    /// the value changes; empty for the others.
+    /// d(filtered residual)/d eta of every free value of an effect at a site that is `wanted`, by a forward
+    /// difference of the side that the value changes; empty for the others.
     fn value_columns(
         &self,
         recording: usize,
@@ -1080,8 +1102,9 @@ impl<'a> RobotResidual<'a> {
             .collect()
     }
 
-    /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which differ from them in the effect
-    /// number `changed` only. `base` keeps the torque error with `effects` for the next call.
+    /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which
+    /// differ from them in the effect number `changed` only. `base` keeps the torque error with `effects` for
+    /// the next call.
     #[allow(clippy::too_many_arguments)]
     fn change(
         &self,
@@ -1165,8 +1188,8 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
-    /// Whitened change of the residual of all recordings, row by row as in [`RobotResidual::design`], when `acting` joins the effects
-    /// at the parameters.
+    /// Whitened change of the residual of all recordings, row by row as in [`RobotResidual::design`], when
+    /// `acting` joins the effects at the parameters.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
@@ -1206,7 +1229,8 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
-    /// What each of `list` changes of the torque error at the parameters, with the effects that are at work: recording by recording.
+    /// What each of `list` changes of the torque error at the parameters, with the effects that are at work:
+    /// recording by recording.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
@@ -1265,9 +1289,10 @@ impl<'a> RobotResidual<'a> {
             .collect()
     }
 
-    /// What it changes of the torque error that a recording begins elsewhere than where its smoothed first sample lies, by a standard deviation
-    /// of that in each chain's angle. The film is taken to have relaxed there, so that the noise of one sample stays in the branches for as
-    /// long as they remember. For each recording, three for each of all recordings.
+    /// What it changes of the torque error that a recording begins elsewhere than where its smoothed first
+    /// sample lies, by a standard deviation of that in each chain's angle. The film is taken to have relaxed
+    /// there, so that the noise of one sample stays in the branches for as long as they remember. For each
+    /// recording, three for each of all recordings.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1297,7 +1322,8 @@ impl<'a> RobotResidual<'a> {
             .collect()
     }
 
-    /// The columns of [`RobotResidual::departures`] in whitened residuals, row by row as in [`RobotResidual::design`].
+    /// The columns of [`RobotResidual::departures`] in whitened residuals, row by row as in
+    /// [`RobotResidual::design`].
     pub fn departure_rows(&self, torques: &[Vec<Chains>]) -> DMatrix<f64> {
         let count = torques.first().map_or(0, Vec::len);
         let mut out = DMatrix::zeros(self.rows(), count);
@@ -1314,8 +1340,8 @@ impl<'a> RobotResidual<'a> {
         out
     }
 
-    /// Lets the robot depart along these combinations (columns) of departures: one linear unknown each, after the forearm's nodes. With none
-    /// it is as drawn.
+    /// Lets the robot depart along these combinations (columns) of departures: one linear unknown each, after
+    /// the forearm's nodes. With none it is as drawn.
     pub fn allow(&mut self, torques: &[Vec<Chains>], combine: &DMatrix<f64>) {
         let directions = combine.ncols();
         self.layout.departures = directions;
@@ -1362,7 +1388,8 @@ impl<'a> RobotResidual<'a> {
         }
     }
 
-    /// The fingerprint of `effect` with the values `v` on each actuator alone. Only for effects whose change stays in its own chain.
+    /// The fingerprint of `effect` with the values `v` on each actuator alone. Only for effects whose change
+    /// stays in its own chain.
     ///
     /// # Errors
     /// Those of [`RobotResidual::fingerprint`].
@@ -1405,8 +1432,8 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
-    /// The whitened design at the parameters: one row a residual, recording by recording, kept sample by kept sample, three chains
-    /// each; columns d r/d eta, B, and the residual last.
+    /// The whitened design at the parameters: one row a residual, recording by recording, kept sample by kept
+    /// sample, three chains each; columns d r/d eta, B, and the residual last.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1438,7 +1465,8 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
-    /// Torque error (needed minus made, N m) of each kept sample and chain of a recording, filtered, not whitened.
+    /// Torque error (needed minus made, N m) of each kept sample and chain of a recording, filtered, not
+    /// whitened.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1462,13 +1490,14 @@ impl<'a> RobotResidual<'a> {
         &self.recordings[recording].centres
     }
 
-    /// Inverse Cholesky factor of the noise covariance at each kept sample of a recording, 1/(N m): 11, 21, 22, 31, 32, 33.
+    /// Inverse Cholesky factor of the noise covariance at each kept sample of a recording, 1/(N m): 11, 21,
+    /// 22, 31, 32, 33.
     pub fn whitening(&self, recording: usize) -> &[[f64; 6]] {
         &self.recordings[recording].whitening
     }
 
-    /// Shows changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what the capture leaves open, as
-    /// the draws of these numbers have it, in their order and several at a time.
+    /// Shows changes of the torque error (N m; replicate, chain, frame) when the motion is drawn from what
+    /// the capture leaves open, as the draws of these numbers have it, in their order and several at a time.
     fn replicate_errors(
         &self,
         recording: usize,
@@ -1529,8 +1558,9 @@ impl<'a> RobotResidual<'a> {
         made.ok().map(|m| r.through(m))
     }
 
-    /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the noise is of second
-    /// order), so that setting the weights again is cheap. The size of the noise is then followed from place to place.
+    /// Works with `count` drawn tracks and keeps their mechanics (without effects: what they change of the
+    /// noise is of second order), so that setting the weights again is cheap. The size of the noise is then
+    /// followed from place to place.
     pub fn keep_drawn(&mut self, count: usize) {
         self.by_place = true;
         self.replicates = count;
@@ -1542,12 +1572,12 @@ impl<'a> RobotResidual<'a> {
         }
     }
 
-    /// Sets the weights to what the noise of capture and voltage makes of the residual at these parameters (the noise gain
-    /// depends on the film, so a fit calls this again where it ends). Returns the error of the predicted voltage that
-    /// this noise alone makes, recording by recording.
+    /// Sets the weights to what the noise of capture and voltage makes of the residual at these parameters
+    /// (the noise gain depends on the film, so a fit calls this again where it ends). Returns the error of
+    /// the predicted voltage that this noise alone makes, recording by recording.
     ///
-    /// Replicate tracks are drawn from the smoother's posterior and go through kinematics, film history and filter; at
-    /// each kept sample the 3 x 3 covariance is that of the replicates within 0.6 s.
+    /// Replicate tracks are drawn from the smoother's posterior and go through kinematics, film history and
+    /// filter; at each kept sample the 3 x 3 covariance is that of the replicates within 0.6 s.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1578,8 +1608,8 @@ impl<'a> RobotResidual<'a> {
                     sum / filtered.len() as f64
                 })
                 .collect();
-            // Where many tracks are drawn only to set weights, the noise's size may change faster than its shape: near a pose of
-            // little leverage, or near locking.
+            // Where many tracks are drawn only to set weights, the noise's size may change faster than its
+            // shape: near a pose of little leverage, or near locking.
             let near: Vec<f64> = (0..kept)
                 .map(|j| {
                     let window = &outer[j.saturating_sub(NEAR)..(j + NEAR + 1).min(kept)];
@@ -1629,8 +1659,8 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
-    /// What each drawn track makes of the whitened residual, row by row as in [`RobotResidual::design`], after
-    /// [`RobotResidual::weigh`].
+    /// What each drawn track makes of the whitened residual, row by row as in [`RobotResidual::design`],
+    /// after [`RobotResidual::weigh`].
     pub fn noise_rows(&self) -> Vec<Vec<f64>> {
         (0..self.replicates)
             .map(|m| {
@@ -1681,9 +1711,9 @@ impl<'a> RobotResidual<'a> {
         sum / f64::max(count, 1.0)
     }
 
-    /// Covariance of the scores X'e, where X = [d r/d eta | B] at the parameters and e the noise of the residual: from the
-    /// replicates, in blocks longer than the noise's memory. Together with the inverse of X'X it gives a covariance of
-    /// the parameters that holds for correlated noise.
+    /// Covariance of the scores X'e, where X = [d r/d eta | B] at the parameters and e the noise of the
+    /// residual: from the replicates, in blocks longer than the noise's memory. Together with the inverse of
+    /// X'X it gives a covariance of the parameters that holds for correlated noise.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1727,13 +1757,15 @@ impl<'a> RobotResidual<'a> {
         Ok(covariance)
     }
 
-    /// What the scores X'r, X = [d r/d eta | B], are on average were the model true; with H^-1 it says how far the estimates are off.
+    /// What the scores X'r, X = [d r/d eta | B], are on average were the model true; with H^-1 it says how
+    /// far the estimates are off.
     ///
-    /// With `motions`, those that the model makes of the voltages (m a frame): the mean where each is captured and smoothed as its recording
-    /// was. It is zero but for what noise in the columns, smoothing and interpolation do. Without, or where such a track is out of reach:
-    /// what noise alone adds, because columns and residual are made of the same noisy motion (errors in variables). Told from so many
-    /// `pairs` of draws of the noise, once plus and once minus, in whose mean all cancels that is linear in it. `None` where it cannot be
-    /// told.
+    /// With `motions`, those that the model makes of the voltages (m a frame): the mean where each is
+    /// captured and smoothed as its recording was. It is zero but for what noise in the columns, smoothing
+    /// and interpolation do. Without, or where such a track is out of reach: what noise alone adds, because
+    /// columns and residual are made of the same noisy motion (errors in variables). Told from so many
+    /// `pairs` of draws of the noise, once plus and once minus, in whose mean all cancels that is linear in
+    /// it. `None` where it cannot be told.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1791,9 +1823,10 @@ impl<'a> RobotResidual<'a> {
         }))
     }
 
-    /// The whitened residual that is left on average where `motions`, which the model makes of the voltages (m a frame), are captured and
-    /// smoothed as the recordings were: smoothing rounds what is sharp, and noise in the columns pulls. From as many `pairs` of draws as in
-    /// [`RobotResidual::expected_score`]; `None` where such a track is out of reach.
+    /// The whitened residual that is left on average where `motions`, which the model makes of the voltages
+    /// (m a frame), are captured and smoothed as the recordings were: smoothing rounds what is sharp, and
+    /// noise in the columns pulls. From as many `pairs` of draws as in [`RobotResidual::expected_score`];
+    /// `None` where such a track is out of reach.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -1816,8 +1849,8 @@ impl<'a> RobotResidual<'a> {
         Ok(drawn.map(|d| d.iter().sum::<DVector<f64>>() / d.len() as f64))
     }
 
-    /// Takes what capture and smoothing make of a right model ([`RobotResidual::expected_residual`], under the present weights) out of all
-    /// residuals from now on; nothing where it is `None`.
+    /// Takes what capture and smoothing make of a right model ([`RobotResidual::expected_residual`], under
+    /// the present weights) out of all residuals from now on; nothing where it is `None`.
     pub fn take_out(&mut self, expected: Option<&DVector<f64>>) {
         let mut first = 0;
         for r in &mut self.recordings {
@@ -1892,8 +1925,8 @@ impl<'a> RobotResidual<'a> {
         Ok(out)
     }
 
-    /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to it (as it was last worked
-    /// out by [`RobotResidual::weigh`], or now where it was not).
+    /// Predicted against commanded voltage at every frame of a recording, and what the capture noise does to
+    /// it (as it was last worked out by [`RobotResidual::weigh`], or now where it was not).
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -2125,7 +2158,8 @@ fn filtered_load(mechanics: &Mechanics, decimation: &Decimation, centres: &[usiz
         .collect()
 }
 
-/// Filtered forearm columns (kept sample, chain, node): lever of chain j on lozenge k times the spline's basis at theta_FA_j.
+/// Filtered forearm columns (kept sample, chain, node): lever of chain j on lozenge k times the spline's
+/// basis at theta_FA_j.
 fn forearm_columns(
     mechanics: &Mechanics,
     forearm: &ForearmTorque,

@@ -1,13 +1,14 @@
-//! The hanging film sample (section 5 of the model) as a residual: predicted minus captured x, over the capture's noise.
+//! The hanging film sample (section 5 of the model) as a residual: predicted minus captured x, over the
+//! capture's noise.
 //!
-//! The noise of a recording is in x alone; the voltage is known. So the model is run forward from the voltage and held against x as it
-//! was captured, frames averaged over one step of the integration at a time. Each row has variance one where the model is right: no
-//! smoothing, and the weight is exact.
+//! The noise of a recording is in x alone; the voltage is known. So the model is run forward from the voltage
+//! and held against x as it was captured, frames averaged over one step of the integration at a time. Each
+//! row has variance one where the model is right: no smoothing, and the weight is exact.
 //!
 //! # Equations
-//! Unstretched side strips and end strips begin alike across width and thickness and carry no field: s_2 = 0 holds in each of their
-//! springs, with e_2 = -e_1/2 (see `residual::coupon`). Unknown are u = ln lambda_1, v = ln lambda_2 of the active part and w = ln lambda_1
-//! of the end strips:
+//! Unstretched side strips and end strips begin alike across width and thickness and carry no field: s_2 = 0
+//! holds in each of their springs, with e_2 = -e_1/2 (see `residual::coupon`). Unknown are u = ln lambda_1, v
+//! = ln lambda_2 of the active part and w = ln lambda_1 of the end strips:
 //!
 //! ```text
 //! (sigma_1 - sigma_2)/lambda_1 S_active + sigma_side/lambda_1 S_side = M (g - x'')       (sigma_2 = X put in)
@@ -26,8 +27,9 @@
 //! electrode  (c phi)' tau = phi_c - phi: exponential over the step with c' and the mean of c, phi_c linear
 //! ```
 //!
-//! which leaves three equations in u, v, w a step for Newton; the derivatives with respect to all parameters are those of the scheme,
-//! solved for with the same matrix. `tests/sample.rs` holds it against `simulate::sample_motion`, which shares nothing with it.
+//! which leaves three equations in u, v, w a step for Newton; the derivatives with respect to all parameters
+//! are those of the scheme, solved for with the same matrix. `tests/sample.rs` holds it against
+//! `simulate::sample_motion`, which shares nothing with it.
 
 use pulp::Arch;
 
@@ -43,7 +45,8 @@ type Lanes = [f64; LANES];
 const KINDS: usize = 4;
 type Strains = [Lanes; KINDS];
 
-/// Shortest R C of the scheme, s; below it R acts as if it were this. 2 ns on a film that answers in milliseconds.
+/// Shortest R C of the scheme, s; below it R acts as if it were this. 2 ns on a film that answers in
+/// milliseconds.
 const LEAST_TIME_CONSTANT_S: f64 = 2e-9;
 const NEWTON_ITERATIONS: usize = 25;
 /// Newton's increment after which the next would move x by less than 0.1 nm.
@@ -281,8 +284,8 @@ impl Constants {
         out
     }
 
-    /// d sigma / d (u, v) of the active part (11, 12, 21, 22), d sigma/du of the side strips, d sigma/dw of the end strips, where a branch
-    /// follows with `beta`.
+    /// d sigma / d (u, v) of the active part (11, 12, 21, 22), d sigma/du of the side strips, d sigma/dw of
+    /// the end strips, where a branch follows with `beta`.
     #[inline(always)]
     fn tangents(&self, s: &Springs, beta: &Lanes) -> [f64; 6] {
         let stiff = 2.0 * (self.mu0 + self.layer);
@@ -379,7 +382,8 @@ struct Charge {
     by_time_constant: f64,
 }
 
-/// (c phi)' tau = phi_c - phi over a step h, from `phi`, with c from `area[0]` to `area[1]` and phi_c from `command[0]` to `command[1]`.
+/// (c phi)' tau = phi_c - phi over a step h, from `phi`, with c from `area[0]` to `area[1]` and phi_c from
+/// `command[0]` to `command[1]`.
 #[inline(always)]
 fn charge(tau: f64, h: f64, phi: f64, area: [f64; 2], command: [f64; 2]) -> Charge {
     let mean = 0.5 * (area[0] + area[1]);
@@ -422,7 +426,8 @@ struct Derivative {
     rest: f64,
 }
 
-/// Runs the model over `command_v` at equal steps `h_s` (the sample hangs at rest under the first), with derivatives by `knobs`.
+/// Runs the model over `command_v` at equal steps `h_s` (the sample hangs at rest under the first), with
+/// derivatives by `knobs`.
 ///
 /// # Errors
 /// [`SampleTrouble`]; times count from `start_s`.
@@ -485,8 +490,8 @@ fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), Sampl
     Err(SampleTrouble::GivesWay { at_s })
 }
 
-/// The balances at `y` with strains `e` that follow with `beta`; `square` is phi^2 and `square_by_area` its derivative by c; the tension is
-/// `load`, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
+/// The balances at `y` with strains `e` that follow with `beta`; `square` is phi^2 and `square_by_area` its
+/// derivative by c; the tension is `load`, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn balance(
@@ -868,7 +873,8 @@ const FINEST_SPLIT: usize = 16;
 struct Bin {
     /// Grid point, never the first or last.
     at: usize,
-    /// Weights of x at the grid points before, at and after it: the parabola through them, averaged over the captured frames.
+    /// Weights of x at the grid points before, at and after it: the parabola through them, averaged over the
+    /// captured frames.
     weights: [f64; 3],
     /// Mean of the captured x, m.
     mean_m: f64,
@@ -954,8 +960,8 @@ impl<'a> SampleResidual<'a> {
         }
     }
 
-    /// As [`SampleResidual::new`], with the longest step that splits frames evenly at which halving the step moves x by less than
-    /// a hundredth of the noise, rms. The second number is what that halving moved, m.
+    /// As [`SampleResidual::new`], with the longest step that splits frames evenly at which halving the step
+    /// moves x by less than a hundredth of the noise, rms. The second number is what that halving moved, m.
     ///
     /// # Errors
     /// [`SampleTrouble`] when the model cannot be run with `film`.
@@ -1029,7 +1035,8 @@ impl<'a> SampleResidual<'a> {
         self.bins.iter().map(sd).collect()
     }
 
-    /// Sum of the squares of the captured x about the bins' means adds nothing to a fit; what is left is this.
+    /// Sum of the squares of the captured x about the bins' means adds nothing to a fit; what is left is
+    /// this.
     pub fn captured_m(&self) -> Vec<f64> {
         self.bins.iter().map(|b| b.mean_m).collect()
     }
@@ -1104,8 +1111,8 @@ impl<'a> SampleResidual<'a> {
     }
 }
 
-/// Inverse dynamics: phi^2 on the film that x(t) needs, with x'' given, at equal steps `h_s`; the sample hung at rest under `rest_phi_v`
-/// at x = 0. Negative where no voltage gives that x.
+/// Inverse dynamics: phi^2 on the film that x(t) needs, with x'' given, at equal steps `h_s`; the sample hung
+/// at rest under `rest_phi_v` at x = 0. Negative where no voltage gives that x.
 ///
 /// # Errors
 /// [`SampleTrouble`].
@@ -1179,7 +1186,8 @@ pub fn inverse_sample(
     Ok(out)
 }
 
-/// The voltage that `command_v` makes on the film behind the sample's resistance, where the film's (lambda_1 lambda_2)^2 is `area`.
+/// The voltage that `command_v` makes on the film behind the sample's resistance, where the film's (lambda_1
+/// lambda_2)^2 is `area`.
 #[must_use]
 pub fn film_voltage_v(
     sample: &HangingSample,

@@ -1,5 +1,5 @@
-//! The hook through which something else acts on the robot: a torque on a lozenge or a bicep, a force on the end effector,
-//! another voltage on the film, each possibly with states of its own.
+//! The hook through which something else acts on the robot: a torque on a lozenge or a bicep, a force on the
+//! end effector, another voltage on the film, each possibly with states of its own.
 
 use crate::kinematics::Vec3;
 
@@ -43,8 +43,8 @@ pub struct Action {
     pub force_n: Vec3,
 }
 
-/// Something else that acts on the robot. It must be a continuous function of what it sees (a dry friction is regularised);
-/// it may be stiff. Its derivatives are taken by differences.
+/// Something else that acts on the robot. It must be a continuous function of what it sees (a dry friction is
+/// regularised); it may be stiff. Its derivatives are taken by differences.
 pub trait Addition {
     /// Number of its own states.
     fn states(&self) -> usize {
@@ -56,7 +56,8 @@ pub trait Addition {
     fn scale(&self, _i: usize) -> f64 {
         1.0
     }
-    /// Adds its torques and forces to `action`, may change the voltage there, and writes the rates of its states.
+    /// Adds its torques and forces to `action`, may change the voltage there, and writes the rates of its
+    /// states.
     fn act(&self, situation: &Situation, states: &[f64], action: &mut Action, rates: &mut [f64]);
     /// The first time after `t_s` at which it jumps.
     fn next_break_s(&self, _t_s: f64) -> f64 {

@@ -1,8 +1,8 @@
-//! The springs of one film inside an implicit integrator: each branch's own 2 x 2 block is solved for and eliminated, so
-//! that the film shows the balance nothing but a stress and a tangent (Eqs 18 to 23).
+//! The springs of one film inside an implicit integrator: each branch's own 2 x 2 block is solved for and
+//! eliminated, so that the film shows the balance nothing but a stress and a tangent (Eqs 18 to 23).
 //!
-//! State w_i = xi_i^-2. With A = lambda_1^2 w_1, B = lambda_2^2 w_2 and the Gent stress s = s(A, B) over its modulus, the
-//! flow rule is
+//! State w_i = xi_i^-2. With A = lambda_1^2 w_1, B = lambda_2^2 w_2 and the Gent stress s = s(A, B) over its
+//! modulus, the flow rule is
 //!
 //! ```text
 //! w_1' = -w_1 (2 s_1 - s_2)/(3 T),    w_2' = -w_2 (2 s_2 - s_1)/(3 T)
@@ -21,7 +21,8 @@ pub type Lanes = [f64; LANES];
 /// w_1 and w_2 (or their rates) of the springs of one pack.
 pub type Pack = [Lanes; 2];
 
-/// Constants of the springs of one pack; a lane that is not used has modulus 0 and repeats the equilibrium spring.
+/// Constants of the springs of one pack; a lane that is not used has modulus 0 and repeats the equilibrium
+/// spring.
 #[derive(Debug, Clone, Copy)]
 struct Constants {
     mu: Lanes,
@@ -392,7 +393,8 @@ impl Springs {
         self.packs.len()
     }
 
-    /// Every branch relaxed at stretches with the squares `lambda_squared` (xi = lambda); 1 in the other lanes.
+    /// Every branch relaxed at stretches with the squares `lambda_squared` (xi = lambda); 1 in the other
+    /// lanes.
     pub fn relaxed(&self, lambda_squared: [f64; 2], w: &mut [Pack]) {
         self.virgin(w);
         for n in 1..self.springs {

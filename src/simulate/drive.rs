@@ -12,7 +12,8 @@ const TURN: f64 = 2.0 * std::f64::consts::PI;
 /// Samples a second unless the user says otherwise, 1/s.
 pub const DEFAULT_RATE_HZ: f64 = 1000.0;
 
-/// A drive that is known beforehand. `peak_v` is one voltage a chain: equal ones drive symmetrically, (V, 0, 0) chain 1 alone.
+/// A drive that is known beforehand. `peak_v` is one voltage a chain: equal ones drive symmetrically, (V, 0,
+/// 0) chain 1 alone.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Drive {
     /// peak (1 - cos(2 pi f t + phase))/2, raised smoothly over the first period where a phase is not zero.
@@ -24,8 +25,8 @@ pub enum Drive {
         /// Phases of the chains, rad.
         phase_rad: [f64; 3],
     },
-    /// Equal sines with Schroeder's phases (another order of phases in each chain), scaled to lie between 0 and the peak,
-    /// raised smoothly over the first second.
+    /// Equal sines with Schroeder's phases (another order of phases in each chain), scaled to lie between 0
+    /// and the peak, raised smoothly over the first second.
     Multisine {
         /// Peak voltages, V.
         peak_v: [f64; 3],
@@ -70,8 +71,8 @@ fn smooth(f: f64) -> f64 {
 }
 
 impl Drive {
-    /// The voltages every 1/`rate_hz` for `duration_s` from time 0 (the staircase and the holds last as long as they last, then
-    /// hold their last value).
+    /// The voltages every 1/`rate_hz` for `duration_s` from time 0 (the staircase and the holds last as long
+    /// as they last, then hold their last value).
     ///
     /// # Errors
     /// [`Error::Refused`] for numbers that make no sense.
@@ -238,8 +239,9 @@ fn held(levels: &[([f64; 3], f64)], ramp_s: f64, t: f64) -> [f64; 3] {
     previous
 }
 
-/// Turns the sign of a drive every `every_s`: what depends on phi^2 stays, what remembers the polarity (charge in the film, an
-/// offset of the amplifier) shows. Flip where the drive is at 0 V, or the film sees a jump.
+/// Turns the sign of a drive every `every_s`: what depends on phi^2 stays, what remembers the polarity
+/// (charge in the film, an offset of the amplifier) shows. Flip where the drive is at 0 V, or the film sees a
+/// jump.
 pub fn flip_polarity(drive: &Sampled, every_s: f64) -> Result<Sampled, Error> {
     if every_s.is_nan() || every_s <= 0.0 {
         return Err(Error::Refused(format!("a flip every {every_s} s")));
@@ -257,7 +259,8 @@ pub fn flip_polarity(drive: &Sampled, every_s: f64) -> Result<Sampled, Error> {
     Sampled::new(drive.start_s(), drive.step_s(), samples, drive.hold()).map_err(Error::Refused)
 }
 
-/// A horizontal circle about the axis, reached from rest: down to its height, out to its first point, round, each smoothly.
+/// A horizontal circle about the axis, reached from rest: down to its height, out to its first point, round,
+/// each smoothly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Circle {
     /// Radius, m.
@@ -328,10 +331,12 @@ impl Circle {
         track
     }
 
-    /// The voltages that lead `robot` with `payload_kg` from rest along the path: f_ID of the planned motion, branches relaxed at rest.
+    /// The voltages that lead `robot` with `payload_kg` from rest along the path: f_ID of the planned motion,
+    /// branches relaxed at rest.
     ///
     /// # Errors
-    /// The first point that is out of reach and by how much, the first that no voltage holds, the first voltage above `limit_v`.
+    /// The first point that is out of reach and by how much, the first that no voltage holds, the first
+    /// voltage above `limit_v`.
     pub fn drive(
         &self,
         robot: &Robot,

@@ -1,5 +1,5 @@
-//! Causes of the catalogue in forward dynamics, in the catalogue's own form, so that the inverse model with the same cause finds its
-//! way back.
+//! Causes of the catalogue in forward dynamics, in the catalogue's own form, so that the inverse model with
+//! the same cause finds its way back.
 //!
 //! | the cause acts on | becomes |
 //! |---|---|
@@ -8,8 +8,9 @@
 //! | what the capture reads of the motion | another motion: [`effect_reading`] |
 //! | the clock | another drive: [`EffectClock`] |
 //!
-//! [`motion_with_effects`] puts all of them together. Where a cause without memory is concerned the addition calls the catalogue's own formula, one sample at a time; a cause with memory
-//! has states here, and its formula is the differential equation that the catalogue solves in steps.
+//! [`motion_with_effects`] puts all of them together. Where a cause without memory is concerned the addition
+//! calls the catalogue's own formula, one sample at a time; a cause with memory has states here, and its
+//! formula is the differential equation that the catalogue solves in steps.
 
 use super::Error;
 use super::addition::{Action, Addition, Situation};
@@ -23,7 +24,8 @@ use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
 /// Charge of which a state counts one, C.
 const NANOCOULOMB: f64 = 1e-9;
-/// Times within which what has no inertia of its own follows, s: a clamped rate, a largest energy, an acceleration.
+/// Times within which what has no inertia of its own follows, s: a clamped rate, a largest energy, an
+/// acceleration.
 const SLEW_S: f64 = 2e-4;
 const LARGEST_S: f64 = 2e-4;
 const PLAY_S: f64 = 2e-4;
@@ -125,8 +127,8 @@ impl Part {
     }
 }
 
-/// Causes at work in forward dynamics, together: the electrical ones one after the other from the amplifier to the film, then what
-/// they change of the capacitance, of the film's stress and of the balance.
+/// Causes at work in forward dynamics, together: the electrical ones one after the other from the amplifier
+/// to the film, then what they change of the capacitance, of the film's stress and of the balance.
 struct EffectAddition {
     parts: Vec<Part>,
     robot: Robot,
@@ -134,8 +136,9 @@ struct EffectAddition {
     when: When,
 }
 
-/// The catalogue's cause as an addition to the forward dynamics of `robot` with `parameters`, in a recording made at `when`, whose
-/// `start_s` is the time of the first sample. Several causes go together through [`motion_with_effects`].
+/// The catalogue's cause as an addition to the forward dynamics of `robot` with `parameters`, in a recording
+/// made at `when`, whose `start_s` is the time of the first sample. Several causes go together through
+/// [`motion_with_effects`].
 ///
 /// # Errors
 /// A sentence for causes that act on lengths, the reading or the clock, saying which function does them.
@@ -165,9 +168,10 @@ pub fn effect_addition(
     }
 }
 
-/// What a capture reads of `robot`, whose log of voltages says `logged`, while `effects` are at work in a recording made at `when`
-/// (its `start_s` is that of `options`): as [`motion_as_far`], and without effects the same to the bit. Electrical causes act in
-/// their order, from the amplifier to the film; `pivot_m` is the point about which the capture's axes turn.
+/// What a capture reads of `robot`, whose log of voltages says `logged`, while `effects` are at work in a
+/// recording made at `when` (its `start_s` is that of `options`): as [`motion_as_far`], and without effects
+/// the same to the bit. Electrical causes act in their order, from the amplifier to the film; `pivot_m` is
+/// the point about which the capture's axes turn.
 ///
 /// # Errors
 /// Those of [`motion_as_far`].
@@ -225,8 +229,8 @@ pub fn effect_robot(acting: &Acting, robot: &Robot) -> Robot {
     out
 }
 
-/// What a capture with the cause reads of `motion`, such that the catalogue's correction gives the motion back. `pivot_m` is the point
-/// about which the capture's axes turn.
+/// What a capture with the cause reads of `motion`, such that the catalogue's correction gives the motion
+/// back. `pivot_m` is the point about which the capture's axes turn.
 pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion {
     let mut out = motion.clone();
     if acting.effect.id() == "mocap_lag" {
@@ -248,8 +252,8 @@ pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion
     out
 }
 
-/// u_m + 1.4 tau u_m' + tau^2 u_m'' = u, from rest at the first position, then read rho tau earlier; u is a straight line between
-/// samples, and the step is split until tau is many of them.
+/// u_m + 1.4 tau u_m' + tau^2 u_m'' = u, from rest at the first position, then read rho tau earlier; u is a
+/// straight line between samples, and the step is split until tau is many of them.
 fn lagged(values: &[f64], motion: &mut Motion) {
     if values[0] == 0.0 {
         return;
@@ -303,8 +307,8 @@ fn lagged(values: &[f64], motion: &mut Motion) {
     }
 }
 
-/// The drive that the robot really gets when `logged` is what the log says and causes on the clock are at work: the log at the
-/// time that the catalogue would read.
+/// The drive that the robot really gets when `logged` is what the log says and causes on the clock are at
+/// work: the log at the time that the catalogue would read.
 pub struct EffectClock<'a> {
     logged: &'a dyn Voltage,
     start_s: f64,
@@ -344,7 +348,8 @@ impl Voltage for EffectClock<'_> {
 }
 
 impl EffectAddition {
-    /// Chain `k` at this moment, as the catalogue sees it: one sample. The lever is 1, so that a torque on theta_b comes out as such.
+    /// Chain `k` at this moment, as the catalogue sees it: one sample. The lever is 1, so that a torque on
+    /// theta_b comes out as such.
     fn along<'a>(&'a self, s: &Situation, k: usize, sample: &'a Sample) -> Along<'a> {
         Along {
             step_s: 1.0,

@@ -1,6 +1,6 @@
-//! Adaptive integration of x'' = a(t, x, x', w, z) with the branch states w of the films and further states z: the
-//! stiffly accurate, L-stable ESDIRK5(4)7L[2]SA2 of Kennedy and Carpenter (2019, Appl. Numer. Math. 146:221), fifth order
-//! with a fourth-order estimate of the error.
+//! Adaptive integration of x'' = a(t, x, x', w, z) with the branch states w of the films and further states
+//! z: the stiffly accurate, L-stable ESDIRK5(4)7L[2]SA2 of Kennedy and Carpenter (2019, Appl. Numer. Math.
+//! 146:221), fifth order with a fourth-order estimate of the error.
 //!
 //! A stage is the set of implicit equations
 //!
@@ -8,8 +8,8 @@
 //! v = v* + h gamma a,   x = x* + h gamma v,   w = w* + h gamma w'(w, x),   z = z* + h gamma z'(t, x, v, z),   balance(t, x, v, a, w, z) = 0
 //! ```
 //!
-//! whose unknown is the acceleration itself; each branch is solved for by its own 2 x 2 block, so that the system left is as
-//! large as x and z together. The mass matrix is never inverted.
+//! whose unknown is the acceleration itself; each branch is solved for by its own 2 x 2 block, so that the
+//! system left is as large as x and z together. The mass matrix is never inverted.
 
 use super::branches::{LANES, Pack};
 
@@ -215,7 +215,8 @@ pub trait System<const D: usize> {
         state: &State<D>,
         rates: &mut Rates<D>,
     ) -> Result<[f64; QUADRATURES], Trouble<Self::Error>>;
-    /// Solves a stage: on entry `state.w`, `state.z`, `state.y` and `a` hold a guess, on return the solution. Returns the powers of the quadratures.
+    /// Solves a stage: on entry `state.w`, `state.z`, `state.y` and `a` hold a guess, on return the solution.
+    /// Returns the powers of the quadratures.
     ///
     /// # Errors
     /// As [`Trouble`] says.
@@ -391,8 +392,8 @@ impl<const D: usize> Integrator<D> {
         &self.state
     }
 
-    /// State at `t_s` within the last step: x is the quintic through position, velocity and acceleration at both ends, v its
-    /// derivative, w and z are cubics through value and rate.
+    /// State at `t_s` within the last step: x is the quintic through position, velocity and acceleration at
+    /// both ends, v its derivative, w and z are cubics through value and rate.
     pub fn at(&self, t_s: f64, out: &mut State<D>) {
         let h = self.last_s;
         if h <= 0.0 || t_s >= self.t_s {
@@ -626,7 +627,8 @@ impl<const D: usize> Integrator<D> {
 mod tests {
     use super::*;
 
-    /// Sums of all trees up to order five over the tableau; what b must give and what b^ must give up to order four.
+    /// Sums of all trees up to order five over the tableau; what b must give and what b^ must give up to
+    /// order four.
     #[test]
     fn order_conditions() {
         let mul = |x: [f64; STAGES], y: [f64; STAGES]| {

@@ -1,5 +1,5 @@
-//! Simulated recordings: known parameters to motion, and to the files that instruments would have written. This room lies in
-//! a known way, with a seed.
+//! Simulated recordings: known parameters to motion, and to the files that instruments would have written.
+//! This room lies in a known way, with a seed.
 //!
 //! | what | where |
 //! |---|---|

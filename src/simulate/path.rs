@@ -28,7 +28,8 @@ impl PlannedPath {
     /// Through `position_m` at rising `time_s`.
     ///
     /// # Errors
-    /// [`Error::Refused`] names the first time that does not rise, the first number that is none, and too short a path.
+    /// [`Error::Refused`] names the first time that does not rise, the first number that is none, and too
+    /// short a path.
     pub fn new(time_s: Vec<f64>, position_m: Vec<Vec3>) -> Result<Self, Error> {
         let n = time_s.len();
         if n != position_m.len() || n < 3 {
@@ -53,7 +54,8 @@ impl PlannedPath {
                 )));
             }
         }
-        // h[i-1] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i] m[i+1] = 6 (d[i] - d[i-1]), m = 0 at both ends (Thomas' algorithm).
+        // h[i-1] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i] m[i+1] = 6 (d[i] - d[i-1]), m = 0 at both ends
+        // (Thomas' algorithm).
         let h: Vec<f64> = time_s.windows(2).map(|t| t[1] - t[0]).collect();
         let slope = |i: usize, c: usize| (position_m[i + 1][c] - position_m[i][c]) / h[i];
         let mut bend = vec![[0.0; 3]; n];
@@ -132,7 +134,8 @@ impl PlannedPath {
 /// The voltages that lead `robot` along `path`, f_ID of the planned motion; its first point is time 0.
 ///
 /// # Errors
-/// The first point that is out of reach and by how much, the first that no voltage holds, the first voltage above `limit_v`.
+/// The first point that is out of reach and by how much, the first that no voltage holds, the first voltage
+/// above `limit_v`.
 pub fn drive_along(
     robot: &Robot,
     parameters: &Parameters,
@@ -167,7 +170,8 @@ pub fn drive_along(
     for (i, squared) in squared.iter().enumerate() {
         let mut phi = [0.0; 3];
         for k in 0..3 {
-            // At rest rounding alone decides the sign (a path written to 0.001 mm: 100 V); as much is nothing.
+            // At rest rounding alone decides the sign (a path written to 0.001 mm: 100 V); as much is
+            // nothing.
             if squared[k] < -REST_V * REST_V {
                 return Err(Error::NoVoltage {
                     at_s: at(i),
@@ -195,7 +199,8 @@ pub fn drive_along(
 /// How far below 0 V a planned pose may lie and still count as held at 0 V, V.
 const REST_V: f64 = 100.0;
 
-/// How a path that cannot be taken from point `first` on leaves the workspace; none when it only loses rank there.
+/// How a path that cannot be taken from point `first` on leaves the workspace; none when it only loses rank
+/// there.
 fn outside(mechanism: &Mechanism, path: &Track, first: usize) -> Option<Error> {
     let points = &path.position_m;
     let place = points[first..]
@@ -221,8 +226,8 @@ fn outside(mechanism: &Mechanism, path: &Track, first: usize) -> Option<Error> {
     })
 }
 
-/// The shortest straight way (up, down, towards the axis) from `u` to a pose within reach: its length, m, and its name.
-/// `None` when there is none within 50 mm.
+/// The shortest straight way (up, down, towards the axis) from `u` to a pose within reach: its length, m, and
+/// its name. `None` when there is none within 50 mm.
 fn nearest_reach(mechanism: &Mechanism, u: Vec3) -> Option<(f64, &'static str)> {
     let radius = u[0].hypot(u[1]).max(f64::MIN_POSITIVE);
     let ways = [

@@ -29,8 +29,9 @@ fn command(voltage: &Voltage, offset_s: f64) -> Result<Sampled, String> {
     Sampled::from_log(&times, samples.collect(), hold)
 }
 
-/// Forward dynamics of the recorded voltages and payloads at every frame of `dataset`, read with the clock offset `offset_s`: from
-/// rest under the first voltages; a virgin film from rest at the first measured position.
+/// Forward dynamics of the recorded voltages and payloads at every frame of `dataset`, read with the clock
+/// offset `offset_s`: from rest under the first voltages; a virgin film from rest at the first measured
+/// position.
 ///
 /// # Errors
 /// The motion does not begin: there is no rest under the first voltages and payload.
@@ -59,7 +60,8 @@ pub fn predict_motion(
     Ok(motion)
 }
 
-/// [`predict_motion`] with steps as long as an error of so many metres allows; where no voltage is known it holds its first or last value.
+/// [`predict_motion`] with steps as long as an error of so many metres allows; where no voltage is known it
+/// holds its first or last value.
 fn follow(
     robot: &Robot,
     dataset: &Dataset,
@@ -113,8 +115,8 @@ fn follow(
 /// Error that a step of a motion may make which is to be captured again, m: far below any capture's noise.
 const BELOW_NOISE_M: f64 = 1e-7;
 
-/// The motions that the voltages of a series of recordings make, m a frame, to be captured again; `None` where one of them does not run to
-/// its end.
+/// The motions that the voltages of a series of recordings make, m a frame, to be captured again; `None`
+/// where one of them does not run to its end.
 pub fn predict_motions(
     robot: &Robot,
     datasets: &[&Dataset],

@@ -6,8 +6,8 @@
 //! theta_b'' = d theta_b/du . u'' + u'^T (d^2 theta_b/du^2) u'
 //! ```
 //!
-//! The left side is the residual of an implicit stage; its derivative with respect to u'' is exact but for the third derivatives
-//! of the angles (in the term with u'^2 m_bc).
+//! The left side is the residual of an implicit stage; its derivative with respect to u'' is exact but for
+//! the third derivatives of the angles (in the term with u'^2 m_bc).
 
 use super::Error;
 use super::addition::{Action, Addition, Situation};
@@ -21,14 +21,16 @@ use crate::kinematics::{ChainCurvature, ChainPose, FixedMechanism, Lozenge, Vec3
 use crate::model::{ForearmTorque, Parameters, Robot, Track};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
-/// Largest condition number of G at which the actuators still hold a force in every direction (as in the inverse dynamics).
+/// Largest condition number of G at which the actuators still hold a force in every direction (as in the
+/// inverse dynamics).
 const CONDITION_LIMIT: f64 = 1e3;
 /// Ripple up to which the jumps of a held voltage are made smooth, of the tolerance.
 const RIPPLE: f64 = 0.25;
 /// Newton iterations of a stage.
 const ITERATIONS: usize = 12;
 
-/// The forearm's torque curve as one cubic an interval; the same curve as [`ForearmTorque`], with slope and energy.
+/// The forearm's torque curve as one cubic an interval; the same curve as [`ForearmTorque`], with slope and
+/// energy.
 #[derive(Debug, Clone)]
 struct Curve {
     nodes: Vec<f64>,
@@ -147,7 +149,8 @@ pub struct Options {
     pub start_s: f64,
     /// Length of the motion, s.
     pub duration_s: f64,
-    /// Tolerance of one step for the position of the end effector, m; everything else is held to what moves it by as much.
+    /// Tolerance of one step for the position of the end effector, m; everything else is held to what moves
+    /// it by as much.
     pub tolerance_m: f64,
     /// Longest step, s: nothing shorter than this in the drive is missed between two steps.
     pub longest_step_s: f64,
@@ -435,8 +438,8 @@ impl<'a> Plant<'a> {
             payload: &options.payload,
             additions,
             states,
-            // A velocity error moves the robot within about 1/100 s (its bounce is near 15 Hz); a stretch changes by about
-            // 5 a metre of travel, w by twice that.
+            // A velocity error moves the robot within about 1/100 s (its bounce is near 15 Hz); a stretch
+            // changes by about 5 a metre of travel, w by twice that.
             scale: Scale {
                 x: tolerance,
                 v: 100.0 * tolerance,
@@ -559,8 +562,8 @@ impl<'a> Plant<'a> {
         out
     }
 
-    /// Residual of the balance and its derivatives for film responses and an action of the additions (whose own derivatives
-    /// are not in it).
+    /// Residual of the balance and its derivatives for film responses and an action of the additions (whose
+    /// own derivatives are not in it).
     fn balance(
         &self,
         pose: &Pose,
@@ -880,7 +883,8 @@ impl System<3> for Plant<'_> {
             });
         }
         if self.additions.is_empty() {
-            // Stiffness with the branches frozen: not even the glassy film holds this pose when it is indefinite.
+            // Stiffness with the branches frozen: not even the glassy film holds this pose when it is
+            // indefinite.
             let films = self.explicit(t_s, &pose, &state.w)?;
             let action = Action {
                 phi_v: self.command(t_s, Side::Before)?,
@@ -1039,8 +1043,8 @@ impl<'a> Statics<'a> {
     }
 }
 
-/// The pose in which the robot stands under the voltages `phi_v` (V) and `payload_kg`, all branches relaxed: on from the free
-/// robot by continuation in phi^2 and payload.
+/// The pose in which the robot stands under the voltages `phi_v` (V) and `payload_kg`, all branches relaxed:
+/// on from the free robot by continuation in phi^2 and payload.
 ///
 /// # Errors
 /// [`Error::NoRest`] with the share of voltage and payload up to which there is a stable equilibrium.
@@ -1062,8 +1066,8 @@ pub fn rest(
         position_m,
         why,
     };
-    // The free robot: down the axis from the base, the stable root nearest to it below the highest bicep pose; where the
-    // free robot has none (a film too stiff or too slack), the point of the least force.
+    // The free robot: down the axis from the base, the stable root nearest to it below the highest bicep
+    // pose; where the free robot has none (a film too stiff or too slack), the point of the least force.
     let length = robot.mechanism.chains[0].bicep_m + robot.mechanism.chains[0].forearm_m;
     let points = 400;
     let mut previous: Option<(f64, f64, f64)> = None;
@@ -1221,8 +1225,8 @@ fn check(parameters: &Parameters, options: &Options) -> Result<usize, Error> {
 /// Forward dynamics: the motion of `robot` under `voltage`, from rest unless the options say otherwise.
 ///
 /// # Errors
-/// [`Error`] says when and where the motion ends: out of reach, rank lost, snap-through, a locked film, a voltage above the
-/// limit, no rest to start from, or no step short enough.
+/// [`Error`] says when and where the motion ends: out of reach, rank lost, snap-through, a locked film, a
+/// voltage above the limit, no rest to start from, or no step short enough.
 pub fn motion(
     robot: &Robot,
     parameters: &Parameters,
@@ -1236,7 +1240,8 @@ pub fn motion(
     }
 }
 
-/// As [`motion`], but a motion that ends early is given as far as it goes (without its energy), with what ended it.
+/// As [`motion`], but a motion that ends early is given as far as it goes (without its energy), with what
+/// ended it.
 ///
 /// # Errors
 /// [`Error`] when it does not begin.
@@ -1265,7 +1270,8 @@ pub fn motion_as_far(
     };
     let pose = plant.pose(t0, x)?;
     plant.orientation = rank(&pose.chains).0;
-    // A jump of phi^2 by d every h seconds lets the end effector ripple by d h^2 sqrt(3)/216 of its force a phi^2 over its mass.
+    // A jump of phi^2 by d every h seconds lets the end effector ripple by d h^2 sqrt(3)/216 of its force a
+    // phi^2 over its mass.
     let lever = (0..3).map(|k| {
         let g = pose.chains[k].dtheta_dea_du;
         0.5 * plant.actuators[k].capacitance * dot(g, g).sqrt()

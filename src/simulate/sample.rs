@@ -1,17 +1,17 @@
 //! Forward and inverse dynamics of the hanging film sample (section 5 of the model).
 //!
-//! Forward: M x'' = M g - F with the force F through the film. The stretches lambda_1, lambda_2 of the active part, lambda_2 of the
-//! side strips and lambda_1, lambda_2 of the end strips are algebraic: they are solved for within each stage, each part's
-//! lambda_2 eliminated from sigma_2 = eps E^2 (active) or 0.
+//! Forward: M x'' = M g - F with the force F through the film. The stretches lambda_1, lambda_2 of the active
+//! part, lambda_2 of the side strips and lambda_1, lambda_2 of the end strips are algebraic: they are solved
+//! for within each stage, each part's lambda_2 eliminated from sigma_2 = eps E^2 (active) or 0.
 //!
 //! ```text
 //! part:   sigma_2 - X = 0,  X = eps E^2 = (eps/L3^2) (phi lambda_1 lambda_2)^2,  F = (sigma_1 - X)/lambda_1 width L3
 //! parts:  F_active + F_side = F_end = M (g - x''),   L_a lambda_1a + L_e lambda_1e = rest length + x
 //! ```
 //!
-//! A stiff electrode adds to the equilibrium spring of the active part. Behind a series resistance the charge is a state: with
-//! c = (lambda_1 lambda_2)^2 and z = c phi, z' = (phi_c - phi)/(R C_0), so that a stage is linear in z:
-//! z = (z* + kappa phi_c)/(1 + kappa/c), kappa = h gamma/(R C_0).
+//! A stiff electrode adds to the equilibrium spring of the active part. Behind a series resistance the charge
+//! is a state: with c = (lambda_1 lambda_2)^2 and z = c phi, z' = (phi_c - phi)/(R C_0), so that a stage is
+//! linear in z: z = (z* + kappa phi_c)/(1 + kappa/c), kappa = h gamma/(R C_0).
 
 use super::Error;
 use super::branches::{Elimination, LANES, Pack, Response, Springs};
@@ -129,7 +129,8 @@ struct Part {
 }
 
 impl Part {
-    /// `maxwell` is X = eps E^2, `slope` is d ln X / d ln(lambda_1 lambda_2): 2 under a voltage, -2 with a charge.
+    /// `maxwell` is X = eps E^2, `slope` is d ln X / d ln(lambda_1 lambda_2): 2 under a voltage, -2 with a
+    /// charge.
     fn new(film: &Response, lambda_1: f64, section: f64, maxwell: f64, slope: f64) -> Self {
         let two_x = slope * maxwell;
         let [t11, t12, t21, t22] = film.tangent.map(|t| t - two_x);
@@ -253,7 +254,8 @@ impl Hanging {
         (y[ACTIVE_1] * y[ACTIVE_2]).powi(2)
     }
 
-    /// Moves `y` by d ln lambda_1 of the active and the end part; returns the increments of the parts' ln lambda and the largest.
+    /// Moves `y` by d ln lambda_1 of the active and the end part; returns the increments of the parts' ln
+    /// lambda and the largest.
     fn advance(parts: &[Part; 3], y: &mut [f64], active: f64, end: f64) -> ([[f64; 2]; 3], f64) {
         let second = |p: &Part, d: f64| p.free + p.follow * d;
         let increments = [
@@ -310,7 +312,8 @@ struct Forward<'a> {
 }
 
 impl Forward<'_> {
-    /// Newton's increments: (d ln lambda_1 active, d ln lambda_1 end, d x'') with x free to move by `compliance` d x''.
+    /// Newton's increments: (d ln lambda_1 active, d ln lambda_1 end, d x'') with x free to move by
+    /// `compliance` d x''.
     fn increments(
         &self,
         parts: &[Part; 3],
@@ -777,8 +780,8 @@ pub fn sample_motion(
     Ok(out)
 }
 
-/// Inverse dynamics f_ID of the sample: phi^2 (V^2) on the film at each sample of x(t); negative where no voltage gives that x. Between
-/// samples x is the quintic through x, x' and x''.
+/// Inverse dynamics f_ID of the sample: phi^2 (V^2) on the film at each sample of x(t); negative where no
+/// voltage gives that x. Between samples x is the quintic through x, x' and x''.
 ///
 /// # Errors
 /// [`Error`] says when: a locked part, an x that no stretch gives, lists of different lengths.

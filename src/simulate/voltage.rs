@@ -2,15 +2,16 @@
 
 pub use super::integrator::Side;
 
-/// Voltages of the three chains as functions of time (a film sample uses the first). Between two breaks they are smooth
-/// enough for the error control to see everything.
+/// Voltages of the three chains as functions of time (a film sample uses the first). Between two breaks they
+/// are smooth enough for the error control to see everything.
 pub trait Voltage {
     /// Voltages at `t_s`, V; at a break the limit from the given side.
     fn phi_v(&self, t_s: f64, side: Side) -> [f64; 3];
     /// The first break after `t_s` (infinity where there is none): a jump or a kink that no step may cross.
     fn next_break_s(&self, t_s: f64) -> f64;
-    /// The same voltages with their small regular jumps made smooth, where there are any: those of at most `jump_v2_s2` in phi^2 times
-    /// the square of the time between them. What is driven moves alike but for a ripple of that size.
+    /// The same voltages with their small regular jumps made smooth, where there are any: those of at most
+    /// `jump_v2_s2` in phi^2 times the square of the time between them. What is driven moves alike but for a
+    /// ripple of that size.
     fn softened(&self, _jump_v2_s2: f64) -> Option<Softened> {
         None
     }
@@ -40,8 +41,8 @@ pub enum Hold {
     Previous,
 }
 
-/// A kink of a piecewise linear voltage above which no step crosses it, V: a sample whose second difference departs by more
-/// from its neighbours' mean. Sampled smooth curves and 0.1 V of quantisation stay below.
+/// A kink of a piecewise linear voltage above which no step crosses it, V: a sample whose second difference
+/// departs by more from its neighbours' mean. Sampled smooth curves and 0.1 V of quantisation stay below.
 const KINK_V: f64 = 1.0;
 
 /// How far the times of an even log may differ, of a step: what rounding leaves.
@@ -106,8 +107,8 @@ impl Sampled {
         })
     }
 
-    /// Samples at rising times, as a log has them. Times that are even but for their rounding are taken as even; an uneven log is
-    /// read every millisecond.
+    /// Samples at rising times, as a log has them. Times that are even but for their rounding are taken as
+    /// even; an uneven log is read every millisecond.
     ///
     /// # Errors
     /// A sentence when times do not rise, beside those of [`Sampled::new`].
@@ -177,7 +178,8 @@ impl Sampled {
 }
 
 impl Sampled {
-    /// Second difference of chain `k` at sample `i`, departing from the mean of its neighbours by more than a smooth curve's.
+    /// Second difference of chain `k` at sample `i`, departing from the mean of its neighbours by more than a
+    /// smooth curve's.
     fn kinks(phi_v: &[[f64; 3]], i: usize) -> bool {
         (0..3).any(|k| {
             let last = phi_v.len() as isize - 1;
@@ -189,9 +191,10 @@ impl Sampled {
     }
 }
 
-/// A held voltage without its small jumps. Between two jumps phi^2 is the parabola with the mean of the held value there; at a
-/// jump that was made smooth, two parabolas meet at what a cubic through the integral of phi^2 has as its slope. So the impulse of
-/// every interval stays, the half sample by which a held voltage lags included.
+/// A held voltage without its small jumps. Between two jumps phi^2 is the parabola with the mean of the held
+/// value there; at a jump that was made smooth, two parabolas meet at what a cubic through the integral of
+/// phi^2 has as its slope. So the impulse of every interval stays, the half sample by which a held voltage
+/// lags included.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Softened {
     start_s: f64,
@@ -226,7 +229,8 @@ impl Softened {
             let end = first.get(r + 1).copied().unwrap_or(n);
             let f = &mean[begin..end];
             let m = f.len();
-            // Value at the knot before interval j of the run: exact for a parabola, for a cubic where both sides have two intervals.
+            // Value at the knot before interval j of the run: exact for a parabola, for a cubic where both
+            // sides have two intervals.
             let knot = |j: usize, k: usize| {
                 let g = |i: usize| f[i][k];
                 match (j, m - j) {
@@ -355,7 +359,8 @@ impl Payload {
         }
     }
 
-    /// `start_kg` and then (time s, mass kg) steps. A mass that arrives or leaves does so with the velocity of the end effector.
+    /// `start_kg` and then (time s, mass kg) steps. A mass that arrives or leaves does so with the velocity
+    /// of the end effector.
     ///
     /// # Errors
     /// A sentence when the times do not rise or a mass is not a number at or above zero.

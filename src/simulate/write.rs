@@ -1,9 +1,9 @@
-//! A simulated motion as the instruments would have written it: Vicon Nexus CSV, a voltage table and the recording.toml that
-//! names them. The caller gives the writers; this room opens no file.
+//! A simulated motion as the instruments would have written it: Vicon Nexus CSV, a voltage table and the
+//! recording.toml that names them. The caller gives the writers; this room opens no file.
 //!
-//! All randomness comes from ChaCha12 (crate `rand_chacha`) with the capture's seed; the end effector's white and coloured noise and
-//! the base marker's noise are separate streams, so that a gap or another source of noise changes nothing elsewhere. The
-//! same input and seed give the same bytes.
+//! All randomness comes from ChaCha12 (crate `rand_chacha`) with the capture's seed; the end effector's white
+//! and coloured noise and the base marker's noise are separate streams, so that a gap or another source of
+//! noise changes nothing elsewhere. The same input and seed give the same bytes.
 
 use std::io::{self, Write};
 
@@ -161,8 +161,8 @@ fn millimetres(metres: f64) -> String {
     }
 }
 
-/// Writes a Vicon Nexus CSV: the end effector's and the base marker's trajectory, mm with three decimals, CRLF, gaps as empty
-/// cells. `position_m` is the centre of the end effector in W at the capture's rate.
+/// Writes a Vicon Nexus CSV: the end effector's and the base marker's trajectory, mm with three decimals,
+/// CRLF, gaps as empty cells. `position_m` is the centre of the end effector in W at the capture's rate.
 ///
 /// # Errors
 /// The writer's.
@@ -329,8 +329,9 @@ pub struct SampleFiles {
     pub voltage_csv: Vec<u8>,
 }
 
-/// Runs a hanging sample over `drive` (channel 1) from rest and writes the recording: the free end's marker moves along the world's Z,
-/// the top of the sample is at `top_m` above the origin. `text.kind` and the channels of `log` are set to those of a sample.
+/// Runs a hanging sample over `drive` (channel 1) from rest and writes the recording: the free end's marker
+/// moves along the world's Z, the top of the sample is at `top_m` above the origin. `text.kind` and the
+/// channels of `log` are set to those of a sample.
 ///
 /// # Errors
 /// Those of [`sample_motion`].

@@ -1,5 +1,6 @@
-//! Finished parameters held against recordings, as the paper does: voltage (Fig 10 C), path (Fig 11), output force (Fig 12)
-//! and stroke. Nothing is fitted here but clock offsets that a recording leaves to be estimated.
+//! Finished parameters held against recordings, as the paper does: voltage (Fig 10 C), path (Fig 11), output
+//! force (Fig 12) and stroke. Nothing is fitted here but clock offsets that a recording leaves to be
+//! estimated.
 //!
 //! | figure | predicted | held against |
 //! |---|---|---|
@@ -45,8 +46,8 @@ pub struct PathErrors {
     pub rmse_mm: [f64; 3],
     /// The error of largest magnitude, with its sign, mm.
     pub max_mm: [f64; 3],
-    /// What relative errors are relative to, mm: the larger extent of the measured path in x and y (the diameter of a circle),
-    /// and its stroke in z; NaN for an extent below 1 mm.
+    /// What relative errors are relative to, mm: the larger extent of the measured path in x and y (the
+    /// diameter of a circle), and its stroke in z; NaN for an extent below 1 mm.
     pub relative_to_mm: [f64; 3],
     /// Frames.
     pub frames: usize,
@@ -124,7 +125,8 @@ pub struct RecordingCheck {
     pub path: Option<PathErrors>,
     /// Height between lowest and highest pose, mm: measured and predicted (NaN where it is not).
     pub stroke_mm: [f64; 2],
-    /// Error of the predicted force, N: with the payload in the balance it should be 0; NaN where it is not predicted.
+    /// Error of the predicted force, N: with the payload in the balance it should be 0; NaN where it is not
+    /// predicted.
     pub force_error_n: Vec<[f64; 3]>,
     /// Weight of the payload and its inertia along z, N.
     pub load_n: Vec<f64>,
@@ -160,8 +162,8 @@ const ENDS_S: f64 = 0.3;
 /// Extent below which an error relative to it says nothing, mm.
 const SMALL_EXTENT_MM: f64 = 1.0;
 
-/// Holds `parameters` against `datasets`. `plan` (on the motion clock) replaces the forward dynamics as what the path of the
-/// first recording is held against.
+/// Holds `parameters` against `datasets`. `plan` (on the motion clock) replaces the forward dynamics as what
+/// the path of the first recording is held against.
 ///
 /// # Errors
 /// [`Error`]. A forward prediction that does not begin or ends early is no error; it is said in the remarks.
@@ -350,7 +352,8 @@ fn force_errors(phase: Phase, frames: &[[f64; 3]]) -> Option<ForceErrors> {
     })
 }
 
-/// Standing still, and its voltages held: holding when driven, else idle before the first drive and released after it.
+/// Standing still, and its voltages held: holding when driven, else idle before the first drive and released
+/// after it.
 fn phases(d: &Dataset, velocity_m_s: &[[f64; 3]], offset_s: f64) -> Vec<Phase> {
     let n = d.samples();
     let command: Vec<[f64; 3]> = (0..n)

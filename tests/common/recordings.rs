@@ -25,9 +25,10 @@ pub fn film(generator: &mut ChaCha12Rng) -> Film {
     }
 }
 
-/// A recording: a motion of many sines from rest near the top, the voltages that the film needs for it (sampled at 500 Hz along
-/// the exact track), and the capture of it at 100 Hz with 0.03 mm of white noise. The clocks agree where the offset is stated; else
-/// the voltage clock is ahead by [`HIDDEN_OFFSET_S`], which the dataset does not know.
+/// A recording: a motion of many sines from rest near the top, the voltages that the film needs for it
+/// (sampled at 500 Hz along the exact track), and the capture of it at 100 Hz with 0.03 mm of white noise.
+/// The clocks agree where the offset is stated; else the voltage clock is ahead by [`HIDDEN_OFFSET_S`], which
+/// the dataset does not know.
 pub fn recording(
     robot: &Robot,
     film: &Film,

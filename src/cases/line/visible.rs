@@ -21,7 +21,8 @@ pub struct Balance {
 /// A low-pass without a shift: four passes of first order, two each way. `share` of a period goes by in a
 /// sample at half amplitude.
 pub fn low_pass(values: &[f64], share: f64) -> Vec<f64> {
-    // each pass and its counterpart have power 1/(1 + (f/f1)^2); two pairs are at 1/2 where f = f1 (2^(1/2) - 1)^(1/2)
+    // each pass and its counterpart have power 1/(1 + (f/f1)^2); two pairs are at 1/2 where f = f1 (2^(1/2) -
+    // 1)^(1/2)
     let f1 = share / (2f64.sqrt() - 1.0).sqrt();
     let keep = (-std::f64::consts::TAU * f1).exp();
     let mut out = values.to_vec();

@@ -1,4 +1,5 @@
-//! Dry friction with presliding:  z follows the direction over the distance x0, dz = (sign(dx) - z)(1 - e^(-|dx|/x0)), force F z.
+//! Dry friction with presliding:  z follows the direction over the distance x0, dz = (sign(dx) - z)(1 -
+//! e^(-|dx|/x0)), force F z.
 
 use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View, sliding};

@@ -1,8 +1,9 @@
-//! What the plain model of a single coordinate leaves out: a hinge bench, an axis, a film coupon. One cause a file.
+//! What the plain model of a single coordinate leaves out: a hinge bench, an axis, a film coupon. One cause a
+//! file.
 //!
-//! Values are in units of the recordings, so that one form serves a hinge of millinewton metres and a slide of kilonewtons: `coordinate` is
-//! the largest excursion from rest, `force` the largest measured force (torque, stress), `input` the largest input. Reports and
-//! files give them in the units of the rig.
+//! Values are in units of the recordings, so that one form serves a hinge of millinewton metres and a slide
+//! of kilonewtons: `coordinate` is the largest excursion from rest, `force` the largest measured force
+//! (torque, stress), `input` the largest input. Reports and files give them in the units of the rig.
 
 mod backlash;
 mod branch_stretch;
@@ -97,8 +98,8 @@ pub struct Undone {
 }
 
 impl Undone {
-    /// Adds `first` times the derivative and `second` times the second one, s and s^2, by central differences; samples without both
-    /// neighbours are not told.
+    /// Adds `first` times the derivative and `second` times the second one, s and s^2, by central
+    /// differences; samples without both neighbours are not told.
     fn add_derivatives(&mut self, first: f64, second: f64) {
         let n = self.input.len();
         let before = self.input.clone();
@@ -158,7 +159,8 @@ pub fn by_id(id: &str) -> Option<&'static dyn LineEffect> {
     CATALOGUE.iter().copied().find(|e| e.id() == id)
 }
 
-/// The state of sliding along a course, from -1 to 1: it follows the direction over the distance `presliding`.
+/// The state of sliding along a course, from -1 to 1: it follows the direction over the distance
+/// `presliding`.
 pub(crate) fn sliding(xi: &[f64], presliding: f64) -> Vec<f64> {
     let mut z = 0.0;
     let mut before = xi.first().copied().unwrap_or(0.0);

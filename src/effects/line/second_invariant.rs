@@ -1,4 +1,5 @@
-//! The Mooney term:  stress 2 C2 (lambda_2^2 - lambda_1^-2 lambda_2^-2 ... ) per mode; uniaxial 2 C2 (1 - lambda^-3).
+//! The Mooney term:  stress 2 C2 (lambda_2^2 - lambda_1^-2 lambda_2^-2 ... ) per mode; uniaxial 2 C2 (1 -
+//! lambda^-3).
 
 use super::super::{Effect, Quantity, size};
 use super::{Kind, LineEffect, Terms, View};

@@ -1,4 +1,5 @@
-//! Softening with history:  the spring's force times 1 - r (1 - e^(-(x_max - |x|)/m)), x_max the largest |x| so far.
+//! Softening with history:  the spring's force times 1 - r (1 - e^(-(x_max - |x|)/m)), x_max the largest |x|
+//! so far.
 
 use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View};

@@ -1,16 +1,18 @@
 //! MCAP: messages of ROS 2 (CDR), ROS 1, protobuf and JSON, read by the schemas that the file carries.
 //!
-//! A topic is a section; a message is a row, a number in it a column. The position of a pose is the group that is called
-//! as the topic (`end_effector = "/vicon/ee/pose"`), what else there is stands in groups `topic/orientation`. A topic with
-//! lists of named things (transforms, rigid bodies, markers) is a section a thing, and the group has the thing's name:
-//! `world:ee` for a transform, so that `ee` finds it. Lists of up to 64 numbers are columns `data[0]`, `data[1]`, ...
+//! A topic is a section; a message is a row, a number in it a column. The position of a pose is the group
+//! that is called as the topic (`end_effector = "/vicon/ee/pose"`), what else there is stands in groups
+//! `topic/orientation`. A topic with lists of named things (transforms, rigid bodies, markers) is a section a
+//! thing, and the group has the thing's name: `world:ee` for a transform, so that `ee` finds it. Lists of up
+//! to 64 numbers are columns `data[0]`, `data[1]`, ...
 //!
-//! The time of a row is the stamp in the message (`header.stamp`, `stamp`, `timestamp`) where that is set, else the log time; both
-//! as seconds since 1970 as far as the recorder's clock counts so. Rows are put in the order of time, because recorders need not
-//! write them so.
+//! The time of a row is the stamp in the message (`header.stamp`, `stamp`, `timestamp`) where that is set,
+//! else the log time; both as seconds since 1970 as far as the recorder's clock counts so. Rows are put in
+//! the order of time, because recorders need not write them so.
 //!
-//! The file is read in order and needs no index; one that was cut gives what stands before the cut. A chunk whose checksum
-//! is wrong is an error. A file of any size is surveyed in constant memory ([`Importer::stream`]).
+//! The file is read in order and needs no index; one that was cut gives what stands before the cut. A chunk
+//! whose checksum is wrong is an error. A file of any size is surveyed in constant memory
+//! ([`Importer::stream`]).
 
 mod json;
 mod protobuf;
@@ -45,8 +47,8 @@ impl Importer for Mcap {
         Ok(capture(path, gathered)?.0)
     }
 
-    /// A small file is read as [`Importer::read`] does. Of a larger one the beginning tells what its topics hold; where the end tells
-    /// otherwise, the rows are shown again from the first.
+    /// A small file is read as [`Importer::read`] does. Of a larger one the beginning tells what its topics
+    /// hold; where the end tells otherwise, the rows are shown again from the first.
     fn stream(
         &self,
         path: &Path,
@@ -119,7 +121,8 @@ impl Importer for Mcap {
 
 /// Values beyond which the rows of a file are shown as they come instead of being kept; 32 MiB.
 const FEW_VALUES: usize = 1 << 22;
-/// So many values of a series wait before they are shown: rows that are out of order by less are put into order.
+/// So many values of a series wait before they are shown: rows that are out of order by less are put into
+/// order.
 const WAITING: usize = 2 * BATCH;
 
 /// What becomes of the rows.

@@ -1,7 +1,7 @@
 //! Protobuf messages, read by the descriptors that the file carries (a `FileDescriptorSet`, itself protobuf).
 //!
-//! A field is a tag (number and wire type) and its value. A number that proto3 leaves out is 0; one that may be absent (optional,
-//! one of several, proto2) is a gap.
+//! A field is a tag (number and wire type) and its value. A number that proto3 leaves out is 0; one that may
+//! be absent (optional, one of several, proto2) is a gap.
 
 use std::collections::HashMap;
 

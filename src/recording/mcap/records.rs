@@ -6,9 +6,9 @@
 //! chunk  := start u64, end u64, uncompressed size u64, CRC u32, compression, records
 //! ```
 //!
-//! Nothing but the current record is held, and no length field is believed: a buffer grows as bytes arrive, and a record longer
-//! than [`MAX_RECORD_BYTES`] is passed over. Read in order, without the index at the end, so that a file that was cut gives all
-//! messages before the cut.
+//! Nothing but the current record is held, and no length field is believed: a buffer grows as bytes arrive,
+//! and a record longer than [`MAX_RECORD_BYTES`] is passed over. Read in order, without the index at the end,
+//! so that a file that was cut gives all messages before the cut.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -24,8 +24,9 @@ pub const MAX_RECORD_BYTES: u64 = 64 << 20;
 /// How much is read at a time.
 const BLOCK: usize = 256 << 10;
 
-/// What compressed chunks may unpack to: any file to 256 MiB, and 256 times its size. Messages carry their own times, so that even those
-/// of a channel that stands still do not pack to less than about a fiftieth; a file that says more is made to keep its reader busy.
+/// What compressed chunks may unpack to: any file to 256 MiB, and 256 times its size. Messages carry their
+/// own times, so that even those of a channel that stands still do not pack to less than about a fiftieth; a
+/// file that says more is made to keep its reader busy.
 const UNPACKED_BYTES: u64 = 256 << 20;
 const RATIO: u64 = 256;
 

@@ -1,12 +1,13 @@
 //! Messages of ROS 1 and ROS 2, read by the definition that the file carries.
 //!
-//! ROS 2 writes CDR: four bytes say the byte order, numbers are aligned to their size (counted from behind those four), a text is
-//! its length with the final NUL. ROS 1 writes little-endian without alignment. A definition is the text of the `.msg` (its
-//! own first, those that it uses after a line of `=`), or OMG IDL.
+//! ROS 2 writes CDR: four bytes say the byte order, numbers are aligned to their size (counted from behind
+//! those four), a text is its length with the final NUL. ROS 1 writes little-endian without alignment. A
+//! definition is the text of the `.msg` (its own first, those that it uses after a line of `=`), or OMG IDL.
 //!
-//! What a service was asked and answered is recorded as messages of type `pkg/srv/Name_Event`, beside which recorders write the
-//! text of the `.srv`. That describes what is asked and what is answered, and no message: this is a `service_msgs/ServiceEventInfo`
-//! with at most one request and at most one response behind it, as rosidl makes it.
+//! What a service was asked and answered is recorded as messages of type `pkg/srv/Name_Event`, beside which
+//! recorders write the text of the `.srv`. That describes what is asked and what is answered, and no message:
+//! this is a `service_msgs/ServiceEventInfo` with at most one request and at most one response behind it, as
+//! rosidl makes it.
 
 use std::collections::HashMap;
 
@@ -180,8 +181,8 @@ fn parse_msg(name: &str, text: &str, ros1: bool) -> Result<Definitions, String> 
     Ok(all)
 }
 
-/// Puts the definition of a service's event in place where the schema is of one and has only what is asked and answered; where
-/// the event is defined, its lists are of one or none. Whether the schema is of an event.
+/// Puts the definition of a service's event in place where the schema is of one and has only what is asked
+/// and answered; where the event is defined, its lists are of one or none. Whether the schema is of an event.
 ///
 /// # Errors
 /// The schema is of an event, and the file does not say of what service.

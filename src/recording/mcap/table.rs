@@ -1,7 +1,7 @@
 //! What the messages of a topic become: one row a message, one column a number.
 //!
-//! A decoder knows its leaves (the numbers of a message, by their path) and fills a row with them. Messages that hold a list
-//! of things with names (transforms, rigid bodies, markers) give one series a name.
+//! A decoder knows its leaves (the numbers of a message, by their path) and fills a row with them. Messages
+//! that hold a list of things with names (transforms, rigid bodies, markers) give one series a name.
 
 use std::collections::HashMap;
 
@@ -155,8 +155,9 @@ impl Table {
         }
     }
 
-    /// Ends the row: it is of the thing called `key`, at a time. Gives the values that wait in its series and how many of them are
-    /// new; `None` for a row of more than `budget` values, which is counted and not kept.
+    /// Ends the row: it is of the thing called `key`, at a time. Gives the values that wait in its series and
+    /// how many of them are new; `None` for a row of more than `budget` values, which is counted and not
+    /// kept.
     pub fn push(&mut self, time_s: f64, budget: usize) -> Option<(usize, usize)> {
         if self.leaves.is_empty() {
             // a message without numbers is still counted
@@ -252,7 +253,8 @@ impl Series {
         self.rows
     }
 
-    /// The series as a section, with the leaf of each column; `number` counts the columns of the file. `None` when it holds no number.
+    /// The series as a section, with the leaf of each column; `number` counts the columns of the file. `None`
+    /// when it holds no number.
     pub fn section(
         mut self,
         topic: &str,
@@ -351,8 +353,9 @@ impl Series {
         Some((section, of_columns))
     }
 
-    /// Adds waiting rows to a section that has a column for each of `leaves`: all of them where they come in the order of time or none
-    /// follow (`all`), else the earlier half by time, in the order of time. Says how many come before one that was shown earlier.
+    /// Adds waiting rows to a section that has a column for each of `leaves`: all of them where they come in
+    /// the order of time or none follow (`all`), else the earlier half by time, in the order of time. Says
+    /// how many come before one that was shown earlier.
     pub fn pour(&mut self, section: &mut Section, leaves: &[usize], all: bool) -> usize {
         let count = self.times_s.len();
         let mut order: Vec<usize> = (0..count).collect();
@@ -409,8 +412,8 @@ fn parts(path: &str) -> (&str, &str) {
     path.rsplit_once('.').unwrap_or(("", path))
 }
 
-/// The unit of a number, by the type of the message that holds it (`geometry_msgs/Point`), the field that holds that message,
-/// and its own name. Standard messages are in SI (REP 103); other ones say nothing.
+/// The unit of a number, by the type of the message that holds it (`geometry_msgs/Point`), the field that
+/// holds that message, and its own name. Standard messages are in SI (REP 103); other ones say nothing.
 pub(super) fn unit(message: &str, holder: &str, field: &str) -> &'static str {
     let short = message.rsplit(['/', '.']).next().unwrap_or(message);
     let package = message.split(['/', '.']).next().unwrap_or(message);
@@ -446,8 +449,8 @@ pub(super) fn is_log(schema: &str) -> bool {
     )
 }
 
-/// Which text of a message names the thing that it is about, where several things share a topic: the steps of the paths, in
-/// the order in which they are joined. `names` are the texts of one message.
+/// Which text of a message names the thing that it is about, where several things share a topic: the steps of
+/// the paths, in the order in which they are joined. `names` are the texts of one message.
 pub(super) fn key_fields<'a>(names: &[&'a str], of_list: bool) -> Vec<&'a str> {
     let child = names.iter().find(|n| **n == "child_frame_id");
     if let Some(child) = child {

@@ -1,4 +1,5 @@
-//! The report of electrodes over days: strokes, what moved, loops overlaid by day, the test between electrodes.
+//! The report of electrodes over days: strokes, what moved, loops overlaid by day, the test between
+//! electrodes.
 
 use minijinja::{Value, context};
 

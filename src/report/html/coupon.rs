@@ -1,4 +1,5 @@
-//! The report of a calibration on film coupons: nominal stress against stretch and time, and how far to trust the film.
+//! The report of a calibration on film coupons: nominal stress against stretch and time, and how far to trust
+//! the film.
 
 use minijinja::{Value, context};
 

@@ -614,7 +614,8 @@ fn errors_over_time(d: &Diagnosis, t: &Traces, floor_v: f64, after: bool) -> Str
 /// The value of a trace at a frame of a chain that an error is drawn over.
 type Over = fn(&Traces, usize, usize) -> f64;
 
-/// The coordinate in which a place lies, as far as the traces have it: axis, value, factor into the axis's unit.
+/// The coordinate in which a place lies, as far as the traces have it: axis, value, factor into the axis's
+/// unit.
 fn coordinate(d: &Diagnosis, dimension: &str) -> (String, Over, f64) {
     fn rate(t: &Traces, i: usize, k: usize) -> f64 {
         let (a, b) = (i.saturating_sub(3), (i + 3).min(t.time_s.len() - 1));

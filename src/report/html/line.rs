@@ -14,7 +14,8 @@ const TEMPLATE: &str = include_str!("samples.html");
 /// Points of a drawing.
 const POINTS: usize = 2500;
 
-/// The report of a fit of hinge benches or axes, or of a model that is held against such recordings or coupons.
+/// The report of a fit of hinge benches or axes, or of a model that is held against such recordings or
+/// coupons.
 pub fn render_lines(outcome: &LineOutcome, made_of: &Provenance) -> String {
     let (rmse, largest, n, noise) = outcome.total();
     let figure = |v: f64| number::significant(v, 3);

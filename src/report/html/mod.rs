@@ -1,9 +1,10 @@
 //! A report as one HTML file that opens without a network and needs no script to be read.
 //!
-//! [`page`](mod@page) is the frame and [`plot`] draws; neither knows what a calibration is, so that other jobs use them with
-//! their own outcomes. A section of the calibration report is one file here: a title, an anchor, a template and a context.
-//! A new one is a file and a line in `SECTIONS`. Nothing is worked out here but where a mark goes on the page (which
-//! includes the distance of two curves that are drawn over each other).
+//! [`page`](mod@page) is the frame and [`plot`] draws; neither knows what a calibration is, so that other
+//! jobs use them with their own outcomes. A section of the calibration report is one file here: a title, an
+//! anchor, a template and a context. A new one is a file and a line in `SECTIONS`. Nothing is worked out here
+//! but where a mark goes on the page (which includes the distance of two curves that are drawn over each
+//! other).
 
 mod ageing;
 mod contributions;
@@ -40,7 +41,8 @@ pub use validation::{render_validation, words as validation_words};
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
 
-/// The sections of a calibration report below its first screen, in order. One that has nothing to show gives `None`.
+/// The sections of a calibration report below its first screen, in order. One that has nothing to show gives
+/// `None`.
 const SECTIONS: [MakeSection; 8] = [
     recordings::section,
     torque::section,

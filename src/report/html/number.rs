@@ -132,7 +132,8 @@ pub fn tick_labels(values: &[f64]) -> Vec<String> {
     values.iter().map(label).collect()
 }
 
-/// A sentence that another part of the program wrote, without NaN, inf and phi^2 for a reader to stumble over.
+/// A sentence that another part of the program wrote, without NaN, inf and phi^2 for a reader to stumble
+/// over.
 pub fn words(sentence: &str) -> String {
     let sentence = sentence.replace("phi^2", "\u{3c6}\u{b2}");
     let mut out = String::with_capacity(sentence.len());

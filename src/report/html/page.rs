@@ -119,7 +119,8 @@ impl Section {
 /// Fills a template, escaping what the context holds.
 ///
 /// # Panics
-/// When the template is wrong, or asks for something that the context lacks: templates are part of the program.
+/// When the template is wrong, or asks for something that the context lacks: templates are part of the
+/// program.
 pub fn fill(template: &str, context: Value) -> String {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);

@@ -1,8 +1,8 @@
 //! Drawings as inline SVG. They know curves, bands and axes, and nothing of what these mean.
 //!
-//! Shapes are drawn by `plotters` on a canvas four times finer than its units. A drawing has no colour of its own: each
-//! [`Role`] is drawn in a marker colour, which `themed` replaces by a CSS class, so that the style sheet of the page decides
-//! (light, dark, print), and text takes the font and size of the page.
+//! Shapes are drawn by `plotters` on a canvas four times finer than its units. A drawing has no colour of its
+//! own: each [`Role`] is drawn in a marker colour, which `themed` replaces by a CSS class, so that the style
+//! sheet of the page decides (light, dark, print), and text takes the font and size of the page.
 
 use std::fmt::Write as _;
 
@@ -406,8 +406,8 @@ pub fn waterfall(
     })
 }
 
-/// Lower half of a symmetric matrix of values from -1 to 1: blue for positive, vermilion for negative, fainter towards zero,
-/// with the number where it is large.
+/// Lower half of a symmetric matrix of values from -1 to 1: blue for positive, vermilion for negative,
+/// fainter towards zero, with the number where it is large.
 pub fn heat_map(label: &str, names: &[String], rows: &[Vec<f64>]) -> String {
     const CELL: f64 = 30.0;
     let n = names.len().saturating_sub(1);
@@ -696,7 +696,8 @@ impl Canvas<'_> {
         self.text(text, at, Role::Muted, HPos::Right, VPos::Center);
     }
 
-    /// Axis lines and the title of the vertical axis, which stands above it where it needs no turning of the head.
+    /// Axis lines and the title of the vertical axis, which stands above it where it needs no turning of the
+    /// head.
     fn frame(&self, frame: &Frame, title: &str) {
         let corner = [frame.left, frame.bottom];
         let ends = [[frame.left, frame.top], corner, [frame.right, frame.bottom]];
@@ -760,7 +761,8 @@ impl Canvas<'_> {
     }
 }
 
-/// Replaces the marker colours of a raw drawing by classes, and leaves fonts and sizes to the page. `open` is its new first tag.
+/// Replaces the marker colours of a raw drawing by classes, and leaves fonts and sizes to the page. `open` is
+/// its new first tag.
 fn themed(raw: &str, open: &str) -> String {
     let mut out = String::with_capacity(raw.len());
     let mut rest = raw;

@@ -1,4 +1,5 @@
-//! Each recording against the model: voltages over time with their residual, loops over height, the amplifier's monitor.
+//! Each recording against the model: voltages over time with their residual, loops over height, the
+//! amplifier's monitor.
 
 use minijinja::{Value, context};
 

@@ -1,12 +1,13 @@
-//! Long series made short without losing a spike: of each stretch of samples the first, the last and the extreme ones stay.
+//! Long series made short without losing a spike: of each stretch of samples the first, the last and the
+//! extreme ones stay.
 
 /// Points of one drawn curve, at most.
 pub const MOST_POINTS: usize = 1500;
 
-/// Runs of points without a missing value, at most [`MOST_POINTS`] together where that can be. Of each stretch of samples
-/// the first, the last, the lowest and the highest are kept, in their order; with `both` also the leftmost and the
-/// rightmost, for curves that run back and forth. Stretches are as short as the limit allows: where a curve is smooth these
-/// samples are two, so that more stretches fit.
+/// Runs of points without a missing value, at most [`MOST_POINTS`] together where that can be. Of each
+/// stretch of samples the first, the last, the lowest and the highest are kept, in their order; with `both`
+/// also the leftmost and the rightmost, for curves that run back and forth. Stretches are as short as the
+/// limit allows: where a curve is smooth these samples are two, so that more stretches fit.
 pub fn curve(points: &[[f64; 2]], both: bool) -> Vec<Vec<[f64; 2]>> {
     if points.len() <= MOST_POINTS {
         return extremes(points, both, 1);
@@ -63,7 +64,8 @@ fn extremes(points: &[[f64; 2]], both: bool, bucket: usize) -> Vec<Vec<[f64; 2]>
     runs
 }
 
-/// Runs of a band (x, low, high): of each stretch the lowest low and the highest high, at most half of [`MOST_POINTS`] rows.
+/// Runs of a band (x, low, high): of each stretch the lowest low and the highest high, at most half of
+/// [`MOST_POINTS`] rows.
 pub fn band(rows: &[[f64; 3]]) -> Vec<Vec<[f64; 3]>> {
     let bucket = rows.len().div_ceil(MOST_POINTS / 2).max(1);
     let mut runs: Vec<Vec<[f64; 3]>> = vec![Vec::new()];

@@ -1,4 +1,5 @@
-//! The report of a calibration on hanging samples: x and voltage, measured and predicted, and how far to trust the film.
+//! The report of a calibration on hanging samples: x and voltage, measured and predicted, and how far to
+//! trust the film.
 
 use minijinja::{Value, context};
 

@@ -149,8 +149,9 @@ pub fn capital(sentence: &str) -> String {
     first.unwrap_or_default() + letters.as_str()
 }
 
-/// What is said of the estimates, each saying once with the names of which it is said. A saying is taken apart where its
-/// figures begin, so that `determined to 0.9 %` and `determined to 3 %` are one saying with two names.
+/// What is said of the estimates, each saying once with the names of which it is said. A saying is taken
+/// apart where its figures begin, so that `determined to 0.9 %` and `determined to 3 %` are one saying with
+/// two names.
 fn grouped<'a>(estimates: impl Iterator<Item = &'a Estimate>) -> Vec<Item> {
     let mut groups: Vec<(String, Vec<String>)> = Vec::new();
     for e in estimates {

@@ -1,5 +1,5 @@
-//! Prediction against measurement: voltage, path, force and stroke of several parameter files side by side, with the numbers that
-//! the paper reports of its own robot.
+//! Prediction against measurement: voltage, path, force and stroke of several parameter files side by side,
+//! with the numbers that the paper reports of its own robot.
 
 use minijinja::{Value, context};
 
@@ -14,7 +14,8 @@ const PLOTS: &str = include_str!("validation_plots.html");
 /// A parameter file's name and what its parameters predict.
 type Model = (String, Validation);
 
-/// Errors of x, y, z on the paper's circles of 3 s a turn, of 3 s with 2 g, and of 8 s, as printed (text of Fig 11), mm: rms and largest.
+/// Errors of x, y, z on the paper's circles of 3 s a turn, of 3 s with 2 g, and of 8 s, as printed (text of
+/// Fig 11), mm: rms and largest.
 const PAPER_PATH: [[&str; 2]; 3] = [
     [
         "0.18 (1.8 %); 0.13 (1.3 %); 0.23 (1.7 %)",

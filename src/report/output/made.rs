@@ -1,5 +1,6 @@
-//! Which files the program made itself: every folder of results has a list of them, `.deacal.json`, each with the SHA-256 of its bytes.
-//! What stands in the list with the sum that it still has may be overwritten by the next run; anything else is somebody's work.
+//! Which files the program made itself: every folder of results has a list of them, `.deacal.json`, each with
+//! the SHA-256 of its bytes. What stands in the list with the sum that it still has may be overwritten by the
+//! next run; anything else is somebody's work.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -58,7 +59,8 @@ pub(super) enum Origin {
 pub(super) struct Lists(HashMap<PathBuf, Made>);
 
 impl Lists {
-    /// Where the file at `path` comes from, by the lists of its folder and of those above it: a set is listed in its outermost folder.
+    /// Where the file at `path` comes from, by the lists of its folder and of those above it: a set is listed
+    /// in its outermost folder.
     pub(super) fn origin(&mut self, path: &Path) -> Origin {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let mut listed = false;

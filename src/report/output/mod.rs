@@ -1,10 +1,12 @@
 //! Files that are there whole or not at all.
 //!
-//! An [`OutputSet`] holds the files of one command. Each is written, flushed and synced in a work folder; [`OutputSet::commit`] puts
-//! them in place at once when all are complete. Without a commit the work folder goes, and so do folders that were made for it; files of
-//! an earlier run stay as they were. [`write_atomic`] does the same for a single file.
+//! An [`OutputSet`] holds the files of one command. Each is written, flushed and synced in a work folder;
+//! [`OutputSet::commit`] puts them in place at once when all are complete. Without a commit the work folder
+//! goes, and so do folders that were made for it; files of an earlier run stay as they were. [`write_atomic`]
+//! does the same for a single file.
 //!
-//! Nothing is put onto a file that the command read, or that the program did not make itself: see [`Overwrite`].
+//! Nothing is put onto a file that the command read, or that the program did not make itself: see
+//! [`Overwrite`].
 
 mod made;
 mod work;
@@ -196,7 +198,8 @@ impl OutputSet {
     /// Writes a whole file. `name` is relative to the folder; a `/` in it makes a folder.
     ///
     /// # Errors
-    /// The name leads out of the folder or is taken by another file of this set; the file may not be overwritten, or cannot be written.
+    /// The name leads out of the folder or is taken by another file of this set; the file may not be
+    /// overwritten, or cannot be written.
     pub fn write(&mut self, name: &str, bytes: impl AsRef<[u8]>) -> Result<(), OutputError> {
         self.write_with(name, |w| w.write_all(bytes.as_ref()))
     }
@@ -407,7 +410,8 @@ fn follow(path: PathBuf) -> PathBuf {
     }
 }
 
-/// The nearest folder above `folder`, or itself, that is there; those that are missing below it, inner ones first.
+/// The nearest folder above `folder`, or itself, that is there; those that are missing below it, inner ones
+/// first.
 fn first_folder(folder: &Path, missing: &mut Vec<PathBuf>) -> Result<PathBuf, OutputError> {
     for path in folder.ancestors() {
         if path == Path::new("") {

@@ -1,9 +1,10 @@
 //! The folder in which a set of files is made before it is put in place, and how that happens all at once.
 //!
-//! A set for a folder that is not there yet is made beside it and becomes the folder by one rename. A set for a folder that is there is
-//! made in `.deacal-work` inside it: when all files are complete, the mark `commit` is set, then each file is renamed into place, then the
-//! mark goes. From the mark on the set counts as in place: whoever comes next ([`settle`]) ends what was cut off. Before the mark
-//! nothing has changed. The work folder is locked as long as its process lives; one that is not locked is a leftover, and goes.
+//! A set for a folder that is not there yet is made beside it and becomes the folder by one rename. A set for
+//! a folder that is there is made in `.deacal-work` inside it: when all files are complete, the mark `commit`
+//! is set, then each file is renamed into place, then the mark goes. From the mark on the set counts as in
+//! place: whoever comes next ([`settle`]) ends what was cut off. Before the mark nothing has changed. The
+//! work folder is locked as long as its process lives; one that is not locked is a leftover, and goes.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Write};
@@ -22,11 +23,13 @@ const LOCK: &str = "lock";
 const COMMIT: &str = "commit";
 pub(super) const NEW: &str = "new";
 const OLD: &str = "old";
-/// How long another process is waited for. Putting files in place takes milliseconds; who holds a folder longer is a long run.
+/// How long another process is waited for. Putting files in place takes milliseconds; who holds a folder
+/// longer is a long run.
 const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 200 } else { 5000 });
 
-/// The work folders of this process and the folders made for them, to be taken away when it is stopped. Whoever makes a file in a work
-/// folder or puts a set in place holds this, so that a stop comes before it or after it.
+/// The work folders of this process and the folders made for them, to be taken away when it is stopped.
+/// Whoever makes a file in a work folder or puts a set in place holds this, so that a stop comes before it or
+/// after it.
 static AT_WORK: Mutex<AtWork> = Mutex::new(AtWork {
     roots: Vec::new(),
     placed: Vec::new(),
@@ -41,8 +44,9 @@ fn at_work() -> MutexGuard<'static, AtWork> {
     AT_WORK.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// For a process that is about to end: takes away what is not complete, and gives the folders into which sets were put before. A set that
-/// is being put in place is waited for; from now on none is begun: whoever tries waits for the end.
+/// For a process that is about to end: takes away what is not complete, and gives the folders into which sets
+/// were put before. A set that is being put in place is waited for; from now on none is begun: whoever tries
+/// waits for the end.
 pub fn abandon() -> Vec<PathBuf> {
     let mut held = at_work();
     for (root, made) in held.roots.drain(..) {
@@ -244,7 +248,8 @@ impl Work {
         there.commit(names)
     }
 
-    /// Another name for each file that is about to be replaced: a link, or a copy where the file system has none.
+    /// Another name for each file that is about to be replaced: a link, or a copy where the file system has
+    /// none.
     fn keep(&self, names: &[PathBuf]) -> Result<Vec<Option<PathBuf>>, OutputError> {
         let keep = |name: &PathBuf| -> io::Result<Option<PathBuf>> {
             let target = follow(self.dir.join(name));
@@ -390,7 +395,8 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Takes away what processes that are no more left in `home`: work folders that nobody holds, and single temporaries.
+/// Takes away what processes that are no more left in `home`: work folders that nobody holds, and single
+/// temporaries.
 fn sweep(home: &Path, own: &Path) {
     let Ok(entries) = fs::read_dir(home) else {
         return;
@@ -440,7 +446,8 @@ fn list(root: &Path, inside: &Path, out: &mut Vec<PathBuf>) -> Result<(), Output
     Ok(())
 }
 
-/// For readers: where a run was cut off while it put its files in place in `dir`, ends that, so that the files there are of one run.
+/// For readers: where a run was cut off while it put its files in place in `dir`, ends that, so that the
+/// files there are of one run.
 ///
 /// # Errors
 /// The files cannot be put in place.

@@ -109,6 +109,9 @@ const WEAK_BELOW: f64 = 2.0;
 const SMOOTHED_BELOW: f64 = 4.0;
 /// Share of the largest surprise that a weak cause's own must have.
 const SURPRISES_TOO: f64 = 0.4;
+/// Share of the odds of a named cause from which another is in its place, and which it has at least of any
+/// other's.
+const RIVALS: f64 = 0.1;
 /// Largest odds of a cause that is not named.
 const NOT_NAMED: f64 = 0.49;
 /// Partners of a cause that are judged.
@@ -316,7 +319,7 @@ fn chain<S: Subject>(
         Odds::of(models, each)
     };
     // A cause that is named foretells more, and is likelier than not: itself, or with those that the
-    // recordings cannot tell from it.
+    // recordings cannot tell from it, of which none is far likelier.
     let beyond_noise = never_adequate(&plain.fitted, &chance);
     let supported = |j: &Judged, odds: &Odds| {
         foretells(&plain, j)
@@ -327,7 +330,8 @@ fn chain<S: Subject>(
                     return alone > odds.nothing();
                 }
                 let others = alike(&problem, &j.fitted, own, &groups);
-                alone + others.iter().map(|o| odds.cause(o)).sum::<f64>() >= 0.5
+                let others = || others.iter().map(|o| odds.cause(o));
+                alone + others().sum::<f64>() >= 0.5 && others().all(|o| alone >= RIVALS * o)
             })
     };
     let first_odds = told(&singles, &[]);

@@ -22,7 +22,8 @@ use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
 use super::words::values;
 use super::{
-    POLISH, baseline, chance, choose, gain, hidden, in_unit, judge, law, locate, next_experiment,
+    POLISH, RIVALS, baseline, chance, choose, gain, hidden, in_unit, judge, law, locate,
+    next_experiment,
 };
 use super::{polish, refit, rising, rivals, spots};
 use crate::effects::{Acting, plain_name};
@@ -38,14 +39,18 @@ const MOST: usize = 4;
 const EXPECTED: f64 = 0.5;
 /// Rigs beforehand in which something unlisted is at work, of those in which anything is.
 const UNLISTED: f64 = 0.25;
-/// Odds, of those of a named cause, from which another in its place is named with it.
-const RIVALS: f64 = 0.1;
 /// Largest mean square over the promised noise that may still be noise: what is read from a recording may be
 /// a third of what there is.
 const MAY_BE_NOISE: f64 = 9.0;
-/// Largest mean square over the promised noise that noise makes, but for a coordinate in fifty (of 200 clean
-/// simulated ones 2 % left more).
-const NOISE_AT_MOST: f64 = 4.0;
+/// Largest mean square over the promised noise that noise makes (of 400 clean simulated coordinates two left
+/// more).
+const NOISE_AT_MOST: f64 = 2.5;
+/// Share of what noise does not make that a named model may leave where it was fitted, which is where it does
+/// best; and the share from which it leaves too much where that is also more than [`LOUD`] times the noise, more
+/// than the form of a cause makes.
+const LEFT_AT_MOST: f64 = 0.5;
+const LEFT_IF_LOUD: f64 = 0.2;
+const LOUD: f64 = 4.0;
 /// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be.
 const TOO_GOOD: f64 = 0.25;
 /// Mean square, over the noise and over what could be foretold, from which it is worth saying that something
@@ -423,7 +428,7 @@ pub(super) fn doubt(
             let most = (base - f.mean_square()).max(1e-12 * base);
             (m.foretold.mean_square() - f.mean_square()) / most
         });
-        let loud = (m.raw - NOISE_AT_MOST) / (plain.raw - NOISE_AT_MOST).max(1e-9);
+        let loud = (m.raw - LOUD) / (plain.raw - LOUD).max(1e-9);
         reached.max(loud).clamp(0.0, 1.0)
     };
     let beaten = |m: &Model| -> Result<bool, Error> {
@@ -443,18 +448,21 @@ pub(super) fn doubt(
         let residual = design.column(design.ncols() - 1);
         let shape = |f| problem.train.noise_shape(&m.fitted.state.beta, f);
         let left = residual.as_slice();
-        Ok(
-            m.raw > NOISE_AT_MOST && in_bursts(left, &bench.blocks, independent)
-                || m.raw > MAY_BE_NOISE && is_structured(left, &bench.blocks, shape),
-        )
+        let happens = || {
+            in_bursts(left, &bench.blocks, independent) || is_structured(left, &bench.blocks, shape)
+        };
+        Ok(m.raw > NOISE_AT_MOST && happens())
     };
-    // What leaves more than half of what noise does not make says too little.
-    let halves = |m: &Model| (m.raw - 1.0).max(0.0) <= 0.5 * (plain.raw - 1.0).max(1e-9);
+    let says_enough = |m: &Model| {
+        let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
+        share(m.raw, plain.raw) <= LEFT_AT_MOST
+            && (m.fits <= LOUD || share(m.fits, plain.fits) <= LEFT_IF_LOUD)
+    };
     let verdict = match &named {
         Some((m, _))
             if significant
                 && nothing < 0.5
-                && halves(m)
+                && says_enough(m)
                 && unlisted(m, left(m)) <= 0.5
                 && !(misses(&problem, m, independent)?
                     && barely_foretells(&problem, &plain, m)) =>

@@ -845,3 +845,31 @@ fn cases_of_a_folder_may_be_single_coordinates() {
     );
     assert_eq!(made, given);
 }
+
+/// Mechanisms of no catalogue, of which a cause that is in it takes half or more away: a name that leaves as much
+/// as that is none, and neither is what stands far above the noise and comes in bursts noise.
+#[test]
+fn what_leaves_much_of_a_loud_error_is_unexplained() {
+    use deacal::cases::Kind;
+    use deacal::cases::line::{LineSpec, Rig, generate};
+    let cases = [
+        (Rig::Bench, "x_snap", 1150586865914916, 0.6270251524978256),
+        (
+            Rig::Axis,
+            "x_sticky_place",
+            3252472188002015,
+            0.14260731538079446,
+        ),
+    ];
+    for (rig, what, seed, strength) in cases {
+        let spec = LineSpec {
+            rig,
+            kind: Kind::Unknown(what),
+            seed,
+            strength,
+        };
+        let t = deacal::proof::trial_lines(&generate(&spec).unwrap());
+        assert_eq!(t.verdict, "unexplained", "{what}: {t:?}");
+        assert!(t.mean_squares[0] > 4.0, "{what}: {t:?}");
+    }
+}

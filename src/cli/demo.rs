@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::fit::{say_outcome, write_fit};
+use super::fit::{say_fit, write_fit};
 use super::progress::Progress;
 use super::{Failure, Talk, diagnose, load, series};
 use crate::calibration::{CouponRequest, Request, Stage, calibrate_coupons, calibrate_robot};
@@ -100,15 +100,9 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     };
     let joint = calibrate_robot(&robot, &refs, &request, &watch)?;
     let provenance = Provenance::of("deacal demo", &all);
-    write_fit(
-        output,
-        &joint,
-        &FitJson::new(&joint, provenance.clone()),
-        provenance,
-        &[],
-        talk.overwrite(),
-    )?;
-    say_outcome(&joint, talk);
+    let fit = FitJson::new(&joint, provenance.clone());
+    write_fit(output, &joint, &fit, provenance, &[], talk.overwrite())?;
+    say_fit(&fit, talk);
 
     talk.say("\nHeld against a circle that was not fitted");
     let held = load::recordings(&folders(&["circle-3s"]), None, Kind::Robot, &progress)?;

@@ -20,6 +20,7 @@ use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::plan_to_toml;
 use crate::report::provenance::Provenance;
+use crate::report::terminal;
 
 /// What to fit.
 #[derive(Subcommand)]
@@ -191,7 +192,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     )?;
     drop(progress);
     talk.result(&fit);
-    say_outcome(&outcome, talk);
+    say_fit(&fit, talk);
     talk.say(&format!(
         "Report: {}",
         a.common.output.join("report.html").display()
@@ -225,29 +226,19 @@ pub(super) fn write_fit(
     Ok(())
 }
 
-/// The first screen of the report, in the terminal.
-pub(super) fn say_outcome(outcome: &Outcome, talk: Talk) {
-    talk.say(&outcome.verdict);
-    talk.say(&format!("The fit {}.", outcome.reason));
-    let named = |known: bool| -> Vec<&str> {
-        outcome
-            .estimates
-            .iter()
-            .filter(|e| !e.fixed && e.identifiable == known)
-            .map(|e| e.name.as_str())
-            .collect()
-    };
-    let (known, open) = (named(true), named(false));
-    if !known.is_empty() {
-        talk.say(&format!("Determined: {}.", known.join(", ")));
+/// The first screen of the report, in the terminal: does it fit, the values, what weakens them.
+pub(super) fn say_fit(fit: &FitJson, talk: Talk) {
+    talk.say(&fit.verdict);
+    if !fit.reason.is_empty() {
+        talk.say(&format!("The fit {}.", fit.reason));
     }
-    if !open.is_empty() {
-        talk.say(&format!(
-            "Not determined by these recordings: {}.",
-            open.join(", ")
-        ));
+    if !fit.parameters.0.is_empty() {
+        talk.say("Values with 95 % intervals; what these recordings do not determine is open:");
     }
-    for remark in &outcome.remarks {
+    for line in terminal::parameters(&fit.parameters) {
+        talk.say(&line);
+    }
+    for remark in &fit.remarks {
         talk.say(remark);
     }
 }
@@ -313,10 +304,7 @@ fn finish(output: &Path, mut w: Written, progress: Progress, talk: Talk) -> Resu
     set.commit()?;
     drop(progress);
     talk.result(&w.fit);
-    talk.say(&w.fit.verdict);
-    for remark in &w.fit.remarks {
-        talk.say(remark);
-    }
+    say_fit(&w.fit, talk);
     talk.say(&format!("Report: {}", output.join("report.html").display()));
     Ok(())
 }

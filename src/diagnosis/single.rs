@@ -45,10 +45,10 @@ const MAY_BE_NOISE: f64 = 9.0;
 /// Largest mean square over the promised noise that noise makes (of 400 clean simulated coordinates two left
 /// more).
 const NOISE_AT_MOST: f64 = 2.5;
-/// Share of what noise does not make that a named model may leave where it was fitted, which is where it does
-/// best; and the share from which it leaves too much where that is also more than [`LOUD`] times the noise, more
-/// than the form of a cause makes.
+/// Share of what noise does not make that a named model may leave.
 const LEFT_AT_MOST: f64 = 0.5;
+/// A named model is loud where it leaves more than this share where it was fitted, which is where it does best,
+/// and more than so many times the noise, which is more than the form of a right cause makes.
 const LEFT_IF_LOUD: f64 = 0.2;
 const LOUD: f64 = 4.0;
 /// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be.
@@ -453,19 +453,17 @@ pub(super) fn doubt(
         };
         Ok(m.raw > NOISE_AT_MOST && happens())
     };
-    let says_enough = |m: &Model| {
-        let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
-        share(m.raw, plain.raw) <= LEFT_AT_MOST
-            && (m.fits <= LOUD || share(m.fits, plain.fits) <= LEFT_IF_LOUD)
-    };
+    let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
+    let says_enough = |m: &Model| share(m.raw, plain.raw) <= LEFT_AT_MOST;
+    let loud = |m: &Model| m.fits > LOUD && share(m.fits, plain.fits) > LEFT_IF_LOUD;
     let verdict = match &named {
         Some((m, _))
             if significant
                 && nothing < 0.5
                 && says_enough(m)
                 && unlisted(m, left(m)) <= 0.5
-                && !(misses(&problem, m, independent)?
-                    && barely_foretells(&problem, &plain, m)) =>
+                && !(barely_foretells(&problem, &plain, m)
+                    && (loud(m) || misses(&problem, m, independent)?)) =>
         {
             Verdict::MissingPhysics
         }

@@ -16,3 +16,4 @@ pub mod proof;
 pub mod provenance;
 pub mod schema;
 pub mod survey;
+pub mod terminal;

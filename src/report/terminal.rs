@@ -1,0 +1,159 @@
+//! Numbers for a terminal: plain text in columns, the same on a screen and in a pipe.
+
+use super::json::{Named, ParameterJson};
+
+/// Prefixes with the power of ten that each stands for, largest first.
+const PREFIXES: [(&str, i32); 7] = [
+    ("G", 9),
+    ("M", 6),
+    ("k", 3),
+    ("", 0),
+    ("m", -3),
+    ("u", -6),
+    ("n", -9),
+];
+/// Units that take a prefix.
+const PREFIXED: [&str; 12] = [
+    "Pa",
+    "s",
+    "m",
+    "V",
+    "Hz",
+    "N",
+    "N m",
+    "N/m",
+    "N s/m",
+    "N m/rad",
+    "N m s/rad",
+    "ohm",
+];
+/// Significant digits of an interval's narrower half, and of a value without one.
+const OF_ERROR: i32 = 2;
+const OF_VALUE: i32 = 4;
+
+/// One line a parameter: name, value with its 95 % interval, what it is. Where the recordings do not determine
+/// it the line says so, with the interval that is left.
+#[must_use]
+pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
+    let rows: Vec<[String; 4]> = list
+        .0
+        .iter()
+        .map(|(name, p)| {
+            let [value, interval] = cells(p);
+            [name.clone(), value, interval, p.meaning.clone()]
+        })
+        .collect();
+    let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max();
+    let [name, value, interval] = [0, 1, 2].map(|c| width(c).unwrap_or(0));
+    let line = |r: &[String; 4]| {
+        let [n, v, i, meaning] = r;
+        let text = format!("  {n:name$}  {v:value$}  {i:interval$}  {meaning}");
+        text.trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+/// The value and its interval.
+fn cells(p: &ParameterJson) -> [String; 2] {
+    let value = p.value.unwrap_or(f64::NAN);
+    let ends = p.ci95.map(|c| c.map(|v| v.unwrap_or(f64::NAN)));
+    let [low, high] = ends.unwrap_or([value; 2]);
+    let (factor, unit) = scaled(value, &p.unit);
+    let error = (value - low).min(high - value);
+    let decimals = match (decimals(factor * error, OF_ERROR), p.identifiable) {
+        (Some(d), true) => d,
+        _ => decimals_of(factor * value),
+    };
+    let number = |v: f64| format!("{:.decimals$}", factor * v);
+    if p.fixed {
+        return [format!("{}{unit}", number(value)), "held".into()];
+    }
+    let between = match ends {
+        Some(_) => format!("{} to {}", number(low), number(high)),
+        None => String::new(),
+    };
+    if p.identifiable {
+        [format!("{}{unit}", number(value)), between]
+    } else {
+        ["open".into(), format!("{between}{unit}")]
+    }
+}
+
+/// Decimal places that show so many significant digits of a number; `None` where it has none.
+fn decimals(x: f64, digits: i32) -> Option<usize> {
+    let usable = x.is_finite() && x != 0.0;
+    usable.then(|| (digits - 1 - x.abs().log10().floor() as i32).clamp(0, 9) as usize)
+}
+
+fn decimals_of(value: f64) -> usize {
+    decimals(value, OF_VALUE).unwrap_or(0)
+}
+
+/// The factor into a prefixed unit in which a value has one to three digits before the point, and that unit after a
+/// space.
+fn scaled(value: f64, unit: &str) -> (f64, String) {
+    let (factor, prefix) = match PREFIXED.contains(&unit) && value.is_finite() && value != 0.0 {
+        true => {
+            let power = value.abs().log10() as f32;
+            let fits = PREFIXES.iter().find(|p| power >= p.1 as f32);
+            let (prefix, power) = fits.unwrap_or(&PREFIXES[PREFIXES.len() - 1]);
+            (10f64.powi(-power), *prefix)
+        }
+        false => (1.0, ""),
+    };
+    match unit {
+        "1" | "" => (factor, String::new()),
+        _ => (factor, format!(" {prefix}{unit}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(value: f64, unit: &str, ci95: [f64; 2], identifiable: bool) -> ParameterJson {
+        ParameterJson {
+            value: Some(value),
+            unit: unit.into(),
+            std_error: None,
+            misfit_std_error: None,
+            ci95: Some(ci95.map(Some)),
+            at_bound: false,
+            bound: None,
+            identifiable,
+            fixed: false,
+            meaning: "what it is".into(),
+            says: String::new(),
+        }
+    }
+
+    #[test]
+    fn values_stand_in_columns_with_their_intervals() {
+        let list = Named(vec![
+            (
+                "mu_1".into(),
+                row(1_111_799.0, "Pa", [1_080_068.0, 1_143_529.0], true),
+            ),
+            ("T_5".into(), row(20.108, "s", [2.1109, 191.548], false)),
+            (
+                "torque_0deg".into(),
+                row(-3e-4, "N m", [-4e-4, -2e-4], true),
+            ),
+            (
+                "J".into(),
+                ParameterJson {
+                    fixed: true,
+                    ..row(80.0, "1", [80.0; 2], false)
+                },
+            ),
+        ]);
+        let lines = parameters(&list);
+        let expected = [
+            "  mu_1         1.112 MPa  1.080 to 1.144    what it is",
+            "  T_5          open       2.11 to 191.55 s  what it is",
+            "  torque_0deg  -300 uN m  -400 to -200      what it is",
+            "  J            80.00      held              what it is",
+        ];
+        assert_eq!(lines, expected);
+    }
+}

@@ -773,7 +773,7 @@ pub(super) fn estimates(
                 (_, Some(AtBound::Upper)) => {
                     format!("rests on its upper bound {}: do not trust", p.upper)
                 }
-                _ if torque && identifiable => format!("determined to {:.2} mN m", std_error * 1e3),
+                _ if torque && identifiable => format!("determined to {:.1} uN m", std_error * 1e6),
                 _ if torque => "not determined: no recording swings a forearm there".into(),
                 _ if offset && identifiable => {
                     format!("determined to {:.2} ms", std_error * 1e3)

@@ -76,9 +76,11 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         talk.overwrite(),
     )?;
 
-    talk.say("\nThe forearms, from one actuator at a time");
+    talk.say("\nThe forearms, from one actuator at a time; their hinges are relaxed at 0 degrees");
+    let relaxed = vec![("torque_0deg".to_owned(), 0.0)];
     let request = Request {
         start: Some(film.parameters.clone()),
+        fix: relaxed.clone(),
         ..Request::new(Stage::Forearm)
     };
     let forearm = calibrate_robot(&robot, &refs[1..], &request, &watch)?;
@@ -96,6 +98,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     talk.say("\nBoth, jointly from all four");
     let request = Request {
         start: Some(forearm.parameters.clone()),
+        fix: relaxed,
         ..Request::new(Stage::Robot)
     };
     let joint = calibrate_robot(&robot, &refs, &request, &watch)?;

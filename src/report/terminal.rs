@@ -53,40 +53,44 @@ pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
     rows.iter().map(line).collect()
 }
 
-/// The value and its interval.
+/// The value and its interval; "open" with what is left of the interval where the recordings do not tell.
 fn cells(p: &ParameterJson) -> [String; 2] {
     let value = p.value.unwrap_or(f64::NAN);
     let ends = p.ci95.map(|c| c.map(|v| v.unwrap_or(f64::NAN)));
     let [low, high] = ends.unwrap_or([value; 2]);
-    let (factor, unit) = scaled(value, &p.unit);
-    let error = (value - low).min(high - value);
-    let decimals = match (decimals(factor * error, OF_ERROR), p.identifiable) {
-        (Some(d), true) => d,
-        _ => decimals_of(factor * value),
-    };
-    let number = |v: f64| format!("{:.decimals$}", factor * v);
-    if p.fixed {
-        return [format!("{}{unit}", number(value)), "held".into()];
+    if p.fixed || p.identifiable {
+        let (factor, unit) = scaled(value, &p.unit);
+        let error = factor * (value - low).min(high - value);
+        let places = match p.fixed {
+            true => None,
+            false => decimals(error, OF_ERROR),
+        };
+        let places = places.or(decimals(factor * value, OF_VALUE)).unwrap_or(0);
+        let number = |v: f64| format!("{:.places$}", factor * v);
+        let interval = match (p.fixed, ends) {
+            (true, _) => "held".into(),
+            (false, Some(_)) => format!("{} to {}", number(low), number(high)),
+            (false, None) => String::new(),
+        };
+        return [format!("{}{unit}", number(value)), interval];
     }
-    let between = match ends {
-        Some(_) => format!("{} to {}", number(low), number(high)),
-        None => String::new(),
+    let end = |v: f64| {
+        let (factor, unit) = scaled(v, &p.unit);
+        let places = decimals(factor * v, OF_ERROR).unwrap_or(0);
+        (format!("{:.places$}", factor * v), unit)
     };
-    if p.identifiable {
-        [format!("{}{unit}", number(value)), between]
-    } else {
-        ["open".into(), format!("{between}{unit}")]
-    }
+    let ((low, low_unit), (high, unit)) = (end(low), end(high));
+    let between = match low == "0" || low_unit == unit {
+        true => format!("{low} to {high}{unit}"),
+        false => format!("{low}{low_unit} to {high}{unit}"),
+    };
+    ["open".into(), between]
 }
 
 /// Decimal places that show so many significant digits of a number; `None` where it has none.
 fn decimals(x: f64, digits: i32) -> Option<usize> {
     let usable = x.is_finite() && x != 0.0;
     usable.then(|| (digits - 1 - x.abs().log10().floor() as i32).clamp(0, 9) as usize)
-}
-
-fn decimals_of(value: f64) -> usize {
-    decimals(value, OF_VALUE).unwrap_or(0)
 }
 
 /// The factor into a prefixed unit in which a value has one to three digits before the point, and that unit after a
@@ -149,10 +153,10 @@ mod tests {
         ]);
         let lines = parameters(&list);
         let expected = [
-            "  mu_1         1.112 MPa  1.080 to 1.144    what it is",
-            "  T_5          open       2.11 to 191.55 s  what it is",
-            "  torque_0deg  -300 uN m  -400 to -200      what it is",
-            "  J            80.00      held              what it is",
+            "  mu_1         1.112 MPa  1.080 to 1.144  what it is",
+            "  T_5          open       2.1 to 192 s    what it is",
+            "  torque_0deg  -300 uN m  -400 to -200    what it is",
+            "  J            80.00      held            what it is",
         ];
         assert_eq!(lines, expected);
     }

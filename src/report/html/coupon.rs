@@ -98,11 +98,6 @@ fn tiles(outcome: &CouponOutcome) -> Vec<page::Tile> {
     if outcome.coupons.len() > 1 {
         out.insert(1, tile("Worst coupon", figure(worst), "%"));
     }
-    if outcome.evaluations > 0 {
-        out.push(tile("Evaluations", number::count(outcome.evaluations), ""));
-        let failed = number::count(outcome.failed_evaluations);
-        out.push(tile("Failed evaluations", failed, ""));
-    }
     out
 }
 

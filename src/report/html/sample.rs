@@ -43,7 +43,7 @@ fn first_screen(outcome: &SampleOutcome) -> Summary {
     let worst = |f: fn(&SampleFit) -> f64| outcome.recordings.iter().map(f).fold(0.0, f64::max);
     let (status, word) = summary::standing(Standing::of(outcome.ratio()));
     let figure = |v: f64| number::significant(v, 3);
-    let mut tiles = vec![
+    let tiles = vec![
         tile(
             "Error of x, worst recording",
             figure(worst(|r| r.rmse_m) * 1e6),
@@ -58,9 +58,6 @@ fn first_screen(outcome: &SampleOutcome) -> Summary {
         tile("Noise floor, rms", figure(outcome.total.noise_floor_v), "V"),
         tile("Recordings", number::count(outcome.recordings.len()), ""),
     ];
-    if outcome.evaluations > 0 {
-        tiles.push(tile("Evaluations", number::count(outcome.evaluations), ""));
-    }
     let free = outcome.estimates.iter().filter(|e| !e.fixed);
     let known: Vec<&str> = free
         .clone()

@@ -74,18 +74,13 @@ fn tiles(outcome: &Outcome) -> Vec<Tile> {
     } else {
         t.max_error_v
     };
-    let mut out = vec![
+    let out = vec![
         tile("Error above 1 kV, rms", volt(t.rmse_v), "V"),
         tile("Noise floor, rms", volt(t.noise_floor_v), "V"),
         tile("Largest error above 1 kV", volt(largest), "V"),
         tile("Samples above 1 kV", number::count(t.samples), ""),
         tile("Recordings", number::count(outcome.recordings.len()), ""),
     ];
-    if outcome.evaluations > 0 {
-        out.push(tile("Evaluations", number::count(outcome.evaluations), ""));
-        let failed = number::count(outcome.failed_evaluations);
-        out.push(tile("Failed evaluations", failed, ""));
-    }
     out
 }
 

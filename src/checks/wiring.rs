@@ -39,6 +39,11 @@ const NO_TURN: f64 = 0.002;
 /// actuator passes for a turn of 7 degrees, and leaves 3 to 6 % of the drive then, a stiff film on one for 5
 /// degrees and 1.8 %; a sound robot leaves 0.3 to 1.3 %.
 const TURNED_BACK: f64 = 0.015 * 0.015;
+/// First and least step of a search for turns, degrees, and for shifts, m.
+const TURNS_DEG: [f64; 2] = [2.0, 0.1];
+const SHIFTS_M: [f64; 2] = [5e-4, 2e-5];
+/// Share of the variance that a mere shift of the poses has to leave, over what the turn leaves.
+const SHIFTED: f64 = 2.0;
 /// Clock offset that a fit looks for, s.
 const SEARCHED_S: f64 = crate::dataset::OFFSET_SEARCH_S;
 
@@ -471,11 +476,13 @@ fn where_it_is(glance: &Glance, found: &mut Findings, squared: &[Vec<f64>; 3]) {
     tell(glance, found, here, best);
 }
 
-/// A turn that is large enough to be told, and leaves as little as a sound robot does.
+/// A turn that is large enough to be told, leaves as little as a sound robot does, and is told from a marker that
+/// sits elsewhere than stated, which moves the poses as a turn does but leaves the directions of motion.
 fn turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<Hypothesis> {
     let (w, left) = best_turn(glance, squared)?;
     let size = Vector3::from(w).norm().to_degrees();
-    ((TURN_SAID_DEG..FARTHEST_DEG).contains(&size) && left < TURNED_BACK).then(|| Hypothesis {
+    let said = (TURN_SAID_DEG..FARTHEST_DEG).contains(&size) && left < TURNED_BACK;
+    (said && shifted(glance, squared, w) > SHIFTED * left).then(|| Hypothesis {
         grade: if size < TURNED_DEG {
             Grade::Doubtful
         } else {
@@ -485,8 +492,23 @@ fn turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<Hypothesis> {
     })
 }
 
-/// The small turn that leaves least, by Gauss and Newton's steps on the left share's gradient (a parabola
-/// through each axis).
+/// What is left where the poses are only moved, from as far as the turn `w` moves their mean on.
+fn shifted(glance: &Glance, squared: &[Vec<f64>; 3], w: Vec3) -> f64 {
+    let Some(middle) = super::view::middle(&glance.from_base_m) else {
+        return f64::INFINITY;
+    };
+    let by = rotation(w) * Vector3::from(middle) - Vector3::from(middle);
+    let left = |d: Vec3| {
+        let positions = glance.positions_m(|v| [0, 1, 2].map(|k| v[k] + d[k]));
+        let poses = glance.poses(&positions, Ties::Rest)?;
+        Some(poses.look([&squared[0], &squared[1], &squared[2]]).any)
+    };
+    let start = [by[0], by[1], by[2]];
+    let from = left(start).unwrap_or(f64::INFINITY);
+    descend((start, from), SHIFTS_M, left).1
+}
+
+/// The small turn that leaves least.
 fn best_turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<(Vec3, f64)> {
     let mut w = [0.0; 3];
     let mut best = whatever_sign(glance, squared, w)?;
@@ -499,7 +521,18 @@ fn best_turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<(Vec3, f64)> {
             }
         }
     }
-    let mut step = 2f64.to_radians();
+    let left = |v: Vec3| whatever_sign(glance, squared, v);
+    let (w, _) = descend((w, best), TURNS_DEG.map(f64::to_radians), left);
+    Some((w, turned(glance, squared, w)?))
+}
+
+/// Three numbers from which on no step leaves less, and what they leave: a parabola through each, and on along the
+/// valley, from the first step on down to the `least`.
+fn descend(
+    (mut w, mut best): (Vec3, f64),
+    [mut step, least]: [f64; 2],
+    left: impl Fn(Vec3) -> Option<f64>,
+) -> (Vec3, f64) {
     for _ in 0..20 {
         let mut moved = false;
         let before = w;
@@ -507,7 +540,7 @@ fn best_turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<(Vec3, f64)> {
             let at = |d: f64| {
                 let mut v = w;
                 v[k] += d;
-                whatever_sign(glance, squared, v).unwrap_or(f64::INFINITY)
+                left(v).unwrap_or(f64::INFINITY)
             };
             let (up, down) = (at(step), at(-step));
             let curvature = up + down - 2.0 * best;
@@ -518,28 +551,28 @@ fn best_turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<(Vec3, f64)> {
             } else {
                 -step
             };
-            let left = at(to);
-            if left < best {
+            let there = at(to);
+            if there < best {
                 w[k] += to;
                 moved |= to.abs() > 0.2 * step;
-                best = left;
+                best = there;
             }
         }
         // along the valley, if there is one
         for far in [4.0, 2.0, 1.0] {
             let on = [0, 1, 2].map(|k| w[k] + far * (w[k] - before[k]));
-            if let Some(left) = whatever_sign(glance, squared, on).filter(|l| *l < best) {
-                (w, best) = (on, left);
+            if let Some(there) = left(on).filter(|l| *l < best) {
+                (w, best) = (on, there);
                 moved = true;
                 break;
             }
         }
         if !moved {
             step *= 0.4;
-            if step < 0.1f64.to_radians() {
+            if step < least {
                 break;
             }
         }
     }
-    Some((w, turned(glance, squared, w)?))
+    (w, best)
 }

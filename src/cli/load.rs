@@ -160,10 +160,15 @@ pub(super) fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
     remarks
 }
 
-/// A recording alone in stretches, where it is longer than a fit holds, and what to say of it.
+/// Of the stretches that a fit holds, one in so many tells a clock offset to far below a sample.
+const OF_OFFSET: usize = 8;
+
+/// A recording alone in stretches that tell its clock offset, where it is longer than a fit holds, and what to say of
+/// it. The recording itself stays in memory beside them.
 pub(super) fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
     let plan = stretches(&[dataset]).remove(0)?;
-    Some(cut_as(dataset, plan))
+    let count = plan.count.div_ceil(OF_OFFSET);
+    Some(cut_as(dataset, StretchPlan { count, ..plan }))
 }
 
 fn cut_as(dataset: &Dataset, plan: StretchPlan) -> (Dataset, String) {

@@ -205,18 +205,23 @@ fn one(
         progress.step(format!("estimating the clock offset of {id}"));
         let robot = Robot::from_rig(rig, None)?;
         let cut = load::cut(&dataset);
-        if let Some((_, said)) = &cut {
+        let whole = cut.is_none();
+        if let Some((stretches, said)) = cut {
             lines.push(format!(
                 "  ! {said}; without a prediction for every frame none is written"
             ));
+            // stretches and the whole of a long recording do not stay in memory side by side
+            dataset = stretches;
         }
-        let taken = cut.as_ref().map_or(&dataset, |c| &c.0);
-        let outcome = calibrate_robot(&robot, &[taken], &Request::new(Stage::Robot), &|s| {
-            progress.watch(s)
-        })?;
+        let request = Request::new(Stage::Robot);
+        let outcome = calibrate_robot(&robot, &[&dataset], &request, &|s| progress.watch(s))?;
+        if !whole {
+            drop(dataset);
+            dataset = Dataset::from_recording(recording, None)?;
+        }
         dataset.offset_s = outcome.recordings[0].offset_s;
         error_s = outcome.recordings[0].offset_std_error_s;
-        fitted = cut.is_none().then_some(outcome);
+        fitted = whole.then_some(outcome);
     }
     let n = dataset.samples();
     let gaps = dataset.gaps();

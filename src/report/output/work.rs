@@ -123,7 +123,7 @@ impl Work {
         };
         make_folders(&home, &mut made)?;
         let root = home.join(inner);
-        let lock = match lock(&root, &dir) {
+        let lock = match lock(&root, &dir, &made) {
             Ok(lock) => lock,
             Err(error) => {
                 remove_empty(&made);
@@ -133,6 +133,7 @@ impl Work {
         // Another process may have put the folder there while this one waited for the lock.
         if !there && fs::metadata(&dir).is_ok() {
             clear(&root);
+            at_work().roots.retain(|r| r.0 != root);
             return Work::open(&dir);
         }
         finish_earlier(&dir, &root)?;
@@ -141,7 +142,6 @@ impl Work {
         if let Some((parent, name)) = beside.filter(|_| there) {
             clear_if_left(&parent.join(name));
         }
-        at_work().roots.push((root.clone(), made.clone()));
         let work = Work {
             dir,
             root,
@@ -149,7 +149,10 @@ impl Work {
             made,
             _lock: lock,
         };
-        fs::create_dir(work.root.join(NEW)).map_err(|e| OutputError::io(&work.root, e))?;
+        let held = at_work();
+        let new = fs::create_dir(work.root.join(NEW));
+        drop(held);
+        new.map_err(|e| OutputError::io(&work.root, e))?;
         Ok(work)
     }
 
@@ -330,11 +333,14 @@ fn beside(dir: &Path) -> Option<(PathBuf, String)> {
     Some((parent.to_owned(), format!("{PREFIX}{short}")))
 }
 
-/// Makes and locks a work folder; none where the file system knows no locks.
-fn lock(root: &Path, dir: &Path) -> Result<Option<File>, OutputError> {
+/// Makes and locks a work folder, and puts it down with the folders `made` for it; no lock where the file system knows
+/// none. A stop comes before a try or after it.
+fn lock(root: &Path, dir: &Path, made: &[PathBuf]) -> Result<Option<File>, OutputError> {
     let io = |e| OutputError::io(dir, e);
     let begin = Instant::now();
     loop {
+        let mut held = at_work();
+        let own = || (root.to_owned(), made.to_owned());
         match fs::create_dir(root) {
             Err(e) if e.kind() != io::ErrorKind::AlreadyExists => return Err(io(e)),
             _ => {}
@@ -357,10 +363,12 @@ fn lock(root: &Path, dir: &Path) -> Result<Option<File>, OutputError> {
                 let _ = file
                     .set_len(0)
                     .and_then(|()| write!(file, "{}", std::process::id()));
+                held.roots.push(own());
                 return Ok(Some(file));
             }
             Ok(()) => {}
             Err(TryLockError::WouldBlock) if begin.elapsed() < PATIENCE => {
+                drop(held);
                 std::thread::sleep(Duration::from_millis(10));
             }
             Err(TryLockError::WouldBlock) => {
@@ -372,7 +380,10 @@ fn lock(root: &Path, dir: &Path) -> Result<Option<File>, OutputError> {
                     "wait for it to end, or write elsewhere with -o",
                 ));
             }
-            Err(TryLockError::Error(_)) => return Ok(None),
+            Err(TryLockError::Error(_)) => {
+                held.roots.push(own());
+                return Ok(None);
+            }
         }
     }
 }

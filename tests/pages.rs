@@ -1,5 +1,5 @@
-//! What README and `docs/` say is so: examples are read, commands are known and run, links lead somewhere, and the
-//! pages of studies are those that the program makes.
+//! What README and `docs/` say is so: examples are read, commands are known and run, links lead somewhere,
+//! and the pages of studies are those that the program makes.
 
 mod common;
 

@@ -476,8 +476,8 @@ fn where_it_is(glance: &Glance, found: &mut Findings, squared: &[Vec<f64>; 3]) {
     tell(glance, found, here, best);
 }
 
-/// A turn that is large enough to be told, leaves as little as a sound robot does, and is told from a marker that
-/// sits elsewhere than stated, which moves the poses as a turn does but leaves the directions of motion.
+/// A turn that is large enough to be told, leaves as little as a sound robot does, and is told from a marker
+/// that sits elsewhere than stated, which moves the poses as a turn does but leaves the directions of motion.
 fn turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<Hypothesis> {
     let (w, left) = best_turn(glance, squared)?;
     let size = Vector3::from(w).norm().to_degrees();
@@ -526,8 +526,8 @@ fn best_turn(glance: &Glance, squared: &[Vec<f64>; 3]) -> Option<(Vec3, f64)> {
     Some((w, turned(glance, squared, w)?))
 }
 
-/// Three numbers from which on no step leaves less, and what they leave: a parabola through each, and on along the
-/// valley, from the first step on down to the `least`.
+/// Three numbers from which on no step leaves less, and what they leave: a parabola through each, and on
+/// along the valley, from the first step on down to the `least`.
 fn descend(
     (mut w, mut best): (Vec3, f64),
     [mut step, least]: [f64; 2],

@@ -163,8 +163,8 @@ pub(super) fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
 /// Of the stretches that a fit holds, one in so many tells a clock offset to far below a sample.
 const OF_OFFSET: usize = 4;
 
-/// A recording alone in stretches that tell its clock offset, where it is longer than a fit holds, and what to say of
-/// it.
+/// A recording alone in stretches that tell its clock offset, where it is longer than a fit holds, and what
+/// to say of it.
 pub(super) fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
     let plan = stretches(&[dataset]).remove(0)?;
     let count = plan.count.div_ceil(OF_OFFSET);

@@ -47,8 +47,8 @@ const MAY_BE_NOISE: f64 = 9.0;
 const NOISE_AT_MOST: f64 = 2.5;
 /// Share of what noise does not make that a named model may leave.
 const LEFT_AT_MOST: f64 = 0.5;
-/// A named model is loud where it leaves more than this share where it was fitted, which is where it does best,
-/// and more than so many times the noise, which is more than the form of a right cause makes.
+/// A named model is loud where it leaves more than this share where it was fitted, which is where it does
+/// best, and more than so many times the noise, which is more than the form of a right cause makes.
 const LEFT_IF_LOUD: f64 = 0.2;
 const LOUD: f64 = 4.0;
 /// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be.
@@ -428,8 +428,8 @@ pub(super) fn doubt(
             let most = (base - f.mean_square()).max(1e-12 * base);
             (m.foretold.mean_square() - f.mean_square()) / most
         });
-        let loud = (m.raw - LOUD) / (plain.raw - LOUD).max(1e-9);
-        reached.max(loud).clamp(0.0, 1.0)
+        let beyond = (m.raw - LOUD) / (plain.raw - LOUD).max(1e-9);
+        reached.max(beyond).clamp(0.0, 1.0)
     };
     let beaten = |m: &Model| -> Result<bool, Error> {
         let own = bench.blurred(m)?;

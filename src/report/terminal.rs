@@ -1,17 +1,10 @@
 //! Numbers for a terminal: plain text in columns, the same on a screen and in a pipe.
 
+use super::html::number::{decimals, exponent};
 use super::json::{Named, ParameterJson};
 
-/// Prefixes with the power of ten that each stands for, largest first.
-const PREFIXES: [(&str, i32); 7] = [
-    ("G", 9),
-    ("M", 6),
-    ("k", 3),
-    ("", 0),
-    ("m", -3),
-    ("u", -6),
-    ("n", -9),
-];
+/// Prefixes, a thousand times the one before, from 1e-9 on.
+const PREFIXES: [&str; 7] = ["n", "u", "m", "", "k", "M", "G"];
 /// Units that take a prefix.
 const PREFIXED: [&str; 12] = [
     "Pa",
@@ -28,11 +21,11 @@ const PREFIXED: [&str; 12] = [
     "ohm",
 ];
 /// Significant digits of an interval's narrower half, and of a value without one.
-const OF_ERROR: i32 = 2;
-const OF_VALUE: i32 = 4;
+const OF_ERROR: usize = 2;
+const OF_VALUE: usize = 4;
 
-/// One line a parameter: name, value with its 95 % interval, what it is. Where the recordings do not determine
-/// it the line says so, with the interval that is left.
+/// One line a parameter: name, value with its 95 % interval, what it is. Where the recordings do not
+/// determine it the line says so, with the interval that is left.
 #[must_use]
 pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
     let rows: Vec<[String; 4]> = list
@@ -61,11 +54,10 @@ fn cells(p: &ParameterJson) -> [String; 2] {
     if p.fixed || p.identifiable {
         let (factor, unit) = scaled(value, &p.unit);
         let error = factor * (value - low).min(high - value);
-        let places = match p.fixed {
-            true => None,
-            false => decimals(error, OF_ERROR),
+        let places = match error > 0.0 {
+            true => decimals(error, OF_ERROR),
+            false => decimals(factor * value, OF_VALUE),
         };
-        let places = places.or(decimals(factor * value, OF_VALUE)).unwrap_or(0);
         let number = |v: f64| format!("{:.places$}", factor * v);
         let interval = match (p.fixed, ends) {
             (true, _) => "held".into(),
@@ -76,7 +68,7 @@ fn cells(p: &ParameterJson) -> [String; 2] {
     }
     let end = |v: f64| {
         let (factor, unit) = scaled(v, &p.unit);
-        let places = decimals(factor * v, OF_ERROR).unwrap_or(0);
+        let places = decimals(factor * v, OF_ERROR);
         (format!("{:.places$}", factor * v), unit)
     };
     let ((low, low_unit), (high, unit)) = (end(low), end(high));
@@ -87,24 +79,15 @@ fn cells(p: &ParameterJson) -> [String; 2] {
     ["open".into(), between]
 }
 
-/// Decimal places that show so many significant digits of a number; `None` where it has none.
-fn decimals(x: f64, digits: i32) -> Option<usize> {
-    let usable = x.is_finite() && x != 0.0;
-    usable.then(|| (digits - 1 - x.abs().log10().floor() as i32).clamp(0, 9) as usize)
-}
-
-/// The factor into a prefixed unit in which a value has one to three digits before the point, and that unit after a
-/// space.
+/// The factor into a prefixed unit in which a value has one to three digits before the point, and that unit
+/// after a space.
 fn scaled(value: f64, unit: &str) -> (f64, String) {
-    let (factor, prefix) = match PREFIXED.contains(&unit) && value.is_finite() && value != 0.0 {
-        true => {
-            let power = value.abs().log10() as f32;
-            let fits = PREFIXES.iter().find(|p| power >= p.1 as f32);
-            let (prefix, power) = fits.unwrap_or(&PREFIXES[PREFIXES.len() - 1]);
-            (10f64.powi(-power), *prefix)
-        }
-        false => (1.0, ""),
+    let thousands = match exponent(value, OF_VALUE) {
+        Some(e) if PREFIXED.contains(&unit) => e.div_euclid(3).clamp(-3, 3),
+        _ => 0,
     };
+    let factor = 10f64.powi(-3 * thousands);
+    let prefix = PREFIXES[(thousands + 3) as usize];
     match unit {
         "1" | "" => (factor, String::new()),
         _ => (factor, format!(" {prefix}{unit}")),

@@ -228,7 +228,8 @@ fn ended(outcome: &CouponOutcome) -> Option<Note> {
     if outcome.evaluations == 0 {
         return None;
     }
-    let lead = summary::ended(outcome.converged, &outcome.reason);
+    let lead = summary::ended(outcome.converged, &outcome.reason)
+        + &summary::failed(outcome.failed_evaluations, outcome.evaluations);
     Some(note(summary::HOW_IT_ENDED, lead, Vec::new()))
 }
 

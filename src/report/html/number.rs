@@ -30,7 +30,7 @@ pub fn fixed(value: f64, decimals: usize) -> String {
 }
 
 /// Power of ten of the first of `digits` significant digits of `value`; `None` for 0 and what is not finite.
-fn exponent(value: f64, digits: usize) -> Option<i32> {
+pub fn exponent(value: f64, digits: usize) -> Option<i32> {
     // Rounding may carry into the next decade: 9.96 to two digits is 10, not 10.0.
     let size = format!("{:.*e}", digits.saturating_sub(1), value);
     size.split_once('e')?
@@ -41,7 +41,7 @@ fn exponent(value: f64, digits: usize) -> Option<i32> {
 }
 
 /// Decimal places that show `digits` significant digits of `value`.
-fn decimals(value: f64, digits: usize) -> usize {
+pub fn decimals(value: f64, digits: usize) -> usize {
     exponent(value, digits).map_or(0, |e| (digits as i32 - 1 - e).clamp(0, 12) as usize)
 }
 

@@ -254,7 +254,20 @@ fn how_it_ended(outcome: &Outcome) -> Option<Note> {
             number::significant(outcome.noise_mean_square, 3)
         );
     }
+    lead += &failed(outcome.failed_evaluations, outcome.evaluations);
     Some(note(HOW_IT_ENDED, lead, Vec::new()))
+}
+
+/// What is said of evaluations that failed; nothing where none did.
+pub fn failed(failed: usize, all: usize) -> String {
+    match failed {
+        0 => String::new(),
+        n => format!(
+            " {} of {} evaluations failed.",
+            number::count(n),
+            number::count(all)
+        ),
+    }
 }
 
 /// What else to know.

@@ -299,6 +299,7 @@ fn a_full_outcome_has_every_section_and_needs_nothing_else() {
         "n&#x2f;a in one place",
         "\u{3c6}\u{b2} &lt; 0",
         "1 gap in the capture, 10 frames",
+        "4 of 99 evaluations failed",
         &"00ff".repeat(16),
     ] {
         assert!(html.contains(words), "{words}");

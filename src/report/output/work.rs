@@ -136,7 +136,10 @@ impl Work {
             at_work().roots.retain(|r| r.0 != root);
             return Work::open(&dir);
         }
-        finish_earlier(&dir, &root)?;
+        if let Err(error) = finish_earlier(&dir, &root) {
+            at_work().roots.retain(|r| r.0 != root);
+            return Err(error);
+        }
         sweep(&home, &root);
         // left by one that found no folder yet
         if let Some((parent, name)) = beside.filter(|_| there) {
@@ -333,8 +336,8 @@ fn beside(dir: &Path) -> Option<(PathBuf, String)> {
     Some((parent.to_owned(), format!("{PREFIX}{short}")))
 }
 
-/// Makes and locks a work folder, and puts it down with the folders `made` for it; no lock where the file system knows
-/// none. A stop comes before a try or after it.
+/// Makes and locks a work folder, and puts it down with the folders `made` for it; no lock where the file
+/// system knows none. A stop comes before a try or after it.
 fn lock(root: &Path, dir: &Path, made: &[PathBuf]) -> Result<Option<File>, OutputError> {
     let io = |e| OutputError::io(dir, e);
     let begin = Instant::now();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use deacal::recording::{
     Capture, ColumnRef, Error, ErrorKind, Level, ReadOptions, Section, importers, read_file,
-    read_file_as,
+    read_file_as, survey_file,
 };
 
 fn data(name: &str) -> PathBuf {
@@ -471,7 +471,7 @@ fn a_file_of_one_endless_line_is_refused_by_every_importer() {
             .unwrap_err();
         // a binary file has no lines
         let expected = match importer.name() {
-            "c3d" | "mcap" | "tdms" => (ErrorKind::Grammar, None),
+            "c3d" | "mat" | "mcap" | "tdms" | "xlsx" => (ErrorKind::Grammar, None),
             _ => (ErrorKind::LineTooLong, Some(1)),
         };
         assert_eq!((error.kind(), error.line()), expected, "{error}");
@@ -485,10 +485,10 @@ fn unknown_formats_and_missing_files() {
     assert_eq!(error.kind(), ErrorKind::UnknownFormat);
     assert!(error.to_string().contains("nexus-csv"), "{error}");
     for (head, word) in [
-        (&b"PK\x03\x04..."[..], "workbook (.xlsx, .ods)"),
+        (&b"PK\x03\x04..."[..], "(.ods, .xlsb)"),
         (b"\xd0\xcf\x11\xe0...", "old spreadsheet workbook"),
-        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "writetable"),
-        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "writetable"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "'-v7')"),
+        (b"# Created by Octave 8.4.0", "save -v7"),
         (b"\x89HDF\r\n\x1a\n", "HDF5"),
         (b"\x93NUMPY\x01\0v\0{'descr'", "numpy.savetxt"),
         (b"PAR1\x15\x04\x15", "Parquet"),
@@ -501,4 +501,335 @@ fn unknown_formats_and_missing_files() {
     assert_eq!(error.kind(), ErrorKind::NotFound);
     let error = read_file(&data("robot")).unwrap_err();
     assert!(error.to_string().contains("folder"), "{error}");
+}
+
+fn columns(capture: &Capture) -> Vec<Vec<&str>> {
+    capture
+        .sections
+        .iter()
+        .map(|s| s.columns.iter().map(|c| c.axis.as_str()).collect())
+        .collect()
+}
+
+#[test]
+fn matlab_arrays_fields_and_what_is_none() {
+    let compressed = read_file(&data("small.mat")).unwrap();
+    assert_eq!(compressed.format, "mat");
+    let plain = read_file(&data("plain.mat")).unwrap();
+    // bit for bit, a gap being a gap
+    assert_eq!(
+        format!("{:?}", plain.sections),
+        format!("{:?}", compressed.sections)
+    );
+    assert_eq!(
+        columns(&plain),
+        [
+            vec![
+                "t",
+                "EE_mm(:,1)",
+                "EE_mm(:,2)",
+                "EE_mm(:,3)",
+                "phi_kV(:,1)",
+                "phi_kV(:,2)",
+                "phi_kV(:,3)",
+                "across"
+            ],
+            vec!["run.time_ms", "run.load.F_N", "run.on"],
+            vec!["beyond"],
+        ]
+    );
+    let [first, run, beyond] = plain.sections.as_slice() else {
+        panic!("{:?}", columns(&plain));
+    };
+    assert_eq!(
+        values(first, "", "EE_mm(:,3)"),
+        [-60.0, -59.98, -1.0, -59.94, -59.92, -59.9]
+    );
+    assert_eq!(
+        values(first, "", "phi_kV(:,2)"),
+        [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    );
+    assert_eq!(values(first, "", "across"), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+    assert_eq!(first.column("", "phi_kV(:,2)").unwrap().unit, "kV");
+    assert_eq!(values(run, "", "run.load.F_N"), [1.0, -2.0, 300.0, 4.0]);
+    assert_eq!(run.column("", "run.load.F_N").unwrap().unit, "N");
+    assert_eq!(values(run, "", "run.on"), [1.0, 0.0, 1.0, 1.0]);
+    assert_eq!(values(beyond, "", "beyond"), [1.0, -1.0, -1.0]);
+    let said = warnings(&plain).join("\n");
+    for word in [
+        "beyond: 1 values are infinite",
+        "cells (a cell array)",
+        "cube (of three",
+        "wave (complex)",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    assert!(
+        plain
+            .notes
+            .iter()
+            .any(|n| n.text == "single numbers: fs = 100")
+    );
+
+    // what MATLAB wrote itself
+    let own = read_file(&data("matlab-7.4.mat")).unwrap();
+    assert_eq!(
+        columns(&own),
+        [vec!["a(1,:)", "a(2,:)", "a(3,:)"], vec!["theta"]]
+    );
+    let theta = own.sections[1].column("", "theta").unwrap();
+    for (i, v) in theta.values.iter().enumerate() {
+        assert_eq!(*v, std::f64::consts::FRAC_PI_4 * i as f64);
+    }
+    // exp(1) of its day is one step off
+    let big_endian = read_file(&data("matlab-6.1-big-endian.mat")).unwrap();
+    let field = big_endian.sections[0]
+        .column("", "teststruct.doublefield")
+        .unwrap();
+    assert_eq!(
+        field.values,
+        [
+            2.0_f64.sqrt(),
+            2.718_281_828_459_045_5,
+            std::f64::consts::PI
+        ]
+    );
+}
+
+#[test]
+fn matlab_clocks_and_markers() {
+    let survey = survey_file(&data("small.mat"), None, &ReadOptions::default()).unwrap();
+    let [first, run, _] = survey.sections.as_slice() else {
+        panic!("{survey:?}");
+    };
+    assert_eq!(
+        (first.time_column, first.time_s),
+        (Some(0), Some([0.0, 0.05]))
+    );
+    // a field in ms
+    assert_eq!((run.time_column, run.time_s), (Some(0), Some([0.0, 0.03])));
+    // a matrix of three in mm is a position, one in kV is none
+    let markers: Vec<&str> = first.markers.iter().map(|m| m.label.as_str()).collect();
+    assert_eq!(markers, ["EE_mm"]);
+    assert_eq!(
+        survey.column_ref(0, 5),
+        Some(ColumnRef::Name("phi_kV(:,2)".into()))
+    );
+}
+
+#[test]
+fn damaged_matlab_files() {
+    for name in ["small.mat", "plain.mat", "matlab-6.1-big-endian.mat"] {
+        let whole = std::fs::read(data(name)).unwrap();
+        let mut last = 0;
+        // a file that was cut gives what stands before the cut
+        for length in 128..=whole.len() {
+            if let Ok(c) = read(&whole[..length]) {
+                let cells = c.sections.iter().map(|s| s.rows() * s.columns.len()).sum();
+                assert!(
+                    cells >= last,
+                    "{name}, {length}: {cells} values after {last}"
+                );
+                last = cells;
+            }
+        }
+        // every word as large as can be: no length is believed
+        for at in 124..whole.len() - 4 {
+            let mut bytes = whole.clone();
+            bytes[at..at + 4].fill(0xff);
+            let _ = read(&bytes);
+        }
+    }
+    let cut = read(&std::fs::read(data("plain.mat")).unwrap()[..400]).unwrap();
+    assert!(
+        warnings(&cut)
+            .iter()
+            .any(|w| w.contains("cut within EE_mm")),
+        "{cut:?}"
+    );
+    // one bit in the middle of compressed numbers: the sum tells
+    let mut bytes = std::fs::read(data("small.mat")).unwrap();
+    let after = bytes.len() - 5;
+    bytes[after] ^= 1;
+    let error = read(&bytes).unwrap_err();
+    assert!(error.to_string().contains("at byte"), "{error}");
+    assert!(
+        error.to_string().contains("compressed bytes are damaged"),
+        "{error}"
+    );
+}
+
+/// An element of a MATLAB file, little-endian.
+fn element(kind: u32, data: &[u8]) -> Vec<u8> {
+    let mut out = kind.to_le_bytes().to_vec();
+    out.extend((data.len() as u32).to_le_bytes());
+    out.extend(data);
+    out.resize(out.len().next_multiple_of(8), 0);
+    out
+}
+
+#[test]
+fn matlab_objects_are_named_with_how_to_save_them() {
+    let mut header = b"MATLAB 5.0 MAT-file".to_vec();
+    header.resize(124, b' ');
+    header.extend([0, 1, b'I', b'M']);
+    for (class, remedy) in [
+        ("timetable", "t = seconds(T.Properties.RowTimes"),
+        ("table", "writetable(T, 'run.csv')"),
+        ("timeseries", "t = T.Time"),
+        ("containers.Map", "as arrays of numbers"),
+    ] {
+        let inside = [
+            element(6, &[17, 0, 0, 0, 0, 0, 0, 0]),
+            element(1, b"T"),
+            element(1, b"MCOS"),
+            element(1, class.as_bytes()),
+        ]
+        .concat();
+        let bytes = [header.clone(), element(14, &inside)].concat();
+        let error = read(&bytes).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::NoData);
+        for word in [&format!("T is an object ({class})"), remedy] {
+            assert!(error.to_string().contains(word), "{error}");
+        }
+    }
+}
+
+#[test]
+fn a_sheet_gives_what_its_csv_file_gives() {
+    let sheet = read_file(&data("sheet.xlsx")).unwrap();
+    let text = read_file(&data("sheet.csv")).unwrap();
+    assert_eq!(sheet.format, "xlsx");
+    let of = |c: &Capture| {
+        let s = &c.sections[0];
+        let numbers = |c: &deacal::recording::Column| {
+            let bits: Vec<u64> = c.values.iter().map(|v| v.to_bits()).collect();
+            (c.axis.clone(), c.unit.clone(), c.number, bits)
+        };
+        let lines: Vec<u64> = (0..s.rows()).map(|i| s.lines.line(i)).collect();
+        (
+            s.line,
+            lines,
+            s.columns.iter().map(numbers).collect::<Vec<_>>(),
+        )
+    };
+    assert_eq!(of(&sheet), of(&text));
+    let s = &sheet.sections[0];
+    assert_eq!(
+        values(s, "", "Elongation"),
+        [0.0, 0.123_456_789_012_3, 1e-7, -1.0, 123_456.789]
+    );
+    assert_eq!(
+        values(s, "", "Force (N)"),
+        [0.125, -1.0, -1.0, -1.5e20, -1.0]
+    );
+    let said = warnings(&sheet).join("\n");
+    for word in [
+        "left out: remark, when",
+        "2 cells hold an error",
+        "1 cells are dates",
+        "*86400",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+}
+
+#[test]
+fn several_sheets() {
+    let path = data("sheets.xlsx");
+    let book = read_file(&path).unwrap();
+    let names: Vec<&str> = book.sections.iter().map(|s| s.name.as_str()).collect();
+    assert_eq!(names, ["Motion", "Drive"]);
+    assert!(
+        warnings(&book)[0].starts_with("sheet Notes is left out: "),
+        "{:?}",
+        book.notes
+    );
+    assert_eq!(
+        values(&book.sections[1], "Drive", "u2_kV"),
+        [0.0, 2.0, 4.0, 6.0, 8.0]
+    );
+    let find = |name: &str| book.find_column(&path, &ColumnRef::Name(name.into()));
+    assert_eq!(
+        (find("u2_kV").unwrap(), find("Drive:time_s").unwrap()),
+        ((1, 2), (1, 0))
+    );
+    assert_eq!(find("time_s").unwrap_err().kind(), ErrorKind::Ambiguous);
+    let survey = survey_file(&path, None, &ReadOptions::default()).unwrap();
+    assert_eq!(
+        survey.column_ref(1, 0),
+        Some(ColumnRef::Name("Drive:time_s".into()))
+    );
+    assert_eq!(survey.sections[0].markers[0].label, "EE");
+    assert_eq!(survey.sections[1].time_s, Some([0.0, 0.08]));
+
+    // only the sheet with what is asked for
+    let asked = |names: &[&str]| {
+        let options = ReadOptions {
+            columns: Some(names.iter().map(|n| ColumnRef::Name((*n).into())).collect()),
+            ..ReadOptions::default()
+        };
+        read_file_as(&path, None, &options)
+    };
+    let drive = asked(&["u1_kV", "Drive:time_s"]).unwrap();
+    assert_eq!(columns(&drive), [["time_s", "u1_kV"]]);
+    let error = asked(&["u4_kV"]).unwrap_err();
+    assert!(error.to_string().contains("u3_kV"), "{error}");
+}
+
+#[test]
+fn damaged_workbooks() {
+    let whole = std::fs::read(data("sheet.xlsx")).unwrap();
+    for length in (10..whole.len()).step_by(97) {
+        assert!(read(&whole[..length]).is_err(), "{length}");
+    }
+    // a cell far away, and one beyond all sheets
+    let with = |cell: &str, rows: usize| {
+        use std::fmt::Write as _;
+        let mut archive = zip::ZipArchive::new(std::io::Cursor::new(&whole)).unwrap();
+        let mut out = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for i in 0..archive.len() {
+            let mut entry = archive.by_index(i).unwrap();
+            let name = entry.name().unwrap().into_owned();
+            let mut text = String::new();
+            std::io::Read::read_to_string(&mut entry, &mut text).unwrap();
+            if name == "xl/worksheets/sheet1.xml" {
+                let (before, _) = text.split_once("<sheetData>").unwrap();
+                let mut sheet = format!("{before}<sheetData><row r=\"1\"><c r=\"A1\"><v>1</v></c>");
+                write!(sheet, "<c r=\"{cell}\"><v>1</v></c></row>").unwrap();
+                for row in 2..rows {
+                    write!(sheet, "<row r=\"{row}\"><c r=\"A{row}\"><v>1</v></c></row>").unwrap();
+                }
+                text = sheet + "</sheetData></worksheet>";
+            }
+            out.start_file(name, zip::write::SimpleFileOptions::default())
+                .unwrap();
+            out.write_all(text.as_bytes()).unwrap();
+        }
+        read(out.finish().unwrap().into_inner()).unwrap_err()
+    };
+    let error = with("XFD1", 20_000);
+    assert!(
+        error
+            .to_string()
+            .contains("almost all of its cells are empty"),
+        "{error}"
+    );
+    let error = with("A1048577", 3);
+    assert!(error.to_string().contains("beyond the last row"), "{error}");
+}
+
+#[test]
+fn cells_without_a_number_are_gaps() {
+    let text = "t_s,F_N\n0,1\n1,NaN\n2,nan\n3,\n4,#N/A\n5,NA\n6,#DIV/0!\n7,2\n";
+    let table = read(text).unwrap();
+    let missing = [1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 2.0];
+    assert_eq!(values(&table.sections[0], "", "F_N"), missing);
+    // as the first number, and with a comma for the dot
+    let table = read("t_s;F_N\n0;NaN\n0,5;1,5\n1;#N/A\n").unwrap();
+    assert_eq!(values(&table.sections[0], "", "F_N"), [-1.0, 1.5, -1.0]);
+    assert_eq!(
+        read("t_s,F_N\n0,1\n1,inf\n").unwrap_err().kind(),
+        ErrorKind::NotFinite
+    );
 }

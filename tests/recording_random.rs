@@ -1,6 +1,6 @@
 //! No bytes make a reader panic: random ones, and files with random damage.
 
-use std::io::Write;
+use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
 use deacal::recording::{ColumnRef, Manifest, ReadOptions, Rig, importers, read_file, survey_file};
@@ -21,6 +21,10 @@ const GBK: &[u8] = include_bytes!("data/recording/gbk.csv");
 const MCAP: &[u8] = include_bytes!("data/recording/small.mcap");
 const TDMS: &[u8] = include_bytes!("data/recording/small.tdms");
 const LVM: &[u8] = include_bytes!("data/recording/two_segments.lvm");
+const MAT: &[u8] = include_bytes!("data/recording/small.mat");
+const MAT_PLAIN: &[u8] = include_bytes!("data/recording/plain.mat");
+const MAT_BIG_ENDIAN: &[u8] = include_bytes!("data/recording/matlab-6.1-big-endian.mat");
+const XLSX: &[u8] = include_bytes!("data/recording/sheets.xlsx");
 const SCOPE: &[u8] = b"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1,0.25\n0,1,2,\n1,3,4,\n";
 const MANIFEST: &[u8] = include_bytes!("data/recording/robot/recording.toml");
 const RIG: &[u8] = include_bytes!("data/recording/robot/rig.toml");
@@ -82,6 +86,33 @@ fn damaged(original: &'static [u8]) -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
+/// A workbook with a part of it damaged inside the archive, whose sums are right.
+fn inside(original: &'static [u8]) -> impl Strategy<Value = Vec<u8>> {
+    let mut archive = zip::ZipArchive::new(Cursor::new(original)).unwrap();
+    let parts: Vec<(String, &'static [u8])> = (0..archive.len())
+        .map(|i| {
+            let mut entry = archive.by_index(i).unwrap();
+            let mut bytes = Vec::new();
+            entry.read_to_end(&mut bytes).unwrap();
+            (entry.name().unwrap().into_owned(), &*bytes.leak())
+        })
+        .collect();
+    let which = 0..parts.len();
+    which.prop_flat_map(move |hit| {
+        let parts = parts.clone();
+        damaged(parts[hit].1).prop_map(move |bytes| {
+            let mut out = zip::ZipWriter::new(Cursor::new(Vec::new()));
+            for (i, (name, whole)) in parts.iter().enumerate() {
+                let options = zip::write::SimpleFileOptions::default();
+                out.start_file(name.as_str(), options).unwrap();
+                out.write_all(if i == hit { &bytes } else { whole })
+                    .unwrap();
+            }
+            out.finish().unwrap().into_inner()
+        })
+    })
+}
+
 fn a_file() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         damaged(NEXUS),
@@ -99,6 +130,11 @@ fn a_file() -> impl Strategy<Value = Vec<u8>> {
         damaged(MCAP),
         damaged(TDMS),
         damaged(LVM),
+        damaged(MAT),
+        damaged(MAT_PLAIN),
+        damaged(MAT_BIG_ENDIAN),
+        damaged(XLSX),
+        inside(XLSX),
         damaged(SCOPE),
         proptest::collection::vec(any::<u8>(), 0..600),
         "[-+0-9.,;\t \n\"eE]{0,300}".prop_map(String::into_bytes),

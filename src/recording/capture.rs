@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::error::{Error, ErrorKind, one_line, quote, suggestion};
 use super::{
-    c3d, delimited, lvm, mcap, nexus_csv, optitrack_csv, oscilloscope, qualisys_tsv, tdms, text,
-    trc,
+    c3d, delimited, lvm, mat, mcap, nexus_csv, optitrack_csv, oscilloscope, qualisys_tsv, tdms,
+    text, trc, xlsx,
 };
 
 /// How weighty a [`Note`] is.
@@ -122,6 +122,13 @@ pub struct Column {
 }
 
 impl Column {
+    /// Whether it is called as a time is: `t` or `time`, also as a field of a structure, `run.t`.
+    #[must_use]
+    pub fn called_time(&self) -> bool {
+        let own = self.axis.rsplit('.').next().unwrap_or_default();
+        ["t", "time"].iter().any(|n| own.eq_ignore_ascii_case(n))
+    }
+
     /// How to call it in a message.
     #[must_use]
     pub fn title(&self) -> String {
@@ -591,6 +598,8 @@ pub fn importers() -> &'static [&'static dyn Importer] {
         &nexus_csv::TrackerCsv,
         &mcap::Mcap,
         &tdms::Tdms,
+        &mat::Mat,
+        &xlsx::Xlsx,
         &lvm::Lvm,
         &oscilloscope::Tektronix,
         &oscilloscope::Keysight,
@@ -604,19 +613,19 @@ pub fn importers() -> &'static [&'static dyn Importer] {
 const HINTS: &[(&[u8], &str)] = &[
     (
         b"PK\x03\x04",
-        "this is a spreadsheet workbook (.xlsx, .ods) or a zip archive; save the sheet as CSV, or unpack the archive",
+        "this is a zip archive or a workbook of another kind (.ods, .xlsb); unpack it, or save the sheet as .xlsx or CSV",
     ),
     (
         b"\xd0\xcf\x11\xe0",
-        "this is an old spreadsheet workbook (.xls); save the sheet as CSV",
+        "this is an old spreadsheet workbook (.xls); save it as .xlsx, or the sheet as CSV",
     ),
     (
-        b"MATLAB 7.3",
-        "this is a MATLAB file (.mat); write its variables to a table: writetable(table(t, u), 'run.csv')",
+        b"MATLAB 7.",
+        "this is a MATLAB file of level 7.3 (HDF5); save it again in MATLAB: save('run.mat', 't', 'u', '-v7')",
     ),
     (
-        b"MATLAB 5.0",
-        "this is a MATLAB file (.mat); write its variables to a table: writetable(table(t, u), 'run.csv')",
+        b"# Created by Octave",
+        "this is a text file of Octave; save it again in Octave: save -v7 run.mat t u",
     ),
     (
         b"\x89HDF\r\n",

@@ -39,14 +39,57 @@ impl Importer for Delimited {
         options: &ReadOptions,
         sink: &mut dyn Sink,
     ) -> Result<Capture, Error> {
-        let mut comma_columns = BTreeSet::new();
-        loop {
-            if let Some(capture) = read_once(path, options, &mut comma_columns, sink)? {
-                return Ok(capture);
-            }
-            sink.restart();
-        }
+        let open = || LineReader::open(path, options.encoding.as_deref());
+        read_lines(path, &open, &Delimiter::ALL, options, sink)
     }
+}
+
+/// Reads a table from its lines, which `open` gives, again where a column turns out to have a decimal comma.
+/// What parts its cells is one of `delimiters`.
+///
+/// # Errors
+/// As [`Importer::stream`].
+pub(super) fn read_lines(
+    path: &Path,
+    open: &dyn Fn() -> Result<LineReader, Error>,
+    delimiters: &[Delimiter],
+    options: &ReadOptions,
+    sink: &mut dyn Sink,
+) -> Result<Capture, Error> {
+    let mut comma_columns = BTreeSet::new();
+    loop {
+        let lines = open()?;
+        if let Some(capture) =
+            read_once(path, lines, delimiters, options, &mut comma_columns, sink)?
+        {
+            return Ok(capture);
+        }
+        sink.restart();
+    }
+}
+
+/// What stands above the columns of a table.
+pub(super) struct Headers {
+    /// As many as there are; empty without a header.
+    pub names: Vec<String>,
+    /// Cells of a row.
+    pub width: usize,
+}
+
+/// The names of a table's columns, from the beginning of its lines.
+///
+/// # Errors
+/// There is no row of numbers.
+pub(super) fn headers(
+    path: &Path,
+    mut lines: LineReader,
+    delimiters: &[Delimiter],
+) -> Result<Headers, Error> {
+    let layout = layout(path, &sample(path, &mut lines)?, delimiters)?;
+    Ok(Headers {
+        names: layout.header.map_or(Vec::new(), |h| h.names),
+        width: layout.width,
+    })
 }
 
 /// How many bytes and lines decide on the layout.
@@ -78,13 +121,8 @@ struct Header {
     units: Vec<String>,
 }
 
-fn read_once(
-    path: &Path,
-    options: &ReadOptions,
-    comma_columns: &mut BTreeSet<usize>,
-    sink: &mut dyn Sink,
-) -> Result<Option<Capture>, Error> {
-    let mut lines = LineReader::open(path, options.encoding.as_deref())?;
+/// The lines that decide on the layout.
+fn sample(path: &Path, lines: &mut LineReader) -> Result<Vec<Line>, Error> {
     let mut sample: Vec<Line> = Vec::new();
     let mut bytes = 0;
     while bytes < SAMPLE_BYTES && sample.len() < SAMPLE_LINES && lines.advance()? {
@@ -100,7 +138,19 @@ fn read_once(
             Error::new(ErrorKind::Empty, path, "the file is empty").action("export it again")
         );
     }
-    let layout = layout(path, &sample)?;
+    Ok(sample)
+}
+
+fn read_once(
+    path: &Path,
+    mut lines: LineReader,
+    delimiters: &[Delimiter],
+    options: &ReadOptions,
+    comma_columns: &mut BTreeSet<usize>,
+    sink: &mut dyn Sink,
+) -> Result<Option<Capture>, Error> {
+    let sample = sample(path, &mut lines)?;
+    let layout = layout(path, &sample, delimiters)?;
     let mut notes = Vec::new();
     let mut table = Table::new(path, options, &layout, comma_columns, &mut notes)?;
 
@@ -145,8 +195,11 @@ fn looks_numeric(cell: &[u8], delimiter: Delimiter) -> bool {
             ))
 }
 
-fn layout(path: &Path, sample: &[Line]) -> Result<Layout, Error> {
-    let shapes = Delimiter::ALL.map(|d| (d, columns_of_numbers(sample, d)));
+fn layout(path: &Path, sample: &[Line], delimiters: &[Delimiter]) -> Result<Layout, Error> {
+    let shapes: Vec<(Delimiter, Shape)> = delimiters
+        .iter()
+        .map(|d| (*d, columns_of_numbers(sample, *d)))
+        .collect();
     // "0,5" is one number between tabs and two between commas: several columns win over one that has not
     // twice as many
     let several = shapes
@@ -279,7 +332,7 @@ fn bare_unit(text: &str) -> &str {
 
 /// The unit in a header: `Force (N)`, `U [kV]`, `time_s`. A suffix of one letter is a unit only if it is s,
 /// m, V or N.
-fn unit_in_name(name: &str) -> Option<&'static Unit> {
+pub(super) fn unit_in_name(name: &str) -> Option<&'static Unit> {
     let name = name.trim();
     for (open, close) in [('(', ')'), ('[', ']')] {
         if let Some(inner) = name.strip_suffix(close)

@@ -84,6 +84,14 @@ impl fmt::Display for Sentence<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let d = &self.0.detail;
         write!(f, "{}", one_line(d.path.display().to_string()))?;
+        self.0.behind_path(f)
+    }
+}
+
+impl Error {
+    /// The sentence behind the file's name.
+    fn behind_path(&self, f: &mut impl fmt::Write) -> fmt::Result {
+        let d = &self.detail;
         if let Some(line) = d.line {
             write!(f, ", line {line}")?;
         }
@@ -102,9 +110,16 @@ impl fmt::Display for Sentence<'_> {
         }
         Ok(())
     }
-}
 
-impl Error {
+    /// The sentence without the file's name: `line 3: found "x", ...`.
+    #[must_use]
+    pub fn without_path(&self) -> String {
+        let mut text = String::new();
+        // writing to a text does not fail
+        let _ = self.behind_path(&mut text);
+        text.trim_start_matches([',', ':', ' ']).to_owned()
+    }
+
     /// An error about a file: `found` says what is there.
     #[must_use]
     pub fn new(kind: ErrorKind, path: &Path, found: impl Into<String>) -> Self {

@@ -24,6 +24,7 @@ pub(crate) mod error;
 pub(crate) mod keys;
 mod lvm;
 mod manifest;
+mod mat;
 pub mod mcap;
 mod nexus_csv;
 mod open;
@@ -38,6 +39,7 @@ mod survey;
 mod tdms;
 pub mod text;
 mod trc;
+mod xlsx;
 
 use std::path::PathBuf;
 

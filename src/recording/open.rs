@@ -369,10 +369,7 @@ impl Reader<'_> {
     ) -> Result<Vec<f64>, Error> {
         let unit = match unit_of(path, column, declared, Dimension::Time)? {
             Some(unit) => unit,
-            None if ["t", "time"]
-                .iter()
-                .any(|n| column.axis.eq_ignore_ascii_case(n)) =>
-            {
+            None if column.called_time() => {
                 self.notes.push(Note::warning(
                     path,
                     format!("column {} has no unit; taken as seconds", column.title()),
@@ -1090,7 +1087,8 @@ fn markers(capture: &Capture) -> Vec<MarkerColumns> {
     sections.flat_map(|(i, s)| section_markers(i, s)).collect()
 }
 
-/// Every group with X, Y, Z (or TX, TY, TZ) in a length, and in a plain table every trio `EE_x, EE_y, EE_z`.
+/// Every group with X, Y, Z (or TX, TY, TZ) in a length, and in a plain table every trio `EE_x, EE_y, EE_z`
+/// and every matrix of three, `EE(:,1)` to `EE(:,3)`, unless its unit is that of something else.
 pub(super) fn section_markers(s: usize, section: &Section) -> Vec<MarkerColumns> {
     let mut found = Vec::new();
     for (g, group) in section.groups.iter().enumerate() {
@@ -1128,7 +1126,15 @@ pub(super) fn section_markers(s: usize, section: &Section) -> Vec<MarkerColumns>
         let mut trios: HashMap<&str, [Option<usize>; 3]> = HashMap::new();
         let mut order = Vec::new();
         for (c, column) in section.columns.iter().enumerate() {
-            let Some((label, axis)) = coordinate(&column.axis) else {
+            let place = match of_three(section, column) {
+                Some(place) => {
+                    let unit = Unit::parse(&column.unit);
+                    let far = unit.is_none_or(|u| u.dimension == Dimension::Length);
+                    far.then_some(place)
+                }
+                None => coordinate(&column.axis),
+            };
+            let Some((label, axis)) = place else {
                 continue;
             };
             let trio = trios.entry(label).or_insert_with(|| {
@@ -1150,6 +1156,24 @@ pub(super) fn section_markers(s: usize, section: &Section) -> Vec<MarkerColumns>
         }
     }
     found
+}
+
+/// The matrix of three and the coordinate that a column of it, `EE(:,2)` or `EE(2,:)`, stands for.
+fn of_three<'a>(section: &Section, column: &'a Column) -> Option<(&'a str, char)> {
+    let (label, place) = column.axis.strip_suffix(')')?.rsplit_once('(')?;
+    let (before, after) = match place.split_once(',')? {
+        (":", _) => (format!("{label}(:,"), ")"),
+        (_, ":") => (format!("{label}("), ",:)"),
+        _ => return None,
+    };
+    let columns = |k| {
+        section
+            .columns
+            .iter()
+            .any(|c| c.axis == format!("{before}{k}{after}"))
+    };
+    let k = (1..=3).find(|k| column.axis == format!("{before}{k}{after}"))?;
+    (columns(3) && !columns(4)).then_some((label, char::from(b'w' + k)))
 }
 
 /// `EE_x_mm`, `EE:X (mm)`, `EE.x` are coordinate x of EE.

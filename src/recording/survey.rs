@@ -74,6 +74,8 @@ pub struct GroupSurvey {
 pub struct ColumnSurvey {
     /// Its name, with that of its group.
     pub title: String,
+    /// The group that it names itself: a marker, a device, a sheet of several; else empty.
+    pub group: String,
     /// Its own name.
     pub axis: String,
     /// As the file says.
@@ -130,15 +132,16 @@ impl Survey {
     #[must_use]
     pub fn column_ref(&self, section: usize, column: usize) -> Option<ColumnRef> {
         let own = self.sections.get(section)?.columns.get(column)?;
-        let groups = &self.sections[section].groups;
-        let group = groups.iter().find(|g| g.columns.contains(&column));
-        let mut names = match (group, own.axis.as_str()) {
-            (None, axis) => vec![axis.to_owned()],
-            (Some(g), "") => vec![g.name.clone()],
-            (Some(g), axis) => vec![format!("{}:{axis}", g.name)],
+        let names = match (own.group.as_str(), own.axis.as_str()) {
+            ("", axis) => vec![axis.to_owned()],
+            (group, "") => vec![group.to_owned()],
+            (group, axis) if self.sections[section].groups.is_empty() => {
+                vec![axis.to_owned(), format!("{group}:{axis}")]
+            }
+            (group, axis) => vec![format!("{group}:{axis}")],
         };
-        names.retain(|n| !n.is_empty());
-        let names = names.into_iter().map(ColumnRef::Name);
+        let names = names.into_iter().filter(|n| !n.is_empty());
+        let names = names.map(ColumnRef::Name);
         let frame = self.frame();
         names
             .chain([ColumnRef::Number(own.number)])
@@ -147,28 +150,20 @@ impl Survey {
 
     /// The columns of the file, without their values.
     fn frame(&self) -> Capture {
-        let section = |s: &SectionSurvey| {
-            let group_of = |i| {
-                s.groups
-                    .iter()
-                    .find(|g: &&GroupSurvey| g.columns.contains(&i))
-            };
-            Section {
-                name: s.name.clone(),
-                columns: s
-                    .columns
-                    .iter()
-                    .enumerate()
-                    .map(|(i, c)| Column {
-                        group: group_of(i).map_or(String::new(), |g| g.name.clone()),
-                        axis: c.axis.clone(),
-                        unit: c.unit.clone(),
-                        number: c.number,
-                        values: Vec::new(),
-                    })
-                    .collect(),
-                ..Section::default()
-            }
+        let section = |s: &SectionSurvey| Section {
+            name: s.name.clone(),
+            columns: s
+                .columns
+                .iter()
+                .map(|c| Column {
+                    group: c.group.clone(),
+                    axis: c.axis.clone(),
+                    unit: c.unit.clone(),
+                    number: c.number,
+                    values: Vec::new(),
+                })
+                .collect(),
+            ..Section::default()
         };
         Capture {
             format: self.format,
@@ -491,6 +486,7 @@ impl Running {
         for column in &section.columns[known..] {
             self.columns.push(ColumnSurvey {
                 title: column.title(),
+                group: column.group.clone(),
                 axis: column.axis.clone(),
                 unit: column.unit.clone(),
                 number: column.number,
@@ -1050,8 +1046,7 @@ impl Clock {
         }
         section.columns.iter().enumerate().find_map(|(i, c)| {
             let unit = Unit::parse(&c.unit).filter(|u| u.dimension == Dimension::Time);
-            let called = ["t", "time"].iter().any(|n| c.axis.eq_ignore_ascii_case(n));
-            (unit.is_some() || (called && c.unit.is_empty()))
+            (unit.is_some() || (c.called_time() && c.unit.is_empty()))
                 .then(|| clock(Some(i), unit.map_or(1.0, |u| u.to_si)))
         })
     }

@@ -58,8 +58,9 @@ const MAX_METADATA: u64 = 256 << 20;
 /// How much raw data is held at a time.
 const BLOCK: usize = 1 << 20;
 
+/// How a number is kept in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
+pub(super) enum Kind {
     U8,
     I8,
     U16,
@@ -101,7 +102,8 @@ impl Kind {
         })
     }
 
-    fn size(self) -> u64 {
+    /// Bytes of a value; 0 for texts, which have no size of their own.
+    pub(super) fn size(self) -> u64 {
         match self {
             Kind::U8 | Kind::I8 | Kind::Bool => 1,
             Kind::U16 | Kind::I16 => 2,
@@ -118,7 +120,7 @@ impl Kind {
     }
 
     /// A value from as many bytes as its size.
-    fn value(self, bytes: &[u8], big: bool) -> f64 {
+    pub(super) fn value(self, bytes: &[u8], big: bool) -> f64 {
         macro_rules! of {
             ($t:ty, $n:literal) => {{
                 let mut b = [0; $n];

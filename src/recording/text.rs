@@ -659,7 +659,8 @@ fn finite(value: f64) -> Result<f64, Trouble> {
     }
 }
 
-/// Whether a cell spells NaN or infinity, as instruments, spreadsheets and languages do.
+/// Whether a cell spells NaN or infinity, or that there is no number, as instruments, spreadsheets and
+/// languages do.
 #[must_use]
 pub fn says_not_finite(cell: &[u8]) -> bool {
     let text = cell.to_ascii_lowercase();
@@ -678,12 +679,22 @@ pub fn says_not_finite(cell: &[u8]) -> bool {
                 | b"snan"
                 | b"nanq"
                 | b"-nan"
-                | b"#num!"
+                | b"na"
+                | b"n/a"
+                | b"null"
                 | b"#n/a"
+                | b"#num!"
+                | b"#div/0!"
+                | b"#value!"
+                | b"#ref!"
+                | b"#name?"
+                | b"#null!"
+                | b"#getting_data"
         )
 }
 
-/// Whether a cell spells that nothing was measured: NaN in any of its spellings, or a spreadsheet's `#N/A`.
+/// Whether a cell spells that nothing was measured: NaN in any of its spellings, `NA`, or an error of a
+/// spreadsheet's formula, as `#N/A`.
 /// Infinity is none: it was a number once.
 #[must_use]
 pub fn says_missing(cell: &[u8]) -> bool {
@@ -891,7 +902,8 @@ mod tests {
     #[test]
     fn missing_is_not_infinite() {
         for cell in [
-            "NaN", "nan", "-nan", "1.#QNAN", "-1.#IND", "nan(0x1)", "#N/A",
+            "NaN", "nan", "-nan", "1.#QNAN", "-1.#IND", "nan(0x1)", "#N/A", "NA", "n/a", "null",
+            "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NULL!", "#NUM!",
         ] {
             assert!(says_missing(cell.as_bytes()), "{cell}");
         }

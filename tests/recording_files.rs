@@ -487,7 +487,6 @@ fn unknown_formats_and_missing_files() {
     for (head, word) in [
         (&b"PK\x03\x04..."[..], "(.ods, .xlsb)"),
         (b"\xd0\xcf\x11\xe0...", "old spreadsheet workbook"),
-        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "'-v7')"),
         (b"# Created by Octave 8.4.0", "save -v7"),
         (b"\x89HDF\r\n\x1a\n", "HDF5"),
         (b"\x93NUMPY\x01\0v\0{'descr'", "numpy.savetxt"),
@@ -571,6 +570,35 @@ fn matlab_arrays_fields_and_what_is_none() {
             .any(|n| n.text == "single numbers: fs = 100")
     );
 
+    // level 7.3, in which variables stand in order of their names
+    let hdf5 = read_file(&data("small73.mat")).unwrap();
+    let sorted = |c: &Capture| {
+        let text = |c: &deacal::recording::Column| format!("{} {} {:?}", c.axis, c.unit, c.values);
+        let mut all: Vec<String> = c
+            .sections
+            .iter()
+            .flat_map(|s| &s.columns)
+            .map(text)
+            .collect();
+        all.sort();
+        all
+    };
+    assert_eq!(sorted(&hdf5), sorted(&plain));
+    let said = warnings(&hdf5).join("\n");
+    for word in [
+        "moments is an object (datetime)",
+        "cells (a cell array)",
+        "cube (of three",
+        "wave (complex)",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    assert!(
+        hdf5.notes
+            .iter()
+            .any(|n| n.text == "single numbers: fs = 100")
+    );
+
     // what MATLAB wrote itself
     let own = read_file(&data("matlab-7.4.mat")).unwrap();
     assert_eq!(
@@ -639,6 +667,20 @@ fn damaged_matlab_files() {
             bytes[at..at + 4].fill(0xff);
             let _ = read(&bytes);
         }
+    }
+    // level 7.3: every word as large as can be, and cut
+    let whole = std::fs::read(data("small73.mat")).unwrap();
+    for at in (512..whole.len() - 8).step_by(5) {
+        let mut bytes = whole.clone();
+        bytes[at..at + 8].fill(0xff);
+        let _ = read(&bytes);
+    }
+    for length in (520..whole.len()).step_by(509) {
+        let error = read(&whole[..length]).unwrap_err();
+        assert!(
+            error.to_string().contains("is damaged"),
+            "{length}: {error}"
+        );
     }
     let cut = read(&std::fs::read(data("plain.mat")).unwrap()[..400]).unwrap();
     assert!(
@@ -832,4 +874,24 @@ fn cells_without_a_number_are_gaps() {
         read("t_s,F_N\n0,1\n1,inf\n").unwrap_err().kind(),
         ErrorKind::NotFinite
     );
+}
+
+#[test]
+fn a_slow_clock_of_a_bare_file_is_doubted() {
+    let doubts = |step: u32| {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        writeln!(file, "time (ms),u_V").unwrap();
+        for i in 0..40 {
+            writeln!(file, "{},{}", i * step, i % 7).unwrap();
+        }
+        let survey = survey_file(file.path(), None, &ReadOptions::default()).unwrap();
+        survey
+            .doubts
+            .into_iter()
+            .map(|d| d.says)
+            .collect::<Vec<_>>()
+    };
+    let wanted = "column time (ms) in ms runs for 2340 s with a sample every 60 s: is the unit of the time right?";
+    assert_eq!(doubts(60_000), [wanted]);
+    assert!(doubts(30_000).is_empty());
 }

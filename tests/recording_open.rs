@@ -889,3 +889,69 @@ fn a_manifest_from_text() {
     let m = Manifest::parse(Path::new("recording.toml"), COUPON).unwrap();
     assert_eq!((m.kind.name(), m.kind), ("film-coupon", Kind::FilmCoupon));
 }
+
+#[test]
+fn motion_and_voltage_from_arrays_and_from_sheets() {
+    for (file, effector, time, drive) in [
+        (
+            "small.mat",
+            "EE_mm",
+            ["t", "t"],
+            ["phi_kV(:,1)", "phi_kV(:,2)", "phi_kV(:,3)"],
+        ),
+        (
+            "small73.mat",
+            "EE_mm",
+            ["t", "t"],
+            ["phi_kV(:,1)", "phi_kV(:,2)", "phi_kV(:,3)"],
+        ),
+        (
+            "sheets.xlsx",
+            "EE",
+            ["Motion:time_s", "Drive:time_s"],
+            ["u1_kV", "u2_kV", "u3_kV"],
+        ),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let data = robot().join("..").join(file);
+        fs::copy(&data, dir.path().join(file)).unwrap();
+        fs::copy(robot().join("rig.toml"), dir.path().join("rig.toml")).unwrap();
+        let manifest = format!(
+            "[recording]\nid = \"a\"\nkind = \"robot\"\nrig = \"rig.toml\"\npayload_g = 0.0\nfilm_state = \"relaxed\"\n\
+             [motion]\nfile = \"{file}\"\nend_effector = \"{effector}\"\nend_effector_offset_mm = [0.0, 0.0, 0.0]\n\
+             rotation_deg = [0.0, 0.0, 0.0]\ntime = \"{}\"\n\
+             [voltage]\nfile = \"{file}\"\ntime = \"{}\"\nchannels = {drive:?}\n[sync]\noffset_s = 0.0\n",
+            time[0], time[1]
+        );
+        fs::write(dir.path().join("recording.toml"), manifest).unwrap();
+        let r = Recording::open(dir.path()).unwrap();
+        let (motion, voltage) = (r.motion.unwrap(), r.voltage.unwrap());
+        let seen: Vec<f64> = motion.end_effector.xyz.iter().map(|p| p[2]).collect();
+        let (z, second, step) = match file {
+            "sheets.xlsx" => (
+                vec![0.0, 3.0, 6.0, 9.0, 12.0],
+                vec![0.0, 2.0, 4.0, 6.0, 8.0],
+                0.02,
+            ),
+            _ => {
+                // the gap of the middle stays one
+                assert!(seen[2].is_nan());
+                (
+                    vec![-60.0, -59.98, -59.94, -59.92, -59.9],
+                    vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
+                    0.01,
+                )
+            }
+        };
+        assert_eq!(
+            seen.into_iter().filter(|v| !v.is_nan()).collect::<Vec<_>>(),
+            z,
+            "{file}"
+        );
+        assert_eq!(voltage.channels[1], second, "{file}");
+        assert_eq!(
+            (voltage.unit.symbol, voltage.time_s[1], motion.time_s[1]),
+            ("kV", step, step)
+        );
+    }
+}

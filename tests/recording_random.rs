@@ -23,6 +23,7 @@ const TDMS: &[u8] = include_bytes!("data/recording/small.tdms");
 const LVM: &[u8] = include_bytes!("data/recording/two_segments.lvm");
 const MAT: &[u8] = include_bytes!("data/recording/small.mat");
 const MAT_PLAIN: &[u8] = include_bytes!("data/recording/plain.mat");
+const MAT73: &[u8] = include_bytes!("data/recording/small73.mat");
 const MAT_BIG_ENDIAN: &[u8] = include_bytes!("data/recording/matlab-6.1-big-endian.mat");
 const XLSX: &[u8] = include_bytes!("data/recording/sheets.xlsx");
 const SCOPE: &[u8] = b"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1,0.25\n0,1,2,\n1,3,4,\n";
@@ -132,6 +133,7 @@ fn a_file() -> impl Strategy<Value = Vec<u8>> {
         damaged(LVM),
         damaged(MAT),
         damaged(MAT_PLAIN),
+        damaged(MAT73),
         damaged(MAT_BIG_ENDIAN),
         damaged(XLSX),
         inside(XLSX),

@@ -620,10 +620,6 @@ const HINTS: &[(&[u8], &str)] = &[
         "this is an old spreadsheet workbook (.xls); save it as .xlsx, or the sheet as CSV",
     ),
     (
-        b"MATLAB 7.",
-        "this is a MATLAB file of level 7.3 (HDF5); save it again in MATLAB: save('run.mat', 't', 'u', '-v7')",
-    ),
-    (
         b"# Created by Octave",
         "this is a text file of Octave; save it again in Octave: save -v7 run.mat t u",
     ),

@@ -1,4 +1,5 @@
-//! MATLAB files of level 5, which `save` writes with `-v6` (plain) and `-v7` (compressed).
+//! MATLAB files: here those of level 5, which `save` writes with `-v6` (plain) and `-v7` (compressed); those of
+//! level 7.3 are taken apart in [`super::mat73`] and put together here.
 //!
 //! ```text
 //! file    := header of 128 bytes, element*
@@ -23,10 +24,11 @@ use flate2::bufread::ZlibDecoder;
 use super::capture::{Capture, Column, Importer, Note, ReadOptions, RowLines, Section};
 use super::delimited::unit_in_name;
 use super::error::{Error, ErrorKind};
+use super::mat73;
 use super::tdms::Kind;
 use super::text::decode;
 
-/// The importer of MATLAB files of level 5.
+/// The importer of MATLAB files.
 pub struct Mat;
 
 const MARK: &[u8] = b"MATLAB 5.0";
@@ -38,17 +40,22 @@ impl Importer for Mat {
     }
 
     fn recognises(&self, head: &[u8], _path: &Path) -> bool {
-        head.starts_with(MARK)
+        head.starts_with(MARK) || mat73::recognises(head)
     }
 
     fn read(&self, path: &Path, _options: &ReadOptions) -> Result<Capture, Error> {
         let file = super::opened::open(path).map_err(|e| Error::io(path, e))?;
         let size = file.metadata().map_err(|e| Error::io(path, e))?.len();
-        let mut found = Found {
-            numbers_left: size.saturating_mul(NUMBERS_PER_BYTE) + NUMBERS,
-            ..Found::default()
-        };
-        found.file(path, &mut BufReader::with_capacity(BLOCK, file))?;
+        let numbers = size
+            .saturating_mul(NUMBERS_PER_BYTE)
+            .saturating_add(NUMBERS);
+        let mut file = BufReader::with_capacity(BLOCK, file);
+        let head = file.fill_buf().map_err(|e| Error::io(path, e))?;
+        if mat73::recognises(head) {
+            return Ok(mat73::read(path, file.into_inner(), numbers)?.capture(path));
+        }
+        let mut found = Found::new(numbers);
+        found.file(path, &mut file)?;
         Ok(found.capture(path))
     }
 }
@@ -60,7 +67,7 @@ const BLOCK: usize = 64 * 1024;
 const NUMBERS: u64 = 1 << 26;
 const NUMBERS_PER_BYTE: u64 = 16;
 /// Structures within structures, and elements of arrays of structures: more is no recording.
-const MAX_DEPTH: usize = 16;
+pub(super) const MAX_DEPTH: usize = 16;
 const MAX_ELEMENTS: u64 = 4096;
 /// Texts of names: MATLAB's own limit is 63 letters; all names of a structure stand in one element.
 const MAX_NAMES: u64 = 1 << 20;
@@ -227,20 +234,29 @@ struct Array {
 
 /// What is in a file.
 #[derive(Default)]
-struct Found {
+pub(super) struct Found {
     arrays: Vec<Array>,
     /// `fs = 1000`.
     single: Vec<String>,
     /// Name and class of objects.
-    objects: Vec<(String, String)>,
+    pub(super) objects: Vec<(String, String)>,
     /// Names of what is no number, and why.
-    others: Vec<(String, &'static str)>,
+    pub(super) others: Vec<(String, &'static str)>,
     /// The variable in which the file ends.
     cut: Option<String>,
-    numbers_left: u64,
+    /// How many more it may hold.
+    pub(super) numbers_left: u64,
 }
 
 impl Found {
+    /// Nothing yet, and at most so many numbers.
+    pub(super) fn new(numbers_left: u64) -> Self {
+        Found {
+            numbers_left,
+            ..Found::default()
+        }
+    }
+
     fn file(&mut self, path: &Path, file: &mut BufReader<std::fs::File>) -> Result<(), Error> {
         let mut header = [0; HEADER_BYTES];
         file.read_exact(&mut header).map_err(|e| match e.kind() {
@@ -398,24 +414,30 @@ impl Found {
         count: u64,
         name: &str,
     ) -> Result<(), Stop> {
-        if count == 0 {
-            self.others.push((name.to_owned(), "empty"));
-            return Ok(());
-        }
         self.numbers_left = self.numbers_left.checked_sub(count).ok_or(Stop::Large)?;
-        let values = bytes.numbers(count)?;
-        if let [value] = values.as_slice() {
-            self.single.push(format!("{name} = {value}"));
-            return Ok(());
-        }
-        let size = |i: usize| usize::try_from(sizes[i]).unwrap_or(0);
-        self.arrays.push(Array {
-            name: name.to_owned(),
-            rows: size(0),
-            columns: size(1),
-            values,
-        });
+        let values = match count {
+            0 => Vec::new(),
+            _ => bytes.numbers(count)?,
+        };
+        self.keep(name, sizes, values);
         Ok(())
+    }
+
+    /// Keeps an array of two sizes with its numbers, column after column.
+    pub(super) fn keep(&mut self, name: &str, sizes: &[u64], values: Vec<f64>) {
+        match values.as_slice() {
+            [] => self.others.push((name.to_owned(), "empty")),
+            [value] => self.single.push(format!("{name} = {value}")),
+            _ => {
+                let size = |i: usize| usize::try_from(sizes[i]).unwrap_or(0);
+                self.arrays.push(Array {
+                    name: name.to_owned(),
+                    rows: size(0),
+                    columns: size(1),
+                    values,
+                });
+            }
+        }
     }
 
     fn structure(
@@ -647,12 +669,17 @@ fn stopped(path: &Path, at: u64, name: &str, stop: Stop) -> Error {
     match stop {
         Stop::Wrong(what) => wrong(path, at, name, what),
         Stop::Cut => wrong(path, at, name, "the file ends within it"),
-        Stop::Large => Error::new(
-            ErrorKind::CellCount,
-            path,
-            format!("the variable {name} holds more numbers than a file of this size is read with"),
-        )
-        .action("save only the variables of the recording: save('run.mat', 't', 'u', '-v7')"),
+        Stop::Large => too_many(path, name),
         Stop::Io(error) => Error::io(path, error),
     }
+}
+
+/// The error for more numbers than a file of its size is believed to hold.
+pub(super) fn too_many(path: &Path, name: &str) -> Error {
+    Error::new(
+        ErrorKind::CellCount,
+        path,
+        format!("the variable {name} holds more numbers than a file of this size is read with"),
+    )
+    .action("save only the variables of the recording: save('run.mat', 't', 'u', '-v7')")
 }

@@ -25,6 +25,7 @@ pub(crate) mod keys;
 mod lvm;
 mod manifest;
 mod mat;
+mod mat73;
 pub mod mcap;
 mod nexus_csv;
 mod open;

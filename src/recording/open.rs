@@ -388,7 +388,9 @@ impl Reader<'_> {
             }
         };
         values.iter_mut().for_each(|t| *t *= unit.to_si);
-        if let Some(doubt) = slow(column, &values, unit) {
+        if let [first, .., last] = values.as_slice()
+            && let Some(doubt) = slow(column, [*first, *last], values.len() - 1, unit)
+        {
             self.notes.push(Note::warning(path, doubt));
         }
         Ok(values)
@@ -1009,13 +1011,18 @@ fn overruled(path: &Path, section: &Section, rate_hz: f64) -> Option<Note> {
     })
 }
 
-/// What is said where times run so slowly that their unit is doubtful: samples farther apart, on average,
-/// than the longest relaxation that a film shows within a recording (40 s) show nothing of it.
-fn slow(column: &Column, time_s: &[f64], unit: &Unit) -> Option<String> {
+/// What is said where times, `steps` steps from the first to the last, run so slowly that their unit is
+/// doubtful: samples farther apart, on average, than the longest relaxation that a film shows within a recording
+/// (40 s) show nothing of it.
+pub(super) fn slow(
+    column: &Column,
+    [first, last]: [f64; 2],
+    steps: usize,
+    unit: &Unit,
+) -> Option<String> {
     const FARTHEST_S: f64 = 40.0;
-    let (first, last) = (time_s.first()?, time_s.last()?);
     #[allow(clippy::cast_precision_loss)]
-    let step_s = (last - first) / (time_s.len().checked_sub(1)? as f64);
+    let step_s = (last - first) / steps as f64;
     (step_s.is_finite() && step_s > FARTHEST_S).then(|| {
         format!(
             "column {} in {} runs for {:.0} s with a sample every {step_s:.0} s: is the unit of the time right?",

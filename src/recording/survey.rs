@@ -15,7 +15,7 @@ use super::capture::{
     importer_for, nothing,
 };
 use super::error::Error;
-use super::open::section_markers;
+use super::open::{section_markers, slow};
 use crate::units::{Dimension, TimeScale, Unit};
 
 /// What is in a file.
@@ -1132,6 +1132,17 @@ impl Clock {
                     line(at)
                 ),
             );
+        }
+        if let Some(column) = self.column.map(|c| &section.columns[c])
+            && let Some(unit) = Unit::parse(&column.unit)
+            && let Some(says) = slow(
+                column,
+                [self.first, self.last],
+                self.count.saturating_sub(1),
+                unit,
+            )
+        {
+            doubt(self.first, says);
         }
         let Some(rate) = self.rate_hz() else { return };
         if let Some(declared) = declared

@@ -281,8 +281,10 @@ fn tables(path: &Path, sheets: &[Rc<Sheet>], options: &ReadOptions) -> Result<Ca
     let several = sheets.len() > 1;
     let asked = options.columns.as_ref().filter(|c| !c.is_empty());
     let mut known = Vec::new();
+    let mut with_tables = 0;
     for sheet in sheets {
         let headers = delimited::headers(path, sheet.lines(path), &[Delimiter::Tab]);
+        with_tables += usize::from(headers.is_ok());
         let columns = match (&headers, asked) {
             (Ok(headers), Some(asked)) if several => {
                 known.extend(headers.names.iter().filter(|n| !n.is_empty()).cloned());
@@ -337,7 +339,7 @@ fn tables(path: &Path, sheets: &[Rc<Sheet>], options: &ReadOptions) -> Result<Ca
             .action("export it again"),
         });
     }
-    if sections.len() > 1 {
+    if with_tables > 1 {
         for section in &mut sections {
             for column in &mut section.columns {
                 column.group.clone_from(&section.name);

@@ -1,10 +1,11 @@
-"""Writes the small MATLAB files and workbooks in tests/data/recording: small_tables.py FOLDER. Needs numpy, scipy and openpyxl."""
+"""Writes the small MATLAB files and workbooks in tests/data/recording: small_tables.py FOLDER. Needs numpy, scipy, h5py and openpyxl."""
 
 import csv
 import datetime
 import os
 import sys
 
+import h5py
 import numpy
 import openpyxl
 import scipy.io
@@ -61,3 +62,36 @@ for name, header in [("Motion", ["time_s", "EE_x_mm", "EE_y_mm", "EE_z_mm"]), ("
     for i in range(5):
         sheet.append([i / 50, i, 2 * i, 3 * i])
 book.save(os.path.join(folder, "sheets.xlsx"))
+
+# level 7.3 with the same numbers, as MATLAB lays it out: HDF5 behind 512 bytes, arrays with their sizes the other way round
+path = os.path.join(folder, "small73.mat")
+with h5py.File(path, "w", userblock_size=512) as out:
+    def put(group, name, value):
+        if isinstance(value, dict):
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_class"] = numpy.bytes_("struct")
+            for key, item in value.items():
+                put(inner, key, item)
+            return
+        if isinstance(value, str):
+            kind, value = "char", numpy.array([[ord(c)] for c in value], dtype=numpy.uint16)
+        else:
+            value = numpy.atleast_1d(value)
+            kind = {"float64": "double", "bool": "logical", "object": "cell"}.get(value.dtype.name, value.dtype.name)
+            value = value[None, :] if value.ndim == 1 else value
+            value = value.astype(numpy.uint8) if kind == "logical" else value
+        if kind == "cell":
+            value = numpy.array([[group.file.ref] * 2], dtype=h5py.ref_dtype)
+        elif numpy.iscomplexobj(value):
+            kind = "double"
+            value = value.view([("real", "<f8"), ("imag", "<f8")])
+        more = {} if value.size < 6 or kind == "cell" else {"compression": "gzip", "chunks": True}
+        group.create_dataset(name, data=value.T, **more).attrs["MATLAB_class"] = numpy.bytes_(kind)
+
+    for name, value in arrays.items():
+        put(out, name, value)
+    moments = out.create_dataset("moments", data=numpy.array([[0xDD000000, 2]], dtype=numpy.uint32))
+    moments.attrs["MATLAB_class"] = numpy.bytes_("datetime")
+    moments.attrs["MATLAB_object_decode"] = numpy.int32(3)
+with open(path, "r+b") as out:
+    out.write(b"MATLAB 7.3 MAT-file, by small_tables.py".ljust(124) + b"\0\2IM")

@@ -18,7 +18,7 @@ use super::text::{
     Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, bad_cell, decode, filled_texts,
     is_blank, says_missing, says_not_finite,
 };
-use crate::units::Unit;
+use crate::units::{Dimension, Unit};
 
 /// The importer of plain tables.
 pub struct Delimited;
@@ -348,6 +348,15 @@ pub(super) fn unit_in_name(name: &str) -> Option<&'static Unit> {
         return Unit::parse("N m");
     }
     let (stem, suffix) = name.rsplit_once('_')?;
+    // `v_mm_s` is a speed, not a time
+    let over = stem.rsplit_once('_').map_or(stem, |(_, over)| over);
+    if suffix == "s"
+        && Unit::parse(over).is_some_and(|u| {
+            u.symbol == over && matches!(u.dimension, Dimension::Length | Dimension::Angle)
+        })
+    {
+        return Unit::parse(&format!("{over}/s"));
+    }
     let known = suffix.len() > 1 || matches!(suffix, "s" | "m" | "V" | "N");
     if stem.is_empty() || !known || !suffix.chars().all(char::is_alphabetic) {
         return None;
@@ -743,6 +752,9 @@ mod tests {
         assert_eq!(symbol("nominal_stress_kPa"), Some("kPa"));
         assert_eq!(symbol("Tz (Nm)"), Some("N m"));
         assert_eq!(symbol("M_N_m"), Some("N m"));
+        assert_eq!(symbol("vx_mm_s"), Some("mm/s"));
+        assert_eq!(symbol("w_rad_s"), Some("rad/s"));
+        assert_eq!(symbol("ax_mm_s2"), None);
         // names, not units
         assert_eq!(symbol("phase_A"), None);
         assert_eq!(symbol("specimen_g"), None);

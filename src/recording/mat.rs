@@ -515,7 +515,7 @@ impl Found {
                         .for_each(|v| *v = f64::NAN);
                     notes.push(Note::warning(
                         path,
-                        format!("{axis}: {infinite} values are infinite; taken as gaps"),
+                        format!("{axis}: infinite values: {infinite}; taken as gaps"),
                     ));
                 }
                 let rows = values.len();

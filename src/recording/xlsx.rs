@@ -318,10 +318,15 @@ fn tables(path: &Path, sheets: &[Rc<Sheet>], options: &ReadOptions) -> Result<Ca
                 }
             }
             Err(error) if several => {
-                notes.push(Note::warning(
-                    path,
-                    format!("sheet {} is left out: {}", sheet.name, error.without_path()),
-                ));
+                notes.push(match error.kind() {
+                    ErrorKind::NoData => {
+                        Note::info(path, format!("sheet {} has no row of numbers", sheet.name))
+                    }
+                    _ => Note::warning(
+                        path,
+                        format!("sheet {} is left out: {}", sheet.name, error.without_path()),
+                    ),
+                });
                 first_error.get_or_insert(error);
             }
             Err(error) => return Err(error),
@@ -387,7 +392,7 @@ fn say(path: &Path, sheet: &Sheet, notes: &mut Vec<Note>) {
         notes.push(Note::warning(
             path,
             format!(
-                "{} cells hold an error of a formula, as #N/A; taken as gaps",
+                "cells with an error of a formula, as #N/A: {}; taken as gaps",
                 sheet.errors
             ),
         ));
@@ -396,7 +401,7 @@ fn say(path: &Path, sheet: &Sheet, notes: &mut Vec<Note>) {
         notes.push(Note::warning(
             path,
             format!(
-                "{} cells are dates or times of day, which are not read; for seconds put {} into a column of its own, as a plain number",
+                "cells that are dates or times of day: {}; they are not read: for seconds put {} into a column of its own, as a plain number",
                 sheet.dates,
                 quote("=(A2-A$2)*86400")
             ),

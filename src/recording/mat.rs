@@ -1,5 +1,5 @@
-//! MATLAB files: here those of level 5, which `save` writes with `-v6` (plain) and `-v7` (compressed); those of
-//! level 7.3 are taken apart in [`super::mat73`] and put together here.
+//! MATLAB files: here those of level 5, which `save` writes with `-v6` (plain) and `-v7` (compressed); those
+//! of level 7.3 are taken apart in [`super::mat73`] and put together here.
 //!
 //! ```text
 //! file    := header of 128 bytes, element*
@@ -9,9 +9,9 @@
 //! Each variable is an element `miMATRIX`, or one inside an element `miCOMPRESSED` (zlib). Arrays of numbers
 //! in one dimension are columns, a matrix is several: `U(:,1)`, or `U(1,:)` where its rows go on in time.
 //! Fields of a structure are called `s.a`. Columns of one length are one section, and its clock is told as in
-//! a plain table: by a unit of time in a name (`t_ms`), or a column called `t` or `time`. NaN is a gap, and so
-//! is infinity, which is said. Tables, timetables and other objects are kept by MATLAB in a form of its own,
-//! and are named with how to save them instead.
+//! a plain table: by a unit of time in a name (`t_ms`), or a column called `t` or `time`. NaN is a gap, and
+//! so is infinity, which is said. Tables, timetables and other objects are kept by MATLAB in a form of its
+//! own, and are named with how to save them instead.
 //!
 //! No length in the file is believed: what is read is what the file has bytes for, and what comes out of a
 //! compressed variable is counted. MathWorks, "MAT-File Format", R2019b.

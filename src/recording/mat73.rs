@@ -1,9 +1,9 @@
 //! MATLAB files of level 7.3, which are HDF5 with a header of 512 bytes.
 //!
-//! A variable is a dataset, a structure a group, and the attribute `MATLAB_class` says which. Numbers lie column
-//! after column, so that the shape of a dataset is that of the array the other way round. What is in a file is
-//! put together as that of level 5 ([`super::mat`]). The crate `hdf5-reader` takes the file apart and holds no
-//! more than it is allowed to.
+//! A variable is a dataset, a structure a group, and the attribute `MATLAB_class` says which. Numbers lie
+//! column after column, so that the shape of a dataset is that of the array the other way round. What is in a
+//! file is put together as that of level 5 ([`super::mat`]). The crate `hdf5-reader` takes the file apart and
+//! holds no more than it is allowed to.
 
 use std::fs::File;
 use std::path::Path;

@@ -1012,8 +1012,8 @@ fn overruled(path: &Path, section: &Section, rate_hz: f64) -> Option<Note> {
 }
 
 /// What is said where times, `steps` steps from the first to the last, run so slowly that their unit is
-/// doubtful: samples farther apart, on average, than the longest relaxation that a film shows within a recording
-/// (40 s) show nothing of it.
+/// doubtful: samples farther apart, on average, than the longest relaxation that a film shows within a
+/// recording (40 s) show nothing of it.
 pub(super) fn slow(
     column: &Column,
     [first, last]: [f64; 2],

@@ -1,13 +1,13 @@
 //! Workbooks of Excel (`.xlsx`, `.xlsm`): each worksheet with a table of numbers is a section.
 //!
-//! A sheet is read as the plain table that it would be as a text file, by the same rules ([`super::delimited`]):
-//! header, units, empty cells and all. So the sheet and the CSV file that was saved from it give the same
-//! numbers, but for digits that the CSV file shows no longer. A cell with an error (`#N/A`, `#DIV/0!`) is a gap;
-//! dates and times of day are texts, as they are in a CSV file, and that is said. Where several sheets hold
-//! tables, a column is called `Sheet:column`.
+//! A sheet is read as the plain table that it would be as a text file, by the same rules
+//! ([`super::delimited`]): header, units, empty cells and all. So the sheet and the CSV file that was saved
+//! from it give the same numbers, but for digits that the CSV file shows no longer. A cell with an error
+//! (`#N/A`, `#DIV/0!`) is a gap; dates and times of day are texts, as they are in a CSV file, and that is
+//! said. Where several sheets hold tables, a column is called `Sheet:column`.
 //!
-//! The workbook is taken apart by `calamine`. Its cells are read as a stream, and what comes out of the archive
-//! is counted, so that a small file cannot ask for any amount of memory.
+//! The workbook is taken apart by `calamine`. Its cells are read as a stream, and what comes out of the
+//! archive is counted, so that a small file cannot ask for any amount of memory.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};

@@ -106,6 +106,8 @@ struct Line {
 /// What the beginning of the file tells.
 struct Layout {
     delimiter: Delimiter,
+    /// Whether it was told from the file, and is worth a word.
+    told: bool,
     /// Index of the first data row in the sample.
     data: usize,
     /// Cells in it.
@@ -256,6 +258,7 @@ fn layout(path: &Path, sample: &[Line], delimiters: &[Delimiter]) -> Result<Layo
         .max(last_number + 1);
     Ok(Layout {
         delimiter,
+        told: delimiters.len() > 1,
         data,
         width,
         header: header(&sample[..data], delimiter, &numeric),
@@ -608,12 +611,15 @@ impl<'a> Table<'a> {
         notes: &mut Vec<Note>,
     ) {
         let rows = self.rows;
+        let parted = match layout.told {
+            true => format!(" parted by {}", self.delimiter.name()),
+            false => String::new(),
+        };
         notes.push(Note::info(
             path,
             format!(
-                "{rows} rows, {} columns parted by {}{}",
+                "{rows} rows, {} columns{parted}{}",
                 layout.width,
-                self.delimiter.name(),
                 match &layout.header {
                     Some(h) => format!(", header in line {}", h.line),
                     None => ", no header".to_owned(),

@@ -190,10 +190,6 @@ impl Sheet {
             },
         )
     }
-
-    fn last_row(&self) -> u32 {
-        self.cells.last().map_or(0, |c| c.0)
-    }
 }
 
 fn error_text(error: &CellErrorType) -> &'static str {
@@ -375,19 +371,6 @@ fn own_columns(sheet: &str, headers: &Headers, asked: &[ColumnRef]) -> Vec<Colum
 }
 
 fn say(path: &Path, sheet: &Sheet, notes: &mut Vec<Note>) {
-    // what parts the cells of a sheet is nobody's concern
-    notes.retain(|n| !n.text.contains(" columns parted by "));
-    notes.insert(
-        0,
-        Note::info(
-            path,
-            format!(
-                "rows up to {}, {} columns",
-                sheet.last_row() + 1,
-                sheet.width
-            ),
-        ),
-    );
     if sheet.errors > 0 {
         notes.push(Note::warning(
             path,

@@ -10,10 +10,10 @@ use super::outcome::*;
 use super::statistics::moved_by;
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
-use crate::effects::{Acting, Site, When, command_for};
+use crate::effects::{Acting, Along, Site, When, command_for};
 use crate::fit::profile::{Candidate, TWO_SIDED_95, profile};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
-use crate::model::{Contribution, ForearmTorque, Mechanics, Parameters, Robot};
+use crate::model::{Contribution, ForearmTorque, Mechanics, Parameters, Robot, others};
 use crate::parameter::{Parameter, Transform};
 use crate::recording::nearest;
 use crate::residual::{OFFSET_REACH_S, RobotResidual, VoltageError, root_v};
@@ -1218,6 +1218,10 @@ impl Places {
     }
 }
 
+/// Times that commands are looked for where they depend on each other: each time what is left falls by the
+/// share that one actuator hears of another.
+const COMMAND_ROUNDS: usize = 8;
+
 /// The commands at which the electrical causes make the voltages `film_v` on the films along the measured
 /// motion, V; NaN where none does (above a ceiling, steeper than a limit). Without such causes these are the
 /// voltages themselves.
@@ -1232,19 +1236,32 @@ pub fn predict_command(
     when: When,
 ) -> Result<Vec<[f64; 3]>, Error> {
     let mechanics = mechanics(robot, dataset, effects)?;
-    let mut out = film_v.to_vec();
-    for k in 0..3 {
-        let chain: Vec<&Acting> = effects
-            .iter()
-            .filter(|a| a.on[k] && a.effect.site() == Site::Electrical)
-            .collect();
-        if !chain.is_empty() {
-            let wanted: Vec<f64> = film_v.iter().map(|v| v[k]).collect();
-            let told = command_for(&chain, &mechanics.along(k, when), &wanted);
-            out.iter_mut().zip(told).for_each(|(o, t)| o[k] = t);
+    let wanted = [0, 1, 2].map(|k| film_v.iter().map(|v| v[k]).collect::<Vec<f64>>());
+    let mut told = wanted.clone();
+    // what one actuator needs may depend on what the others are told
+    let rounds = if effects.iter().any(|a| a.effect.hears_others()) {
+        COMMAND_ROUNDS
+    } else {
+        1
+    };
+    for _ in 0..rounds {
+        let before = told.clone();
+        for k in 0..3 {
+            let chain: Vec<&Acting> = effects
+                .iter()
+                .filter(|a| a.on[k] && a.effect.site() == Site::Electrical)
+                .collect();
+            if !chain.is_empty() {
+                let along = Along {
+                    others_v: others(k, [0, 1, 2].map(|j| &before[j][..])),
+                    ..mechanics.along(k, when)
+                };
+                told[k] = command_for(&chain, &along, &wanted[k]);
+            }
         }
     }
-    Ok(out)
+    let out = (0..film_v.len()).map(|i| [0, 1, 2].map(|k| told[k][i]));
+    Ok(out.collect())
 }
 
 /// The balance along a recording, with the causes that move it.
@@ -1284,11 +1301,15 @@ pub fn predict_force(
     let (start_s, step_s) = (dataset.start_s + offset_s + shift, dataset.step_s * rate);
     let mut squared = [0, 1, 2].map(|k| dataset.voltage.squared(k, start_s, step_s, n).0);
     if !effects.is_empty() {
-        for (k, squared) in squared.iter_mut().enumerate() {
-            let command: Vec<f64> = (0..n)
+        let commands = [0, 1, 2].map(|k| -> Vec<f64> {
+            (0..n)
                 .map(|i| dataset.voltage.at(k, start_s + step_s * i as f64))
-                .collect();
-            let film_v = mechanics.film_voltage_v(k, when, effects, &command);
+                .collect()
+        });
+        for (k, squared) in squared.iter_mut().enumerate() {
+            let command = &commands[k];
+            let told = [0, 1, 2].map(|k| &commands[k][..]);
+            let film_v = mechanics.film_voltage_v(k, when, effects, told);
             let half = mechanics.half_capacitance_slope(k, when, effects);
             let torque = mechanics.effect_torque_n_m(k, when, effects);
             let slack = mechanics.slack_torque_n_m(k, when, effects, parameters, &film_v)?;

@@ -25,6 +25,7 @@ mod hinge_stiffness;
 mod joint_damping;
 mod joint_friction;
 mod leakage;
+pub mod learnt;
 pub mod line;
 mod link_length_error;
 mod loss_of_tension;
@@ -256,6 +257,12 @@ pub struct Along<'a> {
     pub force_lever: &'a [Vec3],
     /// Acceleration of the end effector, m/s^2.
     pub acceleration_m_s2: &'a [Vec3],
+    /// Its position, m.
+    pub position_m: &'a [Vec3],
+    /// Its velocity, m/s.
+    pub velocity_m_s: &'a [Vec3],
+    /// The voltages that the next and the previous actuator are told, V; empty where they are not known.
+    pub others_v: [&'a [f64]; 2],
 }
 
 impl Along<'_> {
@@ -362,6 +369,14 @@ pub trait Effect: Sync + Send {
     fn remembers(&self) -> bool {
         false
     }
+    /// Whether [`Effect::voltage`] looks at [`Along::others_v`].
+    fn hears_others(&self) -> bool {
+        false
+    }
+    /// What it is where it was learnt from recordings and stands in no catalogue.
+    fn learnt(&self) -> Option<&learnt::Learnt> {
+        None
+    }
     /// Changes 1/2 dC/d theta_DEA, N m/V^2.
     fn capacitance(&self, _v: &[f64], _along: &Along, _half_slope: &mut [f64]) {}
     /// Multiplies the stress of [equilibrium spring, branches].
@@ -437,7 +452,9 @@ impl Acting {
 
     /// Whether it is the same cause in the same actuators, whatever the values.
     pub fn is(&self, other: &Acting) -> bool {
-        self.effect.id() == other.effect.id() && self.on == other.on
+        self.effect.id() == other.effect.id()
+            && self.effect.learnt() == other.effect.learnt()
+            && self.on == other.on
     }
 }
 

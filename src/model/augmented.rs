@@ -14,6 +14,11 @@ fn at(effects: &[Acting], site: Site) -> impl Iterator<Item = &Acting> {
     effects.iter().filter(move |a| a.effect.site() == site)
 }
 
+/// What the next and the previous actuator have, of what all three have.
+pub fn others<T: Copy>(k: usize, of: [T; 3]) -> [T; 2] {
+    [of[(k + 1) % 3], of[(k + 2) % 3]]
+}
+
 impl Mechanics {
     /// The balance of `robot` along `track` with those effects that change the mechanism or the measured
     /// motion. `pivot_m` is the point about which the capture's axes would be rotated.
@@ -61,19 +66,25 @@ impl Mechanics {
             bicep_lever: &chain.bicep_lever,
             force_lever: &chain.force_lever,
             acceleration_m_s2: &self.acceleration_m_s2,
+            position_m: &self.position_m,
+            velocity_m_s: &self.velocity_m_s,
+            others_v: [&[]; 2],
         }
     }
 
-    /// The voltage that makes the Maxwell torque of chain `k`, V, where the amplifier is told `command_v`.
+    /// The voltage that makes the Maxwell torque of chain `k`, V, where the amplifiers are told `command_v`.
     pub fn film_voltage_v(
         &self,
         k: usize,
         when: When,
         effects: &[Acting],
-        command_v: &[f64],
+        command_v: [&[f64]; 3],
     ) -> Vec<f64> {
-        let mut phi = command_v.to_vec();
-        let along = self.along(k, when);
+        let mut phi = command_v[k].to_vec();
+        let along = Along {
+            others_v: others(k, command_v),
+            ..self.along(k, when)
+        };
         for a in at(effects, Site::Electrical).filter(|a| a.on[k]) {
             a.effect.voltage(&a.values, &along, &mut phi);
         }

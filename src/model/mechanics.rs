@@ -120,6 +120,10 @@ pub struct Mechanics {
     pub unreachable: Vec<(usize, Unreachable)>,
     /// Acceleration of the end effector, m/s^2.
     pub acceleration_m_s2: Vec<Vec3>,
+    /// Its position, m.
+    pub position_m: Vec<Vec3>,
+    /// Its velocity, m/s.
+    pub velocity_m_s: Vec<Vec3>,
     /// Mechanism and lozenges of this track, effects included.
     pub robot: Robot,
     gravity_and_inertia_n: Vec<Vec3>,
@@ -301,6 +305,8 @@ impl Mechanics {
             forearm_slopes,
             unreachable,
             acceleration_m_s2: track.acceleration_m_s2.clone(),
+            position_m: track.position_m.clone(),
+            velocity_m_s: track.velocity_m_s.clone(),
             robot: robot.clone(),
             gravity_and_inertia_n,
             bicep_force_n,

@@ -18,6 +18,7 @@ mod mechanics;
 mod sample;
 
 pub use crate::dataset::Track;
+pub use augmented::others;
 pub use forearm::ForearmTorque;
 pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
 pub use sample::{Electrode, HangingSample};

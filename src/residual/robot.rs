@@ -12,10 +12,11 @@ use rayon::prelude::*;
 use super::gram::{PAD, STRIP, add_rows, filter_rows};
 use super::{Decimation, Normal, SeparableResidual, Slope};
 use crate::dataset::{Dataset, OffsetSource};
-use crate::effects::{Acting, Effect, Site, When};
+use crate::effects::learnt::Learnt;
+use crate::effects::{Acting, Along, Effect, Site, When};
 use crate::film::Locked;
 use crate::film::kernel::{LANES, Pass, ROW, Shape, Way};
-use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Track, Unreachable};
+use crate::model::{ForearmTorque, Mechanics, Parameters, Robot, Track, Unreachable, others};
 
 /// Where a clock offset is free: the residual's band over the half-power frequency of the smoothed motion.
 /// Timing shows in fast motion; for the film alone the wider band only lets in what smoothing takes from the
@@ -217,6 +218,9 @@ pub struct ExpectedScore {
 /// Step of the differences with respect to an effect's value, in its spread.
 const VALUE_STEP: f64 = 1e-3;
 
+/// Share by which voltages are made larger to see a slope.
+const STEP: f64 = 1e-2;
+
 /// Left out at both ends of a recording where errors in volts are counted, s.
 const EDGE_S: f64 = 0.3;
 
@@ -282,8 +286,9 @@ impl Prepared<'_> {
         offset_s: f64,
         effects: &[Acting],
     ) -> Vec<f64> {
-        let command = self.command(chain, offset_s, effects);
-        mechanics.film_voltage_v(chain, self.when, effects, &command.2)
+        let commands = [0, 1, 2].map(|k| self.command(k, offset_s, effects));
+        let told = [0, 1, 2].map(|k| &commands[k].2[..]);
+        mechanics.film_voltage_v(chain, self.when, effects, told)
     }
 
     /// Maxwell torque of a chain at the frames, N m, and its change per second of clock offset: 1/2 C' times
@@ -303,7 +308,7 @@ impl Prepared<'_> {
         if !effects.iter().any(electrical) {
             return (product(&command.0, plain), product(&command.1, plain));
         }
-        let film = mechanics.film_voltage_v(k, self.when, effects, &command.2);
+        let film = self.film_voltage(mechanics, k, offset_s, effects);
         let half = mechanics.half_capacitance_slope(k, self.when, effects);
         let made = (0..film.len())
             .map(|i| {
@@ -1376,6 +1381,41 @@ impl<'a> RobotResidual<'a> {
         }
     }
 
+    /// Departures (N m at the frames, as [`RobotResidual::departures`] gives them) at the kept samples: for each
+    /// recording one row a kept sample and chain, one column a departure.
+    pub fn filtered_departures(&self, torques: &[Vec<Chains>]) -> Vec<DMatrix<f64>> {
+        let each = |(r, torques): (&Prepared, &Vec<Chains>)| {
+            let columns: Vec<DVector<f64>> = (torques.par_iter())
+                .map(|t| DVector::from_vec(r.filtered(t)))
+                .collect();
+            match columns.is_empty() {
+                true => DMatrix::zeros(3 * r.centres.len(), 0),
+                false => DMatrix::from_columns(&columns),
+            }
+        };
+        self.recordings.iter().zip(torques).map(each).collect()
+    }
+
+    /// Lets the robot depart along these combinations (columns) of [`RobotResidual::filtered_departures`] too,
+    /// beside those that it may have already: linear unknowns of a fit, of which errors between the kept
+    /// samples know nothing.
+    pub fn allow_more(&mut self, filtered: &[DMatrix<f64>], combine: &DMatrix<f64>) {
+        let before = self.layout.departures;
+        let all = before + combine.ncols();
+        self.layout.departures = all;
+        for (r, filtered) in self.recordings.iter_mut().zip(filtered) {
+            let more = filtered * combine;
+            let mut rows = vec![0.0; more.nrows() * all];
+            for (i, row) in rows.chunks_exact_mut(all.max(1)).enumerate() {
+                row[..before].copy_from_slice(&r.departed.1[i * before..(i + 1) * before]);
+                for (x, m) in row[before..].iter_mut().zip(more.row(i).iter()) {
+                    *x = *m;
+                }
+            }
+            r.departed = Arc::new((r.departed.0.clone(), rows));
+        }
+    }
+
     /// Adds what the departures of `beta` change of a torque error.
     fn depart(&self, recording: usize, beta: &[f64], error: &mut Chains) {
         let sizes = &beta[self.layout.linear() - self.layout.departures..];
@@ -1483,6 +1523,73 @@ impl<'a> RobotResidual<'a> {
         let mut error = self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
         self.depart(recording, beta, &mut error);
         Ok(self.filtered(recording, &error))
+    }
+
+    /// What each coefficient of a learnt term changes of the whitened residual on each actuator alone, to
+    /// first order: rows as in [`RobotResidual::design`]. With them, where it acts on the voltage, by how much
+    /// what it adds to the squared voltage grows with that square, were all voltages larger by the same share
+    /// (0 where there is none).
+    pub fn term_columns(&self, term: &Learnt) -> ([DMatrix<f64>; 3], Option<[DMatrix<f64>; 3]>) {
+        let (rows, count) = (self.rows(), term.form.count());
+        let mut columns = [(); 3].map(|()| DMatrix::zeros(rows, count));
+        let mut slopes = term.electrical().then(|| columns.clone());
+        let mut first = 0;
+        for r in &self.recordings {
+            let commands = [0, 1, 2].map(|k| r.command(k, r.dataset.offset_s, &[]).2.clone());
+            let larger = [0, 1, 2].map(|k| {
+                let more = commands[k].iter().map(|v| v * (1.0 + STEP));
+                more.collect::<Vec<f64>>()
+            });
+            for k in 0..3 {
+                let added = |volts: &[Vec<f64>; 3]| {
+                    let told = [0, 1, 2].map(|k| &volts[k][..]);
+                    let along = Along {
+                        others_v: others(k, told),
+                        ..r.mechanics.along(k, r.when)
+                    };
+                    term.columns(&along, told[k])
+                };
+                let half = &r.mechanics.chains[k].half_capacitance_slope;
+                let own = added(&commands);
+                let more = slopes.is_some().then(|| added(&larger));
+                for (j, column) in own.iter().enumerate() {
+                    for (at, (&c, w)) in r.centres.iter().zip(&r.whitening).enumerate() {
+                        let made = |i: usize| match term.electrical() {
+                            true => -half[i] * column[i],
+                            false => -column[i],
+                        };
+                        let f = r.decimation.apply(c, made);
+                        let row = first + 3 * at;
+                        match k {
+                            0 => {
+                                columns[0][(row, j)] = w[0] * f;
+                                columns[0][(row + 1, j)] = w[1] * f;
+                                columns[0][(row + 2, j)] = w[3] * f;
+                            }
+                            1 => {
+                                columns[1][(row + 1, j)] = w[2] * f;
+                                columns[1][(row + 2, j)] = w[4] * f;
+                            }
+                            _ => columns[2][(row + 2, j)] = w[5] * f,
+                        }
+                        if let (Some(slopes), Some(more)) = (&mut slopes, &more) {
+                            let told = commands[k][c];
+                            let step = told * told * ((1.0 + STEP).powi(2) - 1.0);
+                            if step > 1.0 {
+                                slopes[k][(row + k, j)] = (more[j][c] - column[c]) / step;
+                            }
+                        }
+                    }
+                }
+            }
+            first += 3 * r.centres.len();
+        }
+        (columns, slopes)
+    }
+
+    /// Takes a recording out of all sums: its residuals count nothing.
+    pub fn mute(&mut self, recording: usize) {
+        self.recordings[recording].whitening.fill([0.0; 6]);
     }
 
     /// Middle frame of each kept sample of a recording.

@@ -3,23 +3,25 @@
 //!
 //! | the cause acts on | becomes |
 //! |---|---|
-//! | voltage, capacitance, stress, torques | an [`Addition`]: [`effect_addition`] |
+//! | voltage, capacitance, stress, torques, forces | an [`Addition`]: [`effect_addition`] |
 //! | lengths | another robot: [`effect_robot`] |
 //! | what the capture reads of the motion | another motion: [`effect_reading`] |
 //! | the clock | another drive: [`EffectClock`] |
 //!
 //! [`motion_with_effects`] puts all of them together. Where a cause without memory is concerned the addition
 //! calls the catalogue's own formula, one sample at a time; a cause with memory has states here, and its
-//! formula is the differential equation that the catalogue solves in steps.
+//! formula is the differential equation that the catalogue solves in steps. A term that was learnt from
+//! recordings brings both along ([`Learnt::rates`], [`Learnt::added`], [`Learnt::pull`]).
 
 use super::Error;
 use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
+use crate::effects::learnt::{Learnt, Place};
 use crate::effects::{Acting, Along, Reading, Site, When, creep, flow, leak};
 use crate::film::Film;
 use crate::kinematics::Vec3;
-use crate::model::{Parameters, Robot};
+use crate::model::{Parameters, Robot, others};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
 /// Charge of which a state counts one, C.
@@ -36,7 +38,7 @@ const SLOWER: f64 = 15.0;
 const REST_STEP_S: f64 = 5.0;
 
 /// What an addition remembers, chain by chain.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum Memory {
     /// Nothing.
     None,
@@ -64,10 +66,15 @@ enum Memory {
     BicepRate,
     /// The end effector's velocity, followed closely.
     Velocity,
+    /// What a learnt term has, of a force axis by axis.
+    Learnt(&'static Learnt),
 }
 
 impl Memory {
     fn of(acting: &Acting) -> Self {
+        if let Some(learnt) = acting.effect.learnt() {
+            return Memory::Learnt(learnt);
+        }
         match acting.effect.id() {
             "series_resistance" => Memory::Charge,
             "leakage" if acting.values[2] > 0.0 => Memory::Charge,
@@ -86,19 +93,20 @@ impl Memory {
         }
     }
 
-    /// States a chain, and their typical size.
-    fn states(self) -> (usize, f64) {
+    /// Typical sizes of the states of a chain.
+    fn sizes(self) -> Vec<f64> {
         match self {
-            Memory::None => (0, 1.0),
-            Memory::Charge => (1, 3000.0),
-            Memory::Polarisation => (2, 1000.0),
-            Memory::Output => (1, 1000.0),
-            Memory::Presliding => (1, 1.0),
-            Memory::LargestEnergy => (1, 1e5),
-            Memory::Branch | Memory::Flow | Memory::Play => (2, 1.0),
-            Memory::HeldOff => (1, 100.0),
-            Memory::Rest => (1, 1e6),
-            Memory::BicepRate | Memory::Velocity => (1, 1.0),
+            Memory::None => Vec::new(),
+            Memory::Charge => vec![3000.0],
+            Memory::Polarisation => vec![1000.0; 2],
+            Memory::Output => vec![1000.0],
+            Memory::Presliding => vec![1.0],
+            Memory::LargestEnergy => vec![1e5],
+            Memory::Branch | Memory::Flow | Memory::Play => vec![1.0; 2],
+            Memory::HeldOff => vec![100.0],
+            Memory::Rest => vec![1e6],
+            Memory::BicepRate | Memory::Velocity => vec![1.0],
+            Memory::Learnt(learnt) => learnt.form.state_sizes(),
         }
     }
 }
@@ -107,6 +115,8 @@ impl Memory {
 struct Part {
     acting: Acting,
     memory: Memory,
+    /// Typical sizes of the states of a chain.
+    sizes: Vec<f64>,
     /// Every size at its off value.
     off: bool,
 }
@@ -122,6 +132,7 @@ impl Part {
         Part {
             acting: acting.clone(),
             memory,
+            sizes: memory.sizes(),
             off,
         }
     }
@@ -366,6 +377,9 @@ impl EffectAddition {
             bicep_lever: &[1.0],
             force_lever: &[[0.0; 3]],
             acceleration_m_s2: &[[0.0; 3]],
+            position_m: &sample.position,
+            velocity_m_s: &sample.velocity,
+            others_v: [&sample.others[..1], &sample.others[1..]],
         }
     }
 
@@ -387,10 +401,26 @@ fn squared(stretch: [f64; 2]) -> [f64; 2] {
     stretch.map(|l| l * l)
 }
 
-/// theta_DEA and theta_b with its derivatives, of one chain at one moment.
+/// What one chain has at one moment: theta_DEA, theta_b with its derivatives, the effector's position and
+/// velocity, what the next and the previous actuator are told.
 struct Sample {
     theta_dea: [f64; 1],
     theta_b: [[f64; 3]; 1],
+    position: [Vec3; 1],
+    velocity: [Vec3; 1],
+    others: [f64; 2],
+}
+
+impl Sample {
+    fn of(s: &Situation, k: usize) -> Self {
+        Sample {
+            theta_dea: [s.theta_dea_rad[k]],
+            theta_b: [[s.theta_b_rad[k], s.theta_b_rate_rad_s[k], 0.0]],
+            position: [s.position_m],
+            velocity: [s.velocity_m_s],
+            others: others(k, s.command_v),
+        }
+    }
 }
 
 impl EffectAddition {
@@ -399,7 +429,7 @@ impl EffectAddition {
         let mut next = 0;
         self.parts.iter().map(move |part| {
             let place = next;
-            next += 3 * part.memory.states().0;
+            next += 3 * part.sizes.len();
             (place, part)
         })
     }
@@ -407,18 +437,22 @@ impl EffectAddition {
 
 impl Addition for EffectAddition {
     fn states(&self) -> usize {
-        self.parts.iter().map(|p| 3 * p.memory.states().0).sum()
+        self.parts.iter().map(|p| 3 * p.sizes.len()).sum()
     }
 
     fn start(&self, s: &Situation, states: &mut [f64]) {
+        // What the electrical chain makes of the command before this part.
+        let mut told = s.command_v;
         for (place, part) in self.places() {
-            let n = part.memory.states().0;
+            let n = part.sizes.len();
             for k in 0..3 {
+                let sample = Sample::of(s, k);
+                let along = self.along(s, k, &sample);
                 let z = &mut states[place + k * n..place + (k + 1) * n];
                 match part.memory {
-                    Memory::Charge => z[0] = s.capacitance_f[k] * s.command_v[k] / NANOCOULOMB,
-                    Memory::Polarisation => z.fill(s.command_v[k]),
-                    Memory::Output => z[0] = s.command_v[k],
+                    Memory::Charge => z[0] = s.capacitance_f[k] * told[k] / NANOCOULOMB,
+                    Memory::Polarisation => z.fill(told[k]),
+                    Memory::Output => z[0] = told[k],
                     Memory::LargestEnergy => z[0] = self.equilibrium(s.stretch[k]).1,
                     Memory::Rest => z[0] = s.film_stress_pa[k][1],
                     Memory::BicepRate => z[0] = s.theta_b_rate_rad_s[k],
@@ -436,7 +470,24 @@ impl Addition for EffectAddition {
                     }
                     Memory::Flow => z.copy_from_slice(&s.stretch[k].map(f64::ln)),
                     Memory::Play => z.fill(s.theta_b_rad[k]),
+                    Memory::Learnt(learnt) => learnt.start(&along, told[k], z),
                     Memory::HeldOff | Memory::Presliding | Memory::None => z.fill(0.0),
+                }
+                if part.off || !part.acting.on[k] || part.acting.effect.site() != Site::Electrical {
+                    continue;
+                }
+                let v = &part.acting.values;
+                match part.memory {
+                    Memory::Learnt(learnt) => {
+                        told[k] = Learnt::raised(told[k], learnt.added(v, &along, told[k], z));
+                    }
+                    Memory::None => {
+                        let mut phi = [told[k]];
+                        part.acting.effect.voltage(v, &along, &mut phi);
+                        told[k] = phi[0];
+                    }
+                    // At rest these give what they are told.
+                    _ => {}
                 }
             }
         }
@@ -444,7 +495,9 @@ impl Addition for EffectAddition {
 
     fn scale(&self, i: usize) -> f64 {
         let last = self.places().filter(|(place, _)| *place <= i).last();
-        last.map_or(1.0, |(_, part)| part.memory.states().1)
+        last.map_or(1.0, |(place, part)| {
+            part.sizes[(i - place) % part.sizes.len()]
+        })
     }
 
     fn act(&self, s: &Situation, states: &[f64], action: &mut Action, rates: &mut [f64]) {
@@ -453,10 +506,7 @@ impl Addition for EffectAddition {
             return;
         }
         for k in 0..3 {
-            let sample = Sample {
-                theta_dea: [s.theta_dea_rad[k]],
-                theta_b: [[s.theta_b_rad[k], s.theta_b_rate_rad_s[k], 0.0]],
-            };
+            let sample = Sample::of(s, k);
             let along = self.along(s, k, &sample);
             let lozenge = along.lozenge;
             let slopes = lozenge.log_stretch_slopes(s.theta_dea_rad[k]);
@@ -466,13 +516,14 @@ impl Addition for EffectAddition {
                 self.places()
                     .filter(|(_, part)| !part.off && part.acting.on[k])
                     .map(|(place, part)| {
-                        let n = part.memory.states().0;
+                        let n = part.sizes.len();
                         let first = place + k * n;
                         (part, &part.acting.values[..], first..first + n)
                     })
             };
             // Electrical chain
-            for (part, v, range) in here() {
+            for (part, v, range) in here().filter(|p| p.0.acting.effect.site() == Site::Electrical)
+            {
                 let (z, rate) = (&states[range.clone()], &mut rates[range]);
                 let told = action.phi_v[k];
                 match part.memory {
@@ -507,6 +558,11 @@ impl Addition for EffectAddition {
                         let wanted = sign * (told - z[0]) / SLEW_S;
                         rate[0] = sign * wanted.clamp(-v[1], v[0]);
                         action.phi_v[k] = z[0];
+                    }
+                    Memory::Learnt(learnt) => {
+                        learnt.rates(&along, s.theta_dea_rate_rad_s[k], told, z, rate);
+                        let more = learnt.added(v, &along, told, z);
+                        action.phi_v[k] = Learnt::raised(told, more);
                     }
                     _ => {
                         let mut phi = [told];
@@ -600,6 +656,19 @@ impl Addition for EffectAddition {
                         let pushed = (ahead - v[1]).max(0.0) + (ahead + v[1]).min(0.0);
                         rate[0] = pushed / PLAY_S;
                         action.torque_b_n_m[k] -= v[0] * (z[0] - z[1]);
+                    }
+                    Memory::Learnt(learnt) if learnt.form.is_force() => {
+                        let pull = learnt.pull(v, &along, k, z, rate);
+                        action.force_n = [0, 1, 2].map(|i| action.force_n[i] + pull[i]);
+                    }
+                    Memory::Learnt(learnt) => {
+                        learnt.rates(&along, s.theta_dea_rate_rad_s[k], 0.0, z, rate);
+                        let made = learnt.added(v, &along, 0.0, z);
+                        if matches!(learnt.place, Place::Bicep | Place::Series) {
+                            action.torque_b_n_m[k] += made;
+                        } else {
+                            action.torque_dea_n_m[k] += made;
+                        }
                     }
                     _ => {
                         let effect = part.acting.effect;

@@ -528,6 +528,16 @@ impl<'a> Plant<'a> {
         out
     }
 
+    /// The additions' own states with the robot at rest in `situation`.
+    fn start(&self, situation: &Situation, z: &mut [f64]) {
+        let mut at = 0;
+        for addition in self.additions {
+            let n = addition.states();
+            addition.start(situation, &mut z[at..at + n]);
+            at += n;
+        }
+    }
+
     fn act(&self, situation: &Situation, z: &[f64], rates: &mut [f64]) -> Action {
         let mut action = Action {
             phi_v: situation.command_v,
@@ -948,6 +958,8 @@ pub struct Rest {
 /// The static balance with relaxed branches: only the equilibrium springs carry.
 struct Statics<'a> {
     plant: Plant<'a>,
+    /// Time at which it rests, s.
+    t_s: f64,
     states: Vec<f64>,
 }
 
@@ -969,7 +981,11 @@ impl<'a> Statics<'a> {
         };
         let plant = Plant::new(robot, &relaxed, voltage, options, additions);
         let states = vec![0.0; plant.states];
-        Statics { plant, states }
+        Statics {
+            plant,
+            t_s: options.start_s,
+            states,
+        }
     }
 
     /// Residual and stiffness at rest in `u`.
@@ -979,18 +995,13 @@ impl<'a> Statics<'a> {
         phi: [f64; 3],
         payload_kg: f64,
     ) -> Result<(Vec3, [Vec3; 3], Pose), Error> {
-        let t_s = 0.0;
+        let t_s = self.t_s;
         let pose = self.plant.pose(t_s, u)?;
         let w = [[[1.0; LANES]; 2]; 3];
         let films = self.plant.explicit(t_s, &pose, &w)?;
         let situation = self.plant.situation(t_s, u, [0.0; 3], &pose, &films, phi);
         let mut rates = std::mem::take(&mut self.plant.rates);
-        let mut at = 0;
-        for addition in self.plant.additions {
-            let n = addition.states();
-            addition.start(&situation, &mut self.states[at..at + n]);
-            at += n;
-        }
+        self.plant.start(&situation, &mut self.states);
         let action = self.plant.act(&situation, &self.states, &mut rates[0]);
         let b = self
             .plant
@@ -1002,6 +1013,8 @@ impl<'a> Statics<'a> {
                 let mut dx = [0.0; 3];
                 dx[c] = 1e-8;
                 let moved = self.plant.moved(&situation, &pose, &films, dx, [0.0; 3]);
+                // What lags has come to rest there, too.
+                self.plant.start(&moved, &mut self.states);
                 let changed = self.plant.act(&moved, &self.states, &mut rates[1]);
                 let force = self.plant.force(&pose, &changed);
                 for i in 0..3 {
@@ -1055,8 +1068,23 @@ pub fn rest(
     payload_kg: f64,
     additions: &[&dyn Addition],
 ) -> Result<Rest, Error> {
+    rest_at(0.0, robot, parameters, phi_v, payload_kg, additions)
+}
+
+/// As [`rest`], at the time `start_s`: additions may depend on it.
+fn rest_at(
+    start_s: f64,
+    robot: &Robot,
+    parameters: &Parameters,
+    phi_v: [f64; 3],
+    payload_kg: f64,
+    additions: &[&dyn Addition],
+) -> Result<Rest, Error> {
     check_film(&parameters.film)?;
-    let options = Options::default();
+    let options = Options {
+        start_s,
+        ..Options::default()
+    };
     let none = super::voltage::Smooth(|_| [0.0; 3]);
     let mut statics = Statics::new(robot, parameters, &none, &options, additions);
     let no_rest = |share: f64, position_m: Vec3, why: String| Error::NoRest {
@@ -1259,7 +1287,7 @@ pub fn motion_as_far(
     let payload = options.payload.mass_kg(t0, Side::After);
     let (x, v, films) = match options.start {
         Start::Rest => {
-            let rest = rest(robot, parameters, phi, payload, additions)?;
+            let rest = rest_at(t0, robot, parameters, phi, payload, additions)?;
             (rest.position_m, [0.0; 3], InitialState::Relaxed)
         }
         Start::From {
@@ -1302,12 +1330,7 @@ pub fn motion_as_far(
     }
     let films_now = plant.explicit(t0, &pose, &state.w)?;
     let situation = plant.situation(t0, x, v, &pose, &films_now, phi);
-    let mut at = 0;
-    for addition in additions {
-        let count = addition.states();
-        addition.start(&situation, &mut state.z[at..at + count]);
-        at += count;
-    }
+    plant.start(&situation, &mut state.z);
     let before = stored(&mut plant, t0, &state, Side::After)?;
     let control = Control {
         scale: plant.scale,

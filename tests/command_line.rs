@@ -654,6 +654,72 @@ fn causes_of_a_parameter_file_are_applied() {
 }
 
 #[test]
+fn predictions_outside_what_was_learnt_are_said() {
+    let bench = Bench::new("single-1");
+    let term = |site: &str, unit: &str, own: &str| {
+        format!("[[effect]]\nid = \"learnt\"\nsite = \"{site}\"\nunit = \"{unit}\"\n{own}\n")
+    };
+    let drag = |speed_m_s: f64| {
+        let own = format!(
+            "form = \"drag\"\nvariables = [\"effector velocity\"]\ncoefficients = [0, 0, 0, 0, 0, 0]\nrange = [[0, {speed_m_s}]]"
+        );
+        term("force", "N", &own)
+    };
+    // of the actuators one is driven: the angle of its bicep alone leaves 3.9 to 4.1 rad
+    let curve = term(
+        "bicep",
+        "N m",
+        "form = \"spline\"\nvariables = [\"bicep angle\"]\nknots = [3.9, 4.0, 4.1]\nvalues = [0, 1e-6, 0]\nrange = [[3.9, 4.1]]",
+    );
+    let file = parameter_file(&bench, &(curve.clone() + &drag(10.0)));
+    let words = [
+        "single-1: a learnt term (a torque on the bicep joints, a spline) saw bicep angle from 3.90 rad to 4.10 rad",
+        "above that range",
+        "held at its edge",
+    ];
+    for what in ["voltage", "force", "motion"] {
+        let out = bench.run(&["predict", what, "rec", "--params", &file, "-o", "p.csv"]);
+        let said = String::from_utf8_lossy(&out.stdout).into_owned();
+        assert!(
+            out.status.success(),
+            "{}",
+            String::from_utf8_lossy(&out.stderr)
+        );
+        assert_says(&said, &words);
+        assert!(!said.contains("drag"), "{said}");
+    }
+    // the table itself says nothing, the line beside it does
+    let out = bench.run(&["predict", "motion", "rec", "--params", &file]);
+    assert!(!String::from_utf8_lossy(&out.stdout).contains("learnt"));
+    assert_says(&String::from_utf8_lossy(&out.stderr), &words);
+    let out = bench.run(&["validate", "rec", "--params", &file, "-o", "v"]);
+    assert_says(&String::from_utf8_lossy(&out.stdout), &words);
+    let json = fs::read_to_string(bench.path("v/validation.json")).unwrap();
+    assert_says(&json, &words);
+    // a force of the speed, faster than it was learnt
+    let file = parameter_file(&bench, &drag(1e-4));
+    let out = bench.run(&["predict", "force", "rec", "--params", &file, "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    let remarks = json["remarks"].as_array().unwrap();
+    assert_eq!(remarks.len(), 1, "{json}");
+    let said = remarks[0].as_str().unwrap();
+    assert_says(
+        said,
+        &[
+            "a drag",
+            "effector velocity",
+            "0.000100 m/s",
+            "no recording says",
+        ],
+    );
+    // what is inside is no news
+    let file = parameter_file(&bench, &drag(10.0));
+    let out = bench.run(&["predict", "force", "rec", "--params", &file, "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!(json.get("remarks").is_none(), "{json}");
+}
+
+#[test]
 fn causes_that_do_not_exist_are_refused_with_those_that_do() {
     let bench = Bench::new("single-1");
     for (more, words) in [

@@ -144,6 +144,70 @@ fn intervals_hold_the_value_of_the_catalogues_own_form() {
     assert!(own_form(&spec(Kind::Unknown("x_cogging"), 7, 0.9)).is_err());
 }
 
+/// The folders of a set of a case that [`write`] wrote.
+fn set(dir: &Path, spec: &Spec, name: &str) -> Vec<String> {
+    let folder = dir.join("cases").join(spec.name()).join(name);
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut list: Vec<String> = entries
+        .map(|e| e.unwrap().path().display().to_string())
+        .collect();
+    list.sort();
+    list
+}
+
+#[test]
+fn what_is_in_no_catalogue_is_learnt_where_it_acts_and_predicts() {
+    // a cable that pulls on one side of the workspace
+    let spec = spec(Kind::Unknown("x_slack_cable"), 3, 0.9);
+    let temporary = tempfile::tempdir().unwrap();
+    let dir = temporary.path();
+    write(dir, &spec, false);
+    let (train, holdout) = (set(dir, &spec, "train"), set(dir, &spec, "holdout"));
+    let rig = dir.join("cases").join(spec.name()).join("rig.toml");
+    let rig = rig.display().to_string();
+    let mut arguments: Vec<&str> = train.iter().map(String::as_str).collect();
+    arguments.extend(["--rig", &rig, "--holdout"]);
+    arguments.extend(holdout.iter().map(String::as_str));
+    let d = verdict(dir, &arguments);
+    assert_eq!(d["verdict"], "unexplained", "{}", d["says"]);
+    let learnt = &d["learnt"];
+    assert_eq!(learnt["site"], "force", "{learnt}");
+    assert_eq!(learnt["unit"], "N");
+    assert_eq!(learnt["in_model"], true);
+    let variables = learnt["variables"].to_string();
+    assert!(variables.contains("effector x"), "{variables}");
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    let gain = &d["holdout_rmse_V"];
+    let (before, after) = (number(&gain["before"]), number(&gain["after"]));
+    assert!(after < 0.6 * before, "{gain}");
+    // the page shows it, and the file predicts as the diagnosis did
+    let page = std::fs::read_to_string(dir.join("out/report.html")).unwrap();
+    assert!(page.contains("What was learnt of the missing physics"));
+    let parameters = dir.join("out/parameters.toml");
+    let text = std::fs::read_to_string(&parameters).unwrap();
+    assert!(text.contains("id = \"learnt\""), "{text}");
+    let mut squares = 0.0;
+    let mut samples = 0.0;
+    for recording in &holdout {
+        let out = common::run(|deacal| {
+            deacal
+                .args(["validate", recording, "--json", "-q", "--params"])
+                .arg(&parameters)
+                .args(["--rig", &rig, "-o"])
+                .arg(dir.join(format!("validated-{samples}")))
+        });
+        let v: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        let n = number(&v["n_samples"]);
+        squares += n * number(&v["rmse_V"]).powi(2);
+        samples += n;
+    }
+    let validated = (squares / samples).sqrt();
+    assert!(
+        (validated - after).abs() < 0.05 * after,
+        "validate says {validated} V, the diagnosis {after} V"
+    );
+}
+
 /// Writes the files of a case below `dir`, and its answer where `answer` says so.
 fn write(dir: &Path, spec: &Spec, answer: bool) {
     let case = generate(spec).unwrap();

@@ -4,9 +4,10 @@
 mod common;
 
 use deacal::diagnosis::{
-    Candidate, Departed, Diagnosis, Evidence, Gain, Hidden, Law, Place, RivalModel, Traces, Value,
-    Verdict,
+    Candidate, Departed, Diagnosis, Evidence, Gain, Hidden, Law, LearntPhysics, LearntTerm, Place,
+    RivalModel, Traces, Value, Verdict,
 };
+use deacal::effects::learnt::{Form, Learnt, Place as Site, Variable};
 use deacal::effects::{Acting, by_id};
 use deacal::film::Film;
 use deacal::model::{ForearmTorque, Parameters};
@@ -200,6 +201,7 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
             terms: vec![("rate of theta_b, squared".into(), 1.2e-5, 0.4), ("height".into(), -3e-6, 0.1)],
             share: 0.47,
         }),
+        learnt: None,
         rival_models: vec![RivalModel {
             method: "forward selection (AIC)",
             effects: vec!["leakage", "joint_damping"],
@@ -232,6 +234,76 @@ fn series() -> Vec<SeriesEntry> {
         clock_s: None,
     };
     vec![entry("a/01-symmetric", 1), entry(HOSTILE, 2)]
+}
+
+/// A curve of the bicep angle, per rate, of actuators 1 and 2.
+fn learnt() -> LearntPhysics {
+    let form = Form::Spline {
+        of: Variable::BicepAngle,
+        knots: vec![0.0, 0.1, 0.2],
+        by: Some(Variable::BicepRate),
+    };
+    let term = Learnt::new(Site::Bicep, form, vec![[0.01, 0.19], [-0.5, f64::INFINITY]]);
+    LearntPhysics {
+        place: Site::Bicep,
+        terms: vec![LearntTerm {
+            acting: Acting {
+                effect: term,
+                values: vec![1e-3, -2e-3, 5e-4],
+                on: [true, true, false],
+            },
+            covariance: vec![
+                vec![1e-8, 0.0, 0.0],
+                vec![0.0, 2e-8, 0.0],
+                vec![0.0, 0.0, 1e-8],
+            ],
+            inclusion: 0.999,
+            largest: 1.9e-3,
+        }],
+        net_work: -0.8,
+        resembles: vec![("joint_damping", 0.83)],
+        gap_closed: 0.91,
+        left_out: -1.2,
+        says: "a torque on the bicep joints <script>, by bicep angle, bicep rate.".into(),
+    }
+}
+
+#[test]
+fn what_was_learnt_is_shown_and_written() {
+    let mut d = diagnosis(Verdict::Unexplained);
+    d.law = None;
+    d.learnt = Some(learnt());
+    let text = to_text(&DiagnosisJson::new(&d, series(), Provenance::new("t")));
+    common::check("diagnosis", &text);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let l = &json["learnt"];
+    assert_eq!(l["site"], "bicep");
+    assert_eq!(l["actuators"], serde_json::json!([1, 2]));
+    assert_eq!(
+        l["variables"],
+        serde_json::json!(["bicep angle", "bicep rate"])
+    );
+    assert_eq!(l["form"], "spline");
+    assert_eq!(l["unit"], "N m");
+    assert_eq!(l["inclusion"]["bicep rate"], 0.999);
+    assert_eq!(l["range"]["bicep angle"][1], 0.19);
+    assert!(l["range"]["bicep rate"][1].is_null());
+    assert_eq!(l["dissipative"], true);
+    assert_eq!(l["resembles"][0][0], "joint_damping");
+    assert_eq!(l["gap_closed"], 0.91);
+    let html = render_diagnosis(&d, &Provenance::new("t"));
+    assert!(html.contains("id=\"learnt\"") && !html.contains("id=\"law\""));
+    assert!(html.contains("Augmented model"));
+    assert!(!html.contains("<script>, by"));
+    // the entry of the parameter file reads back to the same term
+    let file = ParameterFile::of_diagnosis(&d, series(), Provenance::new("t"));
+    let entry = &file.effects[0];
+    assert_eq!(
+        (entry.id.as_str(), &entry.actuators),
+        ("learnt", &vec![1, 2])
+    );
+    let own = &d.learnt.unwrap().terms[0].acting;
+    assert!(file.acting(&|_| None).unwrap()[0] == *own);
 }
 
 #[test]

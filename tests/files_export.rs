@@ -4,6 +4,8 @@
 use std::path::Path;
 use std::process::Command;
 
+use deacal::effects::Acting;
+use deacal::effects::learnt::{Form, Learnt, Place, Variable};
 use deacal::report::export::{Format, export};
 use deacal::report::parameter_file::*;
 use deacal::report::provenance::*;
@@ -271,4 +273,162 @@ fn keys_that_a_language_cannot_have_or_tell_apart_get_other_names() {
         Some(said) => assert_eq!(said.trim(), "[4.0, 4.0] 5.0"),
         None => eprintln!("skipped: no python3 here"),
     }
+}
+
+/// Two learnt terms: a curve with a covariance, and a potential with centres.
+fn with_learnt() -> ParameterFile {
+    let spline = Form::Spline {
+        of: Variable::BicepAngle,
+        knots: vec![-0.1, 0.1 / 3.0, 0.3],
+        by: Some(Variable::BicepRate),
+    };
+    let potential = Form::Potential {
+        centres_m: vec![[0.01 / 3.0, -0.0, 0.1], [0.0, 5e-324, -0.05]],
+        width_m: 0.02 / 3.0,
+    };
+    let curve = Acting {
+        effect: Learnt::new(Place::Bicep, spline, vec![[-0.1, 0.3], [-2.0, 2.0 / 3.0]]),
+        values: vec![1e-3 / 7.0, -0.0, 5e-324],
+        on: [true, false, true],
+    };
+    let pushes = Acting {
+        effect: Learnt::new(Place::Force, potential, Vec::new()),
+        values: vec![1e-3, -2e-3 / 3.0],
+        on: [true; 3],
+    };
+    let spread = |i: usize, j: usize| if i == j { 1e-8 / 3.0 } else { 1e-9 / 7.0 };
+    let covariance: Vec<Vec<f64>> = (0..3)
+        .map(|i| (0..3).map(|j| spread(i, j)).collect())
+        .collect();
+    ParameterFile {
+        effects: vec![
+            Effect::learnt(&curve, &covariance).unwrap(),
+            Effect::learnt(&pushes, &[]).unwrap(),
+        ],
+        ..file()
+    }
+}
+
+/// Bits of the numbers of a key of an effect, lists in lists one after another.
+fn bits_of(effect: &Effect, keys: &[&str]) -> String {
+    fn all(v: &toml::Value) -> Vec<f64> {
+        match v {
+            toml::Value::Array(list) => list.iter().flat_map(all).collect(),
+            v => vec![v.as_float().unwrap()],
+        }
+    }
+    let value = |key: &&str| &effect.values.iter().find(|(n, _)| n == key).unwrap().1;
+    let numbers = keys.iter().map(value).flat_map(all);
+    numbers.map(|v| format!("{:016x}\n", v.to_bits())).collect()
+}
+
+const OF_CURVE: [&str; 4] = ["knots", "values", "covariance", "range"];
+const OF_PUSHES: [&str; 3] = ["coefficients", "centres_m", "width_m"];
+
+fn learnt_bits(file: &ParameterFile) -> String {
+    bits_of(&file.effects[0], &OF_CURVE) + &bits_of(&file.effects[1], &OF_PUSHES)
+}
+
+#[test]
+fn what_was_learnt_compiles_with_its_matrices_and_words() {
+    let file = with_learnt();
+    let text = export(&file, Format::C);
+    for part in [
+        "/* Effect 1: learnt */\n/* Learnt from recordings",
+        "a torque on the bicep joints, N m: the natural cubic spline",
+        "static const double deacal_effect_1_covariance[3][3] = {",
+        "#define DEACAL_EFFECT_2_CENTRES_M_COLUMNS 3\n",
+        "static const char deacal_effect_2_formula[] = \"-grad of",
+    ] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("p.h"), &text).unwrap();
+    let program = r#"
+#include "p.h"
+#include <stdio.h>
+#include <string.h>
+static void show(double v) { unsigned long long b; memcpy(&b, &v, 8); printf("%016llx\n", b); }
+#define ALL(a, n) do { int i; for (i = 0; i < n; i++) show(a[i]); } while (0)
+#define ROWS(a, n, m) do { int i, j; for (i = 0; i < n; i++) for (j = 0; j < m; j++) show(a[i][j]); } while (0)
+#define E1(x) deacal_effect_1_ ## x
+#define E2(x) deacal_effect_2_ ## x
+int main(void) {
+    ALL(E1(knots), DEACAL_EFFECT_1_KNOTS_COUNT);
+    ALL(E1(values), DEACAL_EFFECT_1_VALUES_COUNT);
+    ROWS(E1(covariance), DEACAL_EFFECT_1_COVARIANCE_COUNT, DEACAL_EFFECT_1_COVARIANCE_COLUMNS);
+    ROWS(E1(range), DEACAL_EFFECT_1_RANGE_COUNT, DEACAL_EFFECT_1_RANGE_COLUMNS);
+    ALL(E2(coefficients), DEACAL_EFFECT_2_COEFFICIENTS_COUNT);
+    ROWS(E2(centres_m), DEACAL_EFFECT_2_CENTRES_M_COUNT, DEACAL_EFFECT_2_CENTRES_M_COLUMNS);
+    show(E2(width_m));
+    return DEACAL_EFFECT_1_VARIABLES_COUNT == 2 && !strcmp(E1(variables)[1], "bicep rate")
+        && !strcmp(E1(site), "bicep") && E1(actuators)[1] == 3 ? 0 : 1;
+}
+"#;
+    let source = dir.path().join("main.c");
+    std::fs::write(&source, program).unwrap();
+    let binary = dir.path().join("main");
+    let flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-o"].map(Path::new);
+    let mut args = flags.to_vec();
+    args.extend([binary.as_path(), source.as_path()]);
+    if run("cc", &args).is_none() {
+        return;
+    }
+    let got = run(binary.to_str().unwrap(), &[]).unwrap();
+    assert_eq!(got, learnt_bits(&file));
+}
+
+#[test]
+fn what_was_learnt_has_the_same_bits_in_python_and_json() {
+    let file = with_learnt();
+    let json: serde_json::Value = serde_json::from_str(&export(&file, Format::Json)).unwrap();
+    let rows = json["effect"][0]["covariance"].as_array().unwrap();
+    assert_eq!(rows.len(), 3);
+    assert_eq!(
+        rows[1][1].as_f64().unwrap().to_bits(),
+        (1e-8_f64 / 3.0).to_bits()
+    );
+    assert_eq!(json["effect"][1]["centres_m"][1][1].as_f64(), Some(5e-324));
+    assert_eq!(json["effect"][0]["variables"][1], "bicep rate");
+    let text = export(&file, Format::Python);
+    assert!(text.contains("# Learnt from recordings"), "{text}");
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("parameters.py"), text).unwrap();
+    let script = dir.path().join("main.py");
+    std::fs::write(
+        &script,
+        r#"
+import struct, sys
+sys.dont_write_bytecode = True
+import parameters as p
+def show(v):
+    if isinstance(v, list):
+        for one in v: show(one)
+    else:
+        sys.stdout.write(struct.pack(">d", v).hex() + "\n")
+curve, pushes = p.PARAMETERS["effect"]
+for key in ["knots", "values", "covariance", "range"]: show(curve[key])
+for key in ["coefficients", "centres_m", "width_m"]: show(pushes[key])
+assert curve["id"] == "learnt" and curve["variables"] == ["bicep angle", "bicep rate"], curve
+"#,
+    )
+    .unwrap();
+    if let Some(got) = run("python3", &[&script]) {
+        assert_eq!(got, learnt_bits(&file));
+    }
+}
+
+#[test]
+fn what_was_learnt_is_matrices_and_cells_in_matlab() {
+    let text = export(&with_learnt(), Format::Matlab);
+    for part in [
+        "% Learnt from recordings",
+        "deacal.effect{1}.variables = {'bicep angle', 'bicep rate'};\n",
+        "deacal.effect{1}.range = [-0.1 0.3; -2.0 0.6666666666666666];\n",
+        "deacal.effect{2}.centres_m = [0.0033333333333333335 -0.0 0.1; 0.0 5e-324 -0.05];\n",
+        "deacal.effect{2}.site = 'force';\n",
+    ] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    assert!(text.lines().all(|l| l.starts_with(['%', 'd'])), "{text}");
 }

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use deacal::effects::Acting;
+use deacal::effects::learnt::{Form, Learnt, Place, Variable};
 use deacal::model::ForearmTorque;
 use deacal::recording::ErrorKind;
 use deacal::report::parameter_file::*;
@@ -271,4 +273,403 @@ fn what_is_wrong_is_named_with_its_line() {
             assert!(message.contains(part), "{message}\nlacks {part}");
         }
     }
+}
+
+/// One learnt term of each form and kind of variable list, at each site, with numbers that are hard to print.
+fn terms() -> Vec<(Place, Form)> {
+    use Variable as V;
+    let third = 1.0 / 3.0;
+    let knots = vec![-0.1 - third, -0.0, 5e-324, 0.1 + 0.2, 1e16];
+    vec![
+        (
+            Place::Bicep,
+            Form::Spline {
+                of: V::BicepAngle,
+                knots: knots.clone(),
+                by: None,
+            },
+        ),
+        (
+            Place::Electrical,
+            Form::Spline {
+                of: V::VoltageRate,
+                knots: knots.clone(),
+                by: Some(V::Voltage),
+            },
+        ),
+        (
+            Place::Film,
+            Form::Presliding {
+                of: V::LozengeAngle,
+                ranges: vec![third, 1e-9],
+            },
+        ),
+        (
+            Place::Bicep,
+            Form::Lag {
+                of: V::BicepAngle,
+                times_s: vec![0.05, third, 50.0],
+                by: None,
+            },
+        ),
+        (
+            Place::Film,
+            Form::Lag {
+                of: V::SquaredVoltage,
+                times_s: vec![0.8],
+                by: Some(V::LozengeAngle),
+            },
+        ),
+        (
+            Place::Bicep,
+            Form::Wave {
+                frequency_hz: 4.0 * third,
+                by: None,
+            },
+        ),
+        (
+            Place::Electrical,
+            Form::Wave {
+                frequency_hz: 1.5,
+                by: Some(V::CubedVoltage),
+            },
+        ),
+        (Place::Electrical, Form::Neighbours),
+        (
+            Place::Capacitance,
+            Form::Spline {
+                of: V::AreaStretch,
+                knots: vec![7.0 * third, 6.0],
+                by: Some(V::SeriesTime),
+            },
+        ),
+        (
+            Place::Series,
+            Form::Spline {
+                of: V::SeriesTime,
+                knots: vec![0.0, 600.0],
+                by: None,
+            },
+        ),
+        (
+            Place::Force,
+            Form::Potential {
+                centres_m: vec![[third, -0.0, 0.1], [0.0, third / 1e3, -0.05]],
+                width_m: third / 10.0,
+            },
+        ),
+        (
+            Place::Force,
+            Form::Ridge {
+                along: [0.6, -0.0, -0.8],
+                knots: vec![-0.01, third / 10.0],
+            },
+        ),
+        (
+            Place::Force,
+            Form::Affine {
+                about_m: [third, 0.0, -0.1],
+            },
+        ),
+        (Place::Force, Form::Drag),
+        (
+            Place::Force,
+            Form::Oscillator {
+                frequency_hz: third,
+                damping: 0.05,
+            },
+        ),
+    ]
+}
+
+/// A term with coefficients and a range that are hard to print.
+fn term((place, form): (Place, Form)) -> Acting {
+    let n = form.count();
+    let range = |i: usize| [-1.0 / 7.0 - i as f64, 0.1 + 0.2];
+    let ranges = (0..form.variables().len()).map(range).collect();
+    let value = |j: usize| [-1e-3 / 7.0, 5e-324, -0.0, 1.7e308, 1e16][j % 5];
+    Acting {
+        effect: Learnt::new(place, form, ranges),
+        values: (0..n).map(value).collect(),
+        on: [true, place == Place::Force, true],
+    }
+}
+
+/// A covariance of n numbers with entries that differ.
+fn covariance(n: usize) -> Vec<Vec<f64>> {
+    let entry = |i: usize, j: usize| {
+        let off = 1e-7 / (3.0 + (i + j) as f64);
+        if i == j { 1e-4 / 7.0 } else { off }
+    };
+    let row = |i: usize| (0..n).map(|j| entry(i, j)).collect();
+    (0..n).map(row).collect()
+}
+
+fn with_terms(effects: Vec<Effect>) -> ParameterFile {
+    ParameterFile {
+        effects,
+        ..read(GOOD).unwrap()
+    }
+}
+
+#[test]
+fn learnt_terms_read_back_to_the_same_bits() {
+    let acting: Vec<Acting> = terms().into_iter().map(term).collect();
+    let mut met: Vec<&str> = Vec::new();
+    let entry = |a: &Acting| Effect::learnt(a, &covariance(a.values.len())).unwrap();
+    let file = with_terms(acting.iter().map(entry).collect());
+    let text = file.to_toml().unwrap();
+    let back = read(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    assert_eq!(fingerprint(&back), fingerprint(&file), "{text}");
+    assert_eq!(back.to_toml().unwrap(), text);
+    let read_back = back.acting(&|_| None).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(read_back.len(), acting.len());
+    let bits = |v: &[f64]| v.iter().map(|v| v.to_bits()).collect::<Vec<u64>>();
+    for (a, b) in acting.iter().zip(&read_back) {
+        let (term, same) = (a.effect.learnt().unwrap(), b.effect.learnt().unwrap());
+        assert_eq!(term.place, same.place);
+        // the shortest digits of every number, the sign of 0 included
+        assert_eq!(format!("{:?}", term.form), format!("{:?}", same.form));
+        assert_eq!(bits(&a.values), bits(&b.values));
+        assert_eq!(
+            bits(term.range.as_flattened()),
+            bits(same.range.as_flattened())
+        );
+        assert_eq!(a.on, b.on);
+        met.push(term.form.name());
+    }
+    assert!(Form::NAMES.iter().all(|name| met.contains(name)), "{met:?}");
+    // what the file says of a term is what a reader finds there
+    assert!(text.contains("# Learnt from recordings"), "{text}");
+    assert!(text.contains("formula = \"sum of c_j z_j"), "{text}");
+}
+
+#[test]
+fn what_is_not_known_of_a_term_is_left_out() {
+    let (place, form) = (Place::Force, Form::Drag);
+    let acting = Acting {
+        effect: Learnt::new(place, form, Vec::new()),
+        values: vec![1e-3; 6],
+        on: [true; 3],
+    };
+    for covariance in [Vec::new(), covariance(5), vec![vec![f64::NAN; 6]; 6]] {
+        let entry = Effect::learnt(&acting, &covariance).unwrap();
+        let names: Vec<&str> = entry.values.iter().map(|(n, _)| n.as_str()).collect();
+        let expected = [
+            "site",
+            "form",
+            "variables",
+            "unit",
+            "formula",
+            "coefficients",
+        ];
+        assert_eq!(names, expected);
+        let file = with_terms(vec![entry]);
+        let back = read(&file.to_toml().unwrap()).unwrap();
+        let back = back.acting(&|_| None).unwrap().remove(0);
+        assert!(back.effect.learnt().unwrap().range.is_empty());
+    }
+    // a term that came out as no number is no term
+    let lost = Acting {
+        values: vec![f64::NAN; 6],
+        ..acting
+    };
+    let entry = Effect::learnt(&lost, &[]).unwrap();
+    let error = with_terms(vec![entry]).to_toml().unwrap_err().to_string();
+    assert!(error.contains("learnt") && error.contains("NaN"), "{error}");
+    // a cause of the catalogue was not learnt
+    let known = deacal::effects::CATALOGUE[0];
+    assert_eq!(Effect::learnt(&Acting::off(known, [true; 3]), &[]), None);
+}
+
+const SPLINE: &str = "\
+[[effect]]
+id = \"learnt\"
+actuators = [1, 2]
+site = \"bicep\"
+form = \"spline\"
+variables = [\"bicep angle\", \"bicep rate\"]
+unit = \"N m\"
+knots = [-0.1, 0.0, 0.3]
+values = [1e-3, 2e-3, 0]
+covariance = [[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 1e-3]]
+range = [[-0.1, 0.3], [-2, 2]]
+";
+
+const POTENTIAL: &str = "\
+[[effect]]
+id = \"learnt\"
+site = \"force\"
+form = \"potential\"
+variables = [\"effector x\", \"effector y\", \"effector z\"]
+unit = \"N\"
+coefficients = [1e-3, 2e-3]
+centres_m = [[0, 0, 0], [0.01, 0, 0]]
+width_m = 0.01
+";
+
+#[test]
+fn what_is_wrong_with_a_learnt_term_is_named() {
+    let film = GOOD.split("[[effect]]").next().unwrap();
+    let acting =
+        |entry: &str| read(&format!("{film}{entry}")).and_then(|file| file.acting(&|_| None));
+    let good = acting(SPLINE).unwrap().remove(0);
+    assert_eq!(good.values, [1e-3, 2e-3, 0.0]);
+    assert_eq!(good.on, [true, true, false]);
+    assert_eq!(
+        good.effect.learnt().unwrap().range,
+        [[-0.1, 0.3], [-2.0, 2.0]]
+    );
+    assert!(acting(POTENTIAL).is_ok());
+
+    let spline = |from: &str, to: &str| {
+        assert!(SPLINE.contains(from), "{from}");
+        SPLINE.replace(from, to)
+    };
+    let potential = |from: &str, to: &str| {
+        assert!(POTENTIAL.contains(from), "{from}");
+        POTENTIAL.replace(from, to)
+    };
+    let other = |place: &str, form: &str, variables: &str, own: &str| {
+        let unit = Place::named(place).unwrap().unit();
+        format!(
+            "[[effect]]\nid = \"learnt\"\nsite = \"{place}\"\nform = \"{form}\"\nvariables = [{variables}]\nunit = \"{unit}\"\n{own}\n"
+        )
+    };
+    let ridge = |own: &str| {
+        let xyz = "\"effector x\", \"effector y\", \"effector z\"";
+        other("force", "ridge", xyz, own)
+    };
+    let angle = "\"bicep angle\"";
+    let speed = "\"effector velocity\"";
+    let swing = "\"effector velocity\", \"history\"";
+    let xyz = "\"effector x\", \"effector y\", \"effector z\"";
+    let knots = "knots = [-0.1, 0.0, 0.3]";
+    let values = "values = [1e-3, 2e-3, 0]";
+    let first_row = "[2.0, 1.0, 0.0]";
+    #[rustfmt::skip]
+    let cases: Vec<(String, &str, &[&str])> = vec![
+        // words
+        (spline("\"bicep\"", "\"biceps\""), "site", &["\"biceps\"", "did you mean \"bicep\"", "capacitance"]),
+        (spline("\"spline\"", "\"splines\""), "form", &["\"splines\"", "did you mean \"spline\"", "oscillator"]),
+        (spline("\"spline\"", "3"), "form", &["found 3", "a word"]),
+        (spline("\"bicep angle\"", "\"bicep angel\""), "variables", &["\"bicep angel\"", "did you mean \"bicep angle\""]),
+        (spline("\"bicep rate\"", "\"rate\""), "variables", &["\"rate\"", "There are: "]),
+        (spline("[\"bicep angle\", ", "[\"bicep angle\", \"voltage\", "), "variables", &["found \"bicep angle\", \"voltage\", \"bicep rate\", expected \"bicep angle\", \"voltage\""]),
+        (spline("[\"bicep angle\", \"bicep rate\"]", "[]"), "variables", &["an empty list", "a list of words"]),
+        (spline("[\"bicep angle\", \"bicep rate\"]", "[1]"), "variables", &["found 1", "a word"]),
+        (spline("\"N m\"", "\"N\""), "unit", &["found \"N\"", "\"N m\"", "bicep"]),
+        // curves
+        (spline(knots, "knots = [-0.1, 0.3, 0.2]"), "knots", &["0.2 follows 0.3", "bicep angle that rise", "order"]),
+        (spline(knots, "knots = [-0.1, -0.1, 0.2]"), "knots", &["-0.1 follows -0.1"]),
+        (spline(knots, "knots = [0.1]"), "knots", &["found 1 knot", "two"]),
+        (spline(knots, "knots = []"), "knots", &["an empty list"]),
+        (spline(knots, "knots = [0.1, \"b\", 1]"), "knots", &["found \"b\"", "a finite number"]),
+        (spline(knots, "knots = 3"), "knots", &["found 3", "a list of numbers"]),
+        (spline(values, "values = [1, 2]"), "values", &["found 2 numbers", "expected 3", "knots"]),
+        // covariance
+        (spline(first_row, "[2.0, 1.0]"), "covariance", &["row 1 has 2", "3 rows of 3"]),
+        (spline("[2.0, 1.0, 0.0], ", ""), "covariance", &["found 2 rows", "3 rows of 3"]),
+        (spline(first_row, "[2.0, 1.1, 0.0]"), "covariance", &["1 in row 2, column 1, and 1.1 mirrored", "symmetric"]),
+        (spline(first_row, "[0.1, 1.0, 0.0]"), "covariance", &["smallest eigenvalue is -3.29", "largest 2.4", "none below 0"]),
+        (spline("1e-3]]", "-1e-3]]"), "covariance", &["smallest eigenvalue is -1e-3", "none below 0"]),
+        (spline(first_row, "3"), "covariance", &["found 3", "row"]),
+        // ranges
+        (spline("[[-0.1, 0.3], ", "[[0.3, -0.1], "), "range", &["-0.1 follows 0.3", "bicep angle", "low not above high"]),
+        (spline("[-0.1, 0.3], [-2, 2]", "[-0.1, 0.3]"), "range", &["found 1 of 2", "\"bicep rate\"", "leave it out"]),
+        (spline("[-2, 2]", "[-2, 0, 2]"), "range", &["found 3 numbers of bicep rate", "two"]),
+        // keys
+        (spline("values = ", "value = "), "value", &["a spline has no such key", "did you mean \"values\""]),
+        (spline(values, &format!("{values}\ncoefficients = [1.0]")), "coefficients", &["a spline has no such key", "values"]),
+        (spline(&format!("{values}\n"), ""), "values", &["missing", "add `values = ...`"]),
+        (spline(&format!("{knots}\n"), ""), "knots", &["missing", "add `knots = ...`"]),
+        (spline("site = \"bicep\"\n", ""), "site", &["missing"]),
+        (spline("form = \"spline\"\n", ""), "form", &["missing"]),
+        (spline("unit = \"N m\"\n", ""), "unit", &["missing"]),
+        (potential("width_m = 0.01\n", ""), "width_m", &["missing"]),
+        (potential("width_m", "formula = \"x\"\nwidth_m"), "formula", &["found \"x\"", "expected \"-grad", "leave it out"]),
+        // shapes
+        (potential("0.01\n", "-0.01\n"), "width_m", &["found -0.01", "in m"]),
+        (potential("0.01\n", "0.0\n"), "width_m", &["found 0", "in m"]),
+        (potential("[0, 0, 0]", "[0, 0]"), "centres_m", &["found a list of 2", "[x, y, z]"]),
+        (potential("[[0, 0, 0], ", "["), "coefficients", &["found 2 numbers", "expected 1", "centres_m"]),
+        (ridge("direction = [1, 1, 0]\nknots = [0, 1]\nvalues = [0, 1]"), "direction", &["of length 1.414", "length 1", "divide"]),
+        (ridge("direction = [1, 0]\nknots = [0, 1]\nvalues = [0, 1]"), "direction", &["three numbers"]),
+        (ridge("direction = [1, 0, 0]\nknots = [1, 0]\nvalues = [0, 1]"), "knots", &["0 follows 1"]),
+        (other("bicep", "lag", angle, "times_s = [1, 0]\ncoefficients = [1, 2]"), "times_s", &["found 0", "above 0 s"]),
+        (other("bicep", "lag", angle, "times_s = [1, 2]\ncoefficients = [1]"), "coefficients", &["found 1", "expected 2", "times_s"]),
+        (other("bicep", "presliding", &format!("{angle}, \"direction of motion\""), "widths = [-1]\ncoefficients = [1]"), "widths", &["found -1", "above 0 rad"]),
+        (other("bicep", "presliding", angle, "widths = [1]\ncoefficients = [1]"), "variables", &["expected \"bicep angle\", \"direction of motion\""]),
+        (other("bicep", "wave", "\"time\"", "frequency_Hz = 0\ncoefficients = [1, 2]"), "frequency_Hz", &["found 0", "in Hz, above 0"]),
+        (other("bicep", "wave", "\"time\"", "frequency_Hz = 1e9\ncoefficients = [1, 2]"), "frequency_Hz", &["found 1000000000", "to 10000"]),
+        (other("bicep", "wave", angle, "frequency_Hz = 1\ncoefficients = [1, 2]"), "variables", &["expected \"time\""]),
+        (other("force", "oscillator", swing, "frequency_Hz = 1\ndamping = -1\ncoefficients = [1, 2, 3, 4, 5, 6]"), "damping", &["found -1", "from 0 to 10"]),
+        (other("force", "oscillator", swing, "frequency_Hz = 1\ndamping = 0.1\ncoefficients = [1, 2]"), "coefficients", &["found 2", "expected 6", "oscillator"]),
+        (other("force", "drag", speed, "coefficients = [1, 2]"), "coefficients", &["found 2", "expected 6"]),
+        (other("force", "drag", angle, "coefficients = [1, 2, 3, 4, 5, 6]"), "variables", &["expected \"effector velocity\""]),
+        (other("force", "affine", xyz, "about_m = 1\ncoefficients = [1, 2, 3, 4, 5, 6, 7, 8, 9]"), "about_m", &["found 1", "[x, y, z]"]),
+        // sites
+        (potential("\"force\"", "\"bicep\""), "site", &["found \"bicep\" with a potential", "expected \"force\""]),
+        (other("film", "drag", speed, "coefficients = [1, 2, 3, 4, 5, 6]"), "site", &["\"film\"", "expected \"force\""]),
+        (spline("\"bicep\"", "\"force\""), "site", &["found \"force\" with a spline of bicep angle", "\"bicep\" or \"film\""]),
+        (other("bicep", "spline", "\"voltage\"", "knots = [0, 1]\nvalues = [1, 2]"), "site", &["found \"bicep\"", "\"film\" or \"electrical\""]),
+        (potential("id = \"learnt\"\n", "id = \"learnt\"\nactuators = [1]\n"), "actuators", &["found actuators [1]", "all three"]),
+    ];
+    for (entry, key, parts) in &cases {
+        let message = match acting(entry) {
+            Ok(read) => panic!("{entry}was read as {read:?}"),
+            Err(error) => error.to_string(),
+        };
+        let place = format!("parameters.toml, [[effect]] learnt {key}: ");
+        assert!(message.starts_with(&place), "{message}\nis not at {place}");
+        assert!(!message.contains('\n'), "{message}");
+        for part in *parts {
+            assert!(message.contains(part), "{message}\nlacks {part}");
+        }
+    }
+    // what is no number is found as the file is read, with its line
+    for (entry, line, found) in [
+        (spline("0.3]\nval", "nan]\nval"), 16, "nan"),
+        (spline("1e-3, 2e-3", "inf, 2e-3"), 17, "inf"),
+        (spline("[1.0, 2.0, 0.0]", "[1.0, -inf, 0.0]"), 18, "-inf"),
+        (spline("[-2, 2]", "[-2, nan]"), 19, "nan"),
+    ] {
+        let error = acting(&entry).unwrap_err();
+        assert_eq!(error.line(), Some(line), "{error}");
+        let message = error.to_string();
+        assert!(
+            message.contains(&format!(
+                "found the number {found}, expected a finite number"
+            )),
+            "{message}"
+        );
+    }
+    // of several terms the one that is wrong
+    let error = acting(&format!("{SPLINE}{}", potential("0.01\n", "-1\n"))).unwrap_err();
+    assert!(
+        error.to_string().contains("[[effect]] learnt 2 width_m"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_learnt_term_is_one_of_a_robot_and_stands_in_a_file() {
+    let axis = read(&format!("[axis]\nmass_kg = 0.2\n{SPLINE}")).unwrap();
+    let error = axis.line_model().unwrap_err().to_string();
+    for part in [
+        "[[effect]] id",
+        "\"learnt\"",
+        "one of a robot",
+        "take the block out",
+    ] {
+        assert!(error.contains(part), "{error}\nlacks {part}");
+    }
+    let argument: Effect = "learnt:site=bicep".parse().unwrap();
+    let error = argument.check().unwrap_err();
+    assert!(error.contains("stands in a parameter file"), "{error}");
+    let error = axis.electrode().unwrap_err().to_string();
+    assert!(
+        error.contains("`learnt` cannot act on a hanging sample"),
+        "{error}"
+    );
 }

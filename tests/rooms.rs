@@ -146,6 +146,7 @@ const ROOMS: &[Room] = &[
             ("film", ANY),
             ("effects", ANY),
             ("dataset", ANY),
+            ("kinematics", &["Vec3", "dot"]),
             ("model", ANY),
             ("residual", ANY),
             ("fit", ANY),

@@ -410,7 +410,8 @@ pub(super) fn say(d: &Diagnosis, talk: Talk) {
             c.says
         ));
     }
-    if let (Some(h), Verdict::MissingPhysics) = (d.holdout, d.verdict) {
+    let augmented = d.verdict == Verdict::MissingPhysics || d.learnt.is_some();
+    if let (Some(h), true) = (d.holdout, augmented) {
         talk.say(&format!(
             "On the held-out recordings: {} rms{} before, {} after, noise {}.",
             in_unit(h.before_v, &d.unit),

@@ -10,6 +10,7 @@ mod load;
 mod predict;
 mod progress;
 mod prove;
+mod ranges;
 mod resume;
 mod series;
 mod simulate;

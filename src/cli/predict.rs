@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use super::progress::Progress;
 use super::simulate::explain;
-use super::{Failure, Talk, Unsaid, load, series};
+use super::{Failure, Talk, Unsaid, load, ranges, series};
 use crate::calibration::{
     RecordingOutcome, predict_command, predict_force, predict_line, predict_sample_motion,
     validate_robot_with, validate_samples,
@@ -15,7 +15,7 @@ use crate::calibration::{
 use crate::dataset::line::Measured;
 use crate::dataset::{Dataset, OffsetSource};
 use crate::diagnosis::in_unit;
-use crate::effects::{Acting, Site, When};
+use crate::effects::Site;
 use crate::model::{Parameters, Robot};
 use crate::recording::{Kind, Recording};
 use crate::report::arrays::{ArrayFormat, Arrays};
@@ -107,13 +107,12 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let at_work = series::at_work(&file, &recordings, &datasets)?;
     let (effects, when) = (&at_work.effects, at_work.when[0]);
     if matches!(predict, Predict::Motion(_)) {
-        let effects = (effects.as_slice(), when);
         return motion(
             a,
             &robot,
             &datasets[0],
             &parameters,
-            effects,
+            &at_work,
             progress,
             talk,
         );
@@ -130,6 +129,18 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     } else {
         None
     };
+    let told_v = match &command_v {
+        Some(told) => ranges::by_actuator(told),
+        None if matches!(predict, Predict::Voltage(_)) => ranges::by_actuator(&r.predicted_v),
+        None => ranges::commands_v(&datasets[0], r.offset_s),
+    };
+    let mut remarks = at_work.remarks.clone();
+    remarks.extend(ranges::of_dataset(
+        &robot,
+        &datasets[0],
+        (effects, when),
+        &told_v,
+    ));
     drop(progress);
     if matches!(predict, Predict::Force(_)) {
         let force = predict_force(&robot, &datasets[0], &parameters, r.offset_s, effects, when)?;
@@ -160,12 +171,25 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
             csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
         })?;
     }
-    talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
+    let json = PredictionJson::new(&r.id, a.output.as_deref(), &flags);
+    talk.result(&json.with_remarks(&remarks));
     if a.output.is_some() {
         talk.say(&outcome.verdict);
-        at_work.remarks.iter().for_each(|r| talk.say(r));
     }
+    remark(a, talk, &remarks);
     Ok(())
+}
+
+/// Says what a reader should know: beside the prediction where that is in a file, else beside the table on
+/// standard output, on standard error.
+fn remark(a: &Arguments, talk: Talk, remarks: &[String]) {
+    for text in remarks {
+        if a.output.is_some() {
+            talk.say(text);
+        } else if !talk.json && !talk.quiet {
+            eprintln!("deacal: {}", super::plain(text));
+        }
+    }
 }
 
 /// The motion that the recorded voltages make. What was captured is not looked at, but for a clock offset
@@ -175,10 +199,11 @@ fn motion(
     robot: &Robot,
     dataset: &Dataset,
     parameters: &Parameters,
-    (effects, when): (&[Acting], When),
+    at_work: &series::AtWork,
     progress: Progress,
     talk: Talk,
 ) -> Result<(), Failure> {
+    let (effects, when) = (at_work.effects.as_slice(), at_work.when[0]);
     let offset_s = match dataset.offset_source {
         OffsetSource::Stated | OffsetSource::Measured => dataset.offset_s,
         OffsetSource::Free => {
@@ -188,6 +213,15 @@ fn motion(
     };
     let forward = predict_motion(robot, dataset, parameters, offset_s, effects, when)
         .map_err(|why| format!("recording `{}`: {}", dataset.id, explain(&why)))?;
+    let mut remarks = at_work.remarks.clone();
+    let position_m = &forward.position_m;
+    remarks.extend(ranges::of_motion(
+        robot,
+        dataset,
+        position_m,
+        (effects, when),
+        offset_s,
+    ));
     drop(progress);
     let n = dataset.samples();
     let time_s: Vec<f64> = (0..n).map(|i| dataset.time_s(i)).collect();
@@ -201,17 +235,15 @@ fn motion(
     write(a.output.as_deref(), talk, |out| {
         csv::predicted_motion(out, &time_s, &forward.position_m, &flags)
     })?;
-    talk.result(&PredictionJson::new(
-        &dataset.id,
-        a.output.as_deref(),
-        &flags,
-    ));
+    let json = PredictionJson::new(&dataset.id, a.output.as_deref(), &flags);
+    talk.result(&json.with_remarks(&remarks));
     if a.output.is_some() {
         talk.say(&match &forward.ended {
             None => format!("{n} frames predicted."),
             Some((end, why)) => format!("{end} of {n} frames predicted: {why}."),
         });
     }
+    remark(a, talk, &remarks);
     Ok(())
 }
 

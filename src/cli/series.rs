@@ -2,6 +2,7 @@
 
 use super::Failure;
 use crate::dataset::Dataset;
+use crate::effects::learnt::Variable;
 use crate::effects::{Acting, When};
 use crate::recording::Recording;
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
@@ -212,9 +213,12 @@ pub(super) fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result
         w.recording = if same { entry.number + 1 } else { 0 };
         if !same {
             w.series_s = 0.0;
-            for e in &file.effects {
+            for (e, acting) in file.effects.iter().zip(&effects) {
                 let moment = e.values.iter().any(|(n, _)| n == "recording");
-                let drifts = matches!(e.id.as_str(), "temperature_drift" | "slow_creep");
+                let term = acting.effect.learnt();
+                let of_series = Variable::SeriesTime.name();
+                let drifts = matches!(e.id.as_str(), "temperature_drift" | "slow_creep")
+                    || term.is_some_and(|t| t.form.variables().contains(&of_series));
                 if moment {
                     remarks.push(format!(
                         "{id}: {} happened in another series and is not applied here.",

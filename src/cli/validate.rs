@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Failure, Talk, load, series};
+use super::{Failure, Talk, load, ranges, series};
 use crate::calibration::{validate_lines, validate_samples};
 use crate::checks::Finding;
 use crate::dataset::Dataset;
@@ -86,6 +86,13 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         let effects = (at_work.effects.as_slice(), at_work.when.as_slice());
         let mut validation = validate(&robot, &refs, &parameters, plan.as_ref(), effects)?;
         validation.outcome.remarks.extend(at_work.remarks);
+        let mut outside = Vec::new();
+        for (i, d) in datasets.iter().enumerate() {
+            let told_v = ranges::commands_v(d, validation.outcome.recordings[i].offset_s);
+            let acting = (&at_work.effects[..], at_work.when[i]);
+            outside.extend(ranges::of_dataset(&robot, d, acting, &told_v));
+        }
+        validation.outcome.remarks.extend(outside.iter().cloned());
         validation.outcome.remarks.extend(copies.iter().cloned());
         let sum = FileSum {
             role: "parameters".into(),
@@ -103,7 +110,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 ),
             });
         }
-        for line in html::validation_words(&validation) {
+        for line in html::validation_words(&validation).iter().chain(&outside) {
             talk.say(&format!("  {line}"));
         }
         models.push(ModelValidation::new(&validation, sum));

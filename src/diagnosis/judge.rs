@@ -196,6 +196,20 @@ pub(super) fn alike_to(
     on: [bool; 3],
     groups: &[Group],
 ) -> Vec<(&'static str, f64)> {
+    let mut out = cosines(film, column, id, on, groups);
+    out.retain(|o| o.1 > ALIKE);
+    out
+}
+
+/// Cosines of a column with the span of each cause's fingerprints on the actuators `on`, largest first; `id` is
+/// the column's own.
+pub(super) fn cosines(
+    film: &Tangent,
+    column: &DVector<f64>,
+    id: &str,
+    on: [bool; 3],
+    groups: &[Group],
+) -> Vec<(&'static str, f64)> {
     let along = film.columns.tr_mul(column);
     let length = film.projected(column.norm_squared(), &along, &along);
     if length <= 0.0 {
@@ -227,7 +241,6 @@ pub(super) fn alike_to(
         }
     }
     out.sort_by(|a, b| b.1.total_cmp(&a.1));
-    out.retain(|o| o.1 > ALIKE);
     out
 }
 

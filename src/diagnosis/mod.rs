@@ -20,12 +20,14 @@
 
 mod blocks;
 mod chance;
+mod dictionary;
 mod errors;
 mod experiment;
 mod fits;
 mod forms;
 mod judge;
 mod law;
+mod learn;
 mod likeness;
 mod line;
 mod locate;
@@ -39,6 +41,7 @@ mod scan;
 mod single;
 mod sizes;
 mod subject;
+mod taught;
 mod tolerance;
 mod words;
 
@@ -460,7 +463,19 @@ fn chain<S: Subject>(
     if in_model {
         remarks.extend(forms::others(&problem, &plain, &best));
     }
-    let augmented = if in_model { &best } else { &plain };
+    let taught = match verdict == Verdict::Unexplained && beyond.is_none() {
+        true => {
+            watch("learning what no cause accounts for");
+            learn::learn(&problem, &plain.fitted)?
+        }
+        false => None,
+    };
+    let learnt = (taught.as_ref()).map(|t| Judged::new(&problem, &chance.blocks, t.fitted.clone()));
+    let augmented = match &learnt {
+        Some(learnt) => learnt,
+        None if in_model => &best,
+        None => &plain,
+    };
     let departed = built
         .as_ref()
         .map_or_else(Vec::new, |b| b.departed(&augmented.fitted));
@@ -491,7 +506,8 @@ fn chain<S: Subject>(
     } else {
         Vec::new()
     };
-    let spots = spots(&problem, &plain.fitted, &augmented.fitted)?;
+    let seen = if in_model { &best } else { &plain };
+    let spots = spots(&problem, &plain.fitted, &seen.fitted)?;
     let named: &[Acting] = if in_model { &best.fitted.effects } else { &[] };
     let places = locate(
         &spots,
@@ -501,7 +517,7 @@ fn chain<S: Subject>(
         &words,
         named,
     );
-    let law = (verdict == Verdict::Unexplained && beyond.is_none())
+    let law = (verdict == Verdict::Unexplained && beyond.is_none() && taught.is_none())
         .then(|| law::law(&problem, &best.fitted))
         .transpose()?;
     let hidden = hidden(&problem, &scanned, allowed);
@@ -528,6 +544,13 @@ fn chain<S: Subject>(
     } else {
         remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
     }
+    let learnt = match taught {
+        Some(t) => {
+            let gap = holdout_gain.as_ref().map_or(f64::NAN, gap_closed);
+            Some(taught::physics(&problem, &t, &groups, gap)?)
+        }
+        None => None,
+    };
     let (confidence, says, next_experiment) = match &beyond {
         Some(part) => {
             let rows = INDEPENDENT * plain.fitted.state.rows as f64;
@@ -552,6 +575,10 @@ fn chain<S: Subject>(
                 &words,
                 built.is_some(),
             );
+            let of_catalogue = match &learnt {
+                Some(l) => format!("{of_catalogue} Learnt from the recordings: {}", l.says),
+                None => of_catalogue,
+            };
             (
                 confidence(verdict, &odds, &plain, &best),
                 of_catalogue,
@@ -589,6 +616,7 @@ fn chain<S: Subject>(
         plain_mean_square: plain.mean_square,
         plain_holdout_mean_square: plain.holdout,
         law,
+        learnt,
         traces,
         departed,
         beyond,
@@ -620,6 +648,19 @@ fn chain<S: Subject>(
             fall_by_chance: allowed,
         },
     })
+}
+
+/// Error over what noise makes of it from which on there is a gap between them.
+const GAP: f64 = 1.05;
+
+/// Share of the way from the plain model's error to what noise makes that the augmented one goes; NaN where
+/// there is no way to go.
+fn gap_closed(gain: &Gain) -> f64 {
+    let (before, noise) = (gain.before_v, gain.noise_floor_v);
+    match before > GAP * noise {
+        true => (before - gain.after_v) / (before - noise),
+        false => f64::NAN,
+    }
 }
 
 /// Whether a plain fit leaves more than any noise does.

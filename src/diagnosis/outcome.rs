@@ -1,6 +1,7 @@
 //! What a diagnosis finds: plain data.
 
 use crate::effects::Acting;
+use crate::effects::learnt::wider;
 use crate::model::Parameters;
 
 /// What is to be said of model and recordings.
@@ -190,6 +191,78 @@ pub struct Law {
     pub share: f64,
 }
 
+/// A term that was learnt, with what the recordings leave open of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LearntTerm {
+    /// The term with its coefficients; [`crate::effects::Effect::learnt`] says what it is.
+    pub acting: Acting,
+    /// Covariance of the coefficients, row by row.
+    pub covariance: Vec<Vec<f64>>,
+    /// Probability that it is part of what is at this place, against the place without it.
+    pub inclusion: f64,
+    /// The largest that it makes on the fitted recordings, in the unit of its place.
+    pub largest: f64,
+}
+
+/// Physics that stands in no catalogue, learnt from the recordings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LearntPhysics {
+    /// Where it acts.
+    pub place: crate::effects::learnt::Place,
+    /// Its terms: what they make adds up.
+    pub terms: Vec<LearntTerm>,
+    /// Net work over what is exchanged, of what acts on the mechanism: -1 where it only takes energy, 1 where
+    /// it only gives; NaN where it is none.
+    pub net_work: f64,
+    /// Causes of the catalogue whose traces are nearest, with the cosine.
+    pub resembles: Vec<(&'static str, f64)>,
+    /// Share of the way from the plain model's error to the noise that it closes on recordings that were
+    /// held out; NaN without any.
+    pub gap_closed: f64,
+    /// Mean of the logarithm of what it leaves of each fitted recording, were the others alone fitted, over
+    /// what the plain model leaves.
+    pub left_out: f64,
+    /// One sentence.
+    pub says: String,
+}
+
+/// Share of the energy that is exchanged from which on a term takes it, or gives it.
+const WORKS: f64 = 0.2;
+
+impl LearntPhysics {
+    /// Actuators on which any of its terms acts.
+    pub fn on(&self) -> [bool; 3] {
+        [0, 1, 2].map(|k| self.terms.iter().any(|t| t.acting.on[k]))
+    }
+
+    /// Whether it takes energy, on the whole.
+    pub fn takes_energy(&self) -> bool {
+        self.net_work < -WORKS
+    }
+
+    /// Whether it gives energy, on the whole: something drives it.
+    pub fn gives_energy(&self) -> bool {
+        self.net_work > WORKS
+    }
+
+    /// What it depends on, with the probability and the range that the recordings show, in its unit.
+    pub fn variables(&self) -> Vec<(&'static str, f64, [f64; 2])> {
+        let mut out: Vec<(&'static str, f64, [f64; 2])> = Vec::new();
+        for t in &self.terms {
+            let Some(term) = t.acting.effect.learnt() else {
+                continue;
+            };
+            for (name, range) in term.form.variables().into_iter().zip(&term.range) {
+                match out.iter_mut().find(|o| o.0 == name) {
+                    Some(o) => *o = (name, o.1.max(t.inclusion), wider(o.2, *range)),
+                    None => out.push((name, t.inclusion, *range)),
+                }
+            }
+        }
+        out
+    }
+}
+
 /// The model that a simpler method ends with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RivalModel {
@@ -246,8 +319,10 @@ pub struct Diagnosis {
     pub plain_mean_square: f64,
     /// The same on the held-out ones.
     pub plain_holdout_mean_square: f64,
-    /// The law, when more than noise is left and no cause accounts for it.
+    /// The law, when more than noise is left, no cause accounts for it and nothing was learnt.
     pub law: Option<Law>,
+    /// What was learnt, when more than noise is left and no cause accounts for it; in the augmented model.
+    pub learnt: Option<LearntPhysics>,
     /// Voltages before and after.
     pub traces: Vec<Traces>,
     /// What may differ from the drawing, and by how much it does; empty where the model as drawn suffices.

@@ -277,6 +277,37 @@ impl<S: Subject> Problem<S> {
         }
     }
 
+    /// The same where the variance of what is left is `noise` times the one that the weights promise: what is
+    /// known beforehand counts for as much more beside the residual.
+    pub fn tempered(&self, noise: f64) -> Self {
+        let closer = |list: &[Unknown]| {
+            let of = |u: &Unknown| Unknown {
+                prior: u.prior.map(|p| Prior {
+                    sd: p.sd / noise.sqrt(),
+                    ..p
+                }),
+                ..*u
+            };
+            list.iter().map(of).collect()
+        };
+        let mut begun = self.begun.clone();
+        for x in begun.iter_mut().flatten().flatten().flatten() {
+            *x /= noise.sqrt();
+        }
+        Problem {
+            train: self
+                .train
+                .with_effects(Vec::new(), Vec::new(), &self.train_when),
+            holdout: None,
+            train_when: self.train_when.clone(),
+            holdout_when: Vec::new(),
+            nonlinear: closer(&self.nonlinear),
+            linear: closer(&self.linear),
+            independent: self.independent,
+            begun,
+        }
+    }
+
     /// Logarithm of the noise's standard deviation, as the weights have it: mean and median over all samples.
     pub fn log_noise(&self) -> [f64; 2] {
         let mut each: Vec<f64> = (0..self.train_when.len())

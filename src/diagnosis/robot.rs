@@ -2,12 +2,15 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::dictionary;
+use super::learn::{Group, Made};
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
-use super::subject::{At, Coordinate, Errors, Subject, Whereabouts, Words};
+use super::subject::{At, Coordinate, Errors, Subject, TermColumns, Whereabouts, Words};
 use super::tolerance::{self, Tolerance};
 use super::{DRAWN, doubt};
 use crate::dataset::OffsetSource;
+use crate::effects::learnt::Learnt;
 use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
 use crate::film::Locked;
 use crate::model::{ForearmTorque, Parameters, Robot};
@@ -369,6 +372,24 @@ impl Subject for RobotResidual<'_> {
         RobotResidual::fingerprint_by_actuator(self, eta, beta, effect, v)
     }
 
+    fn dictionary(&self, residual: &DVector<f64>) -> Vec<Group> {
+        dictionary::of_robot(self, residual)
+    }
+
+    fn term_columns(&self, term: &Learnt) -> TermColumns {
+        RobotResidual::term_columns(self, term)
+    }
+
+    fn made_by(&self, acting: &Acting) -> Made {
+        dictionary::made_by(self, acting)
+    }
+
+    fn without(&self, recording: usize) -> Self {
+        let mut out = self.clone();
+        out.mute(recording);
+        out
+    }
+
     fn noise_rows(&self) -> Vec<Vec<f64>> {
         RobotResidual::noise_rows(self)
     }
@@ -422,10 +443,9 @@ impl Subject for RobotResidual<'_> {
         &self,
         eta: &[f64],
         beta: &[f64],
-        list: &[Tolerance],
+        list: &[Departure],
     ) -> Result<DepartureTorques, Locked> {
-        let list: Vec<Departure> = list.iter().map(|t| t.departure.clone()).collect();
-        RobotResidual::departures(self, eta, beta, &list)
+        RobotResidual::departures(self, eta, beta, list)
     }
 
     fn begun(&self, eta: &[f64], beta: &[f64]) -> Result<DepartureTorques, Locked> {
@@ -438,6 +458,14 @@ impl Subject for RobotResidual<'_> {
 
     fn allow(&mut self, torques: &DepartureTorques, combine: &DMatrix<f64>) {
         RobotResidual::allow(self, torques, combine);
+    }
+
+    fn filtered_departures(&self, torques: &DepartureTorques) -> Vec<DMatrix<f64>> {
+        RobotResidual::filtered_departures(self, torques)
+    }
+
+    fn allow_more(&mut self, filtered: &[DMatrix<f64>], combine: &DMatrix<f64>) {
+        RobotResidual::allow_more(self, filtered, combine);
     }
 
     fn rebuild(&mut self, base: Vec<Acting>) -> Result<(), Locked> {

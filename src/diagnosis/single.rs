@@ -654,6 +654,7 @@ pub(super) fn doubt(
         plain_mean_square: plain.fits,
         plain_holdout_mean_square: plain.raw,
         law,
+        learnt: None,
         traces,
         remarks,
         says,

@@ -4,15 +4,20 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::RigKind;
+use super::learn::{Group, Made};
 use super::tolerance::Tolerance;
+use crate::effects::learnt::Learnt;
 use crate::effects::{Acting, Effect, When};
 use crate::film::Locked;
 use crate::model::Parameters;
-use crate::residual::{DepartureTorques, ExpectedScore, SeparableResidual};
+use crate::residual::{Departure, DepartureTorques, ExpectedScore, SeparableResidual};
 
 /// Where a kept residual lies: voltage (or input), its rate, time s, height, rate, largest stretch (or swing)
 /// so far, angle (or position).
 pub(super) type At = [f64; 7];
+
+/// Columns of a learnt term on each actuator, and their slopes.
+pub(super) type TermColumns = ([DMatrix<f64>; 3], Option<[DMatrix<f64>; 3]>);
 
 /// A coordinate in which the excess is looked for.
 #[derive(Clone)]
@@ -123,6 +128,24 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
         effect: &'static dyn Effect,
         v: &[f64],
     ) -> Result<[Vec<f64>; 3], Locked>;
+    /// What may be learnt here, where a model without terms leaves this residual; nothing where it is not
+    /// known how.
+    fn dictionary(&self, _residual: &DVector<f64>) -> Vec<Group> {
+        Vec::new()
+    }
+    /// What each coefficient of a learnt term changes of the residual on each actuator alone; and, where it
+    /// acts on the voltage, by how much what it adds to the squared voltage grows with that square.
+    fn term_columns(&self, _term: &Learnt) -> TermColumns {
+        unreachable!("there is no dictionary")
+    }
+    /// What a learnt term does along the recordings.
+    fn made_by(&self, _acting: &Acting) -> Made {
+        Made::default()
+    }
+    /// The same recordings, of which one counts nothing.
+    fn without(&self, _recording: usize) -> Self {
+        unreachable!("there is no dictionary")
+    }
     /// What drawn noise makes of the whitened residual.
     fn noise_rows(&self) -> Vec<Vec<f64>>;
     /// As many further draws, which the weights know nothing of.
@@ -155,12 +178,12 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     fn tolerances(&self) -> Vec<Tolerance> {
         Vec::new()
     }
-    /// What one tolerance each changes of the torque error, at a model with the effects at work.
+    /// What each departure changes of the torque error, at a model with the effects at work.
     fn departures(
         &self,
         _eta: &[f64],
         _beta: &[f64],
-        _list: &[Tolerance],
+        _list: &[Departure],
     ) -> Result<DepartureTorques, Locked> {
         Ok(DepartureTorques::new())
     }
@@ -175,6 +198,12 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     }
     /// Lets the rig depart along combinations (columns) of tolerances: linear unknowns, the last of all.
     fn allow(&mut self, _torques: &DepartureTorques, _combine: &DMatrix<f64>) {}
+    /// Departures at the kept samples, recording by recording: one column each.
+    fn filtered_departures(&self, _torques: &DepartureTorques) -> Vec<DMatrix<f64>> {
+        Vec::new()
+    }
+    /// Lets a fit depart along combinations of those, beside those that there may be.
+    fn allow_more(&mut self, _filtered: &[DMatrix<f64>], _combine: &DMatrix<f64>) {}
     /// Takes the mechanism to be these effects beside its drawing.
     fn rebuild(&mut self, _base: Vec<Acting>) -> Result<(), Locked> {
         Ok(())

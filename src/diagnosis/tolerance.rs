@@ -337,13 +337,13 @@ fn columns<S: Subject>(
     list: &[Tolerance],
 ) -> Result<(DepartureTorques, DepartureTorques), Locked> {
     let (eta, beta) = (&plain.state.eta, &plain.state.beta);
-    let train = problem.residual(plain).departures(eta, beta, list)?;
+    let mut own: Vec<Departure> = list.iter().map(|t| t.departure.clone()).collect();
+    let train = problem.residual(plain).departures(eta, beta, &own)?;
     let holdout = match (&problem.holdout, problem.holdout_eta(plain)) {
         (Some(h), Some(eta)) => {
             // what belongs to one recording belongs to none of those that were held out
-            let mut own = list.to_vec();
-            for t in &mut own {
-                if let Departure::Effect { only, .. } = &mut t.departure
+            for departure in &mut own {
+                if let Departure::Effect { only, .. } = departure
                     && only.is_some()
                 {
                     *only = Some(usize::MAX);

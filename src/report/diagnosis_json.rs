@@ -1,5 +1,7 @@
 //! `diagnosis.json`, in the keys that scripts rely on.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -10,8 +12,9 @@ use super::parameter_file::SeriesEntry;
 use super::provenance::Provenance;
 use crate::checks::{Finding, Grade};
 use crate::diagnosis::{
-    Candidate, Departed, Diagnosis, Gain, Hidden, Law, Place, RigKind, RivalModel,
+    Candidate, Departed, Diagnosis, Gain, Hidden, Law, LearntPhysics, Place, RigKind, RivalModel,
 };
+use crate::effects::learnt::Form;
 
 /// `diagnosis.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -41,6 +44,9 @@ pub struct DiagnosisJson {
     /// The law that was found in what no cause explains.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub law: Option<LawJson>,
+    /// What was learnt where no cause explains what is left; the model after has it.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub learnt: Option<LearntJson>,
     /// Samples over which the errors are taken.
     pub rmse_basis: String,
     /// Unit of the errors: V for a robot; for an axis that of its input, for a bench N m, for a coupon Pa.
@@ -292,6 +298,80 @@ pub struct LawJson {
     pub share_of_excess: Number,
 }
 
+/// Physics that stands in no catalogue, learnt from the recordings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LearntJson {
+    /// Where it acts: `bicep`, `film`, `force`, `electrical`, `capacitance`, `series`.
+    pub site: String,
+    /// Actuators (1 to 3) on which it acts.
+    pub actuators: Vec<usize>,
+    /// What it depends on.
+    pub variables: Vec<String>,
+    /// `spline` where all of it is curves, `formula` where not.
+    pub form: String,
+    /// What each of its terms is, in a formula; nothing of curves.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub formula: Option<String>,
+    /// Unit of what it adds.
+    pub unit: String,
+    /// Probability that what depends on a variable belongs to it.
+    pub inclusion: BTreeMap<String, Number>,
+    /// Range of each variable in the recordings; null where it has none.
+    pub range: BTreeMap<String, [Number; 2]>,
+    /// Whether it takes energy; null where it is not about energy.
+    pub dissipative: Option<bool>,
+    /// Net work over what is exchanged, -1 to 1; null where it is not about energy.
+    pub net_work: Number,
+    /// The largest that each term makes, in the unit.
+    pub largest: Vec<Number>,
+    /// Causes of the catalogue that are nearest, with the cosine of the traces.
+    pub resembles: Vec<(String, Number)>,
+    /// Share of the gap to the noise that it closes on recordings that were held out; null without any.
+    pub gap_closed: Number,
+    /// Whether the model after contains it.
+    pub in_model: bool,
+    /// One sentence.
+    pub says: String,
+}
+
+impl LearntJson {
+    fn of(l: &LearntPhysics) -> Self {
+        let variables = l.variables();
+        let mut formulas: Vec<&str> = Vec::new();
+        for term in l.terms.iter().filter_map(|t| t.acting.effect.learnt()) {
+            let formula = term.form.formula();
+            let curve = matches!(term.form, Form::Spline { .. } | Form::Ridge { .. });
+            if !curve && !formulas.contains(&formula) {
+                formulas.push(formula);
+            }
+        }
+        let spline = formulas.is_empty();
+        LearntJson {
+            site: l.place.name().into(),
+            actuators: actuators(l.on()),
+            variables: variables.iter().map(|v| v.0.to_owned()).collect(),
+            form: if spline { "spline" } else { "formula" }.into(),
+            formula: (!spline).then(|| formulas.join("; ")),
+            unit: l.place.unit().into(),
+            inclusion: (variables.iter())
+                .map(|v| (v.0.to_owned(), finite(v.1)))
+                .collect(),
+            range: (variables.iter())
+                .map(|v| (v.0.to_owned(), v.2.map(finite)))
+                .collect(),
+            dissipative: l.net_work.is_finite().then(|| l.takes_energy()),
+            net_work: finite(l.net_work),
+            largest: l.terms.iter().map(|t| finite(t.largest)).collect(),
+            resembles: (l.resembles.iter())
+                .map(|(id, cosine)| ((*id).to_owned(), finite(*cosine)))
+                .collect(),
+            gap_closed: finite(l.gap_closed),
+            in_model: true,
+            says: l.says.clone(),
+        }
+    }
+}
+
 /// A term of a law.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[allow(non_snake_case)]
@@ -396,6 +476,7 @@ impl DiagnosisJson {
             next_experiment: String::new(),
             hidden: Vec::new(),
             law: None,
+            learnt: None,
             rmse_basis: if unit == "V" { "above_1kV" } else { "all" }.into(),
             rmse_unit: unit,
             train: GainJson {
@@ -442,6 +523,7 @@ impl DiagnosisJson {
             next_experiment: d.next_experiment.clone(),
             hidden: d.hidden.iter().map(HiddenJson::of).collect(),
             law: d.law.as_ref().map(LawJson::of),
+            learnt: d.learnt.as_ref().map(LearntJson::of),
             rmse_basis: d.basis.into(),
             rmse_unit: d.unit.clone(),
             train: GainJson::of(&d.train),

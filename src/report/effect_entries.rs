@@ -3,10 +3,11 @@
 
 use std::path::Path;
 
+use super::learnt_entry;
 use super::parameter_file::{Effect, FilmEntry, ParameterFile, SeriesEntry, Values};
 use crate::calibration::LineModel;
 use crate::diagnosis::{Candidate, Value};
-use crate::effects::{Acting, CATALOGUE, Reach, by_id, line};
+use crate::effects::{Acting, CATALOGUE, Reach, by_id, learnt, line};
 use crate::recording::{Error, ErrorKind, suggestion};
 
 /// Number of a recording that is in no series: what happens there never happens.
@@ -146,6 +147,11 @@ impl Effect {
     /// # Errors
     /// The sentence that [`ParameterFile::acting`] has for it, without a file.
     pub fn check(&self) -> Result<(), String> {
+        if self.id == learnt::ID {
+            return Err(
+                "`learnt` stands for a term that was learnt, with its form and its coefficients: it stands in a parameter file, under [[effect]]; name that file".into(),
+            );
+        }
         let text = match acting(self, Path::new(""), CATALOGUE, &|_| None) {
             Ok(_) => return Ok(()),
             Err(error) => error.to_string(),
@@ -208,17 +214,28 @@ impl Effect {
 }
 
 impl ParameterFile {
-    /// The causes of the file as the model applies them. `number_of` gives the number of a recording in the
+    /// The causes of the file, and what was learnt, as the model applies them. `number_of` gives the number of a recording in the
     /// series of what is to be predicted; `None` when it belongs to another series: a change at a moment
     /// there never happens.
     ///
     /// # Errors
-    /// An id or a name that is not in the catalogue (the nearest is named), or a value that cannot be.
+    /// An id or a name that is not in the catalogue (the nearest is named), or a value that cannot be; of
+    /// several learnt terms the key says which.
     pub fn acting(&self, number_of: &dyn Fn(&str) -> Option<usize>) -> Result<Vec<Acting>, Error> {
-        self.effects
-            .iter()
-            .map(|e| acting(e, &self.path, CATALOGUE, number_of))
-            .collect()
+        let terms = self.effects.iter().filter(|e| e.id == learnt::ID).count();
+        let mut number = 0;
+        let mut one = |e: &Effect| {
+            if e.id != learnt::ID {
+                return acting(e, &self.path, CATALOGUE, number_of);
+            }
+            number += 1;
+            let name = match terms {
+                1 => e.id.clone(),
+                _ => format!("{} {number}", e.id),
+            };
+            learnt_entry::acting(e, &self.path, &name)
+        };
+        self.effects.iter().map(&mut one).collect()
     }
 
     /// The model of a single coordinate: constants, film, curve, and its causes in the units of the
@@ -262,6 +279,11 @@ fn acting(
     number_of: &dyn Fn(&str) -> Option<usize>,
 ) -> Result<Acting, Error> {
     let bad = |key: String, what: String| Error::new(ErrorKind::BadValue, path, what).at_key(key);
+    if entry.id == learnt::ID {
+        return Err(bad("[[effect]] id".into(), "found \"learnt\"".into())
+            .expected("causes of a single coordinate: a learnt term is one of a robot")
+            .action("take the block out, or name a file of this bench, axis or coupon"));
+    }
     let Some(effect) = known.iter().copied().find(|e| e.id() == entry.id) else {
         let ids: Vec<&str> = known.iter().map(|e| e.id()).collect();
         return Err(bad(

@@ -114,6 +114,9 @@ fn render(file: &ParameterFile, to: &mut dyn Exporter) -> String {
     }
     for (i, effect) in file.effects.iter().enumerate() {
         to.comment(&format!("Effect {}: {}", i + 1, effect.id));
+        if let Some(says) = effect.about_learnt() {
+            to.comment(&says);
+        }
         if let Some(says) = effect.about_estimates() {
             to.comment(says);
         }
@@ -232,6 +235,18 @@ fn all_numbers(list: &[toml::Value]) -> Option<Vec<f64>> {
         .collect()
 }
 
+/// The rows of a matrix, where all of a list are lists of numbers, as many in each; none of no rows or
+/// columns.
+fn matrix(list: &[toml::Value]) -> Option<Vec<Vec<f64>>> {
+    let row = |v: &toml::Value| match plain(v) {
+        Some(Plain::List(row)) => all_numbers(row),
+        _ => None,
+    };
+    let rows: Vec<Vec<f64>> = list.iter().map(row).collect::<Option<_>>()?;
+    let columns = rows.first()?.len();
+    (columns > 0 && rows.iter().all(|r| r.len() == columns)).then_some(rows)
+}
+
 /// MATLAB and Octave.
 #[derive(Default)]
 struct Matlab(String, Names);
@@ -246,8 +261,16 @@ impl Matlab {
     }
 
     fn row(values: &[f64]) -> String {
-        let all: Vec<String> = values.iter().map(|&v| Self::number(v)).collect();
-        format!("[{}]", all.join(" "))
+        Self::rows(&[values.to_vec()])
+    }
+
+    fn rows(rows: &[Vec<f64>]) -> String {
+        let row = |values: &Vec<f64>| {
+            let all: Vec<String> = values.iter().map(|&v| Self::number(v)).collect();
+            all.join(" ")
+        };
+        let all: Vec<String> = rows.iter().map(row).collect();
+        format!("[{}]", all.join("; "))
     }
 
     fn word(text: &str) -> String {
@@ -259,9 +282,10 @@ impl Matlab {
             Plain::Number(v) => Self::number(v),
             Plain::Word(v) => Self::word(v),
             Plain::Truth(v) => v.to_string(),
-            Plain::List(list) => match all_numbers(list) {
-                Some(numbers) => Self::row(&numbers),
-                None => {
+            Plain::List(list) => match (all_numbers(list), matrix(list)) {
+                (Some(numbers), _) => Self::row(&numbers),
+                (None, Some(rows)) => Self::rows(&rows),
+                (None, None) => {
                     let all: Option<Vec<String>> = list.iter().map(Self::any).collect();
                     format!("{{{}}}", all?.join(", "))
                 }
@@ -484,10 +508,17 @@ impl C {
             Some(Plain::Truth(v)) => {
                 let _ = writeln!(self.0, "static const int {name} = {};", i32::from(v));
             }
-            Some(Plain::List(list)) => match all_numbers(list) {
-                Some(numbers) => self.array(name, &numbers),
-                None => self.comment(&format!("{name} is no list of numbers and was left out")),
-            },
+            Some(Plain::List(list)) => {
+                let words: Option<Vec<&str>> = list.iter().map(toml::Value::as_str).collect();
+                match (all_numbers(list), matrix(list), words) {
+                    (Some(numbers), ..) => self.array(name, &numbers),
+                    (None, Some(rows), _) => self.rows(name, &rows),
+                    (None, None, Some(words)) => self.words(name, &words),
+                    (None, None, None) => self.comment(&format!(
+                        "{name} is no list of numbers or words, and no matrix, and was left out"
+                    )),
+                }
+            }
             None => {}
         }
     }
@@ -512,6 +543,39 @@ impl C {
             let _ = writeln!(self.0, "    {v:?},");
         }
         self.0.push_str("};\n");
+    }
+
+    /// The array of an array of rows, and the numbers of both as macros.
+    fn rows(&mut self, name: &str, rows: &[Vec<f64>]) {
+        if rows.iter().flatten().any(|v| !v.is_finite()) {
+            self.none(name, &rows.concat());
+            return;
+        }
+        let (upper, columns) = (name.to_uppercase(), rows[0].len());
+        let _ = writeln!(
+            self.0,
+            "#define {upper}_COUNT {}\n#define {upper}_COLUMNS {columns}\nstatic const double {name}[{}][{columns}] = {{",
+            rows.len(),
+            rows.len()
+        );
+        for row in rows {
+            let all: Vec<String> = row.iter().map(|v| format!("{v:?}")).collect();
+            let _ = writeln!(self.0, "    {{ {} }},", all.join(", "));
+        }
+        self.0.push_str("};\n");
+    }
+
+    /// An array of texts, and its length as a macro.
+    fn words(&mut self, name: &str, words: &[&str]) {
+        let all: Vec<String> = words.iter().map(|w| Self::word(w)).collect();
+        let _ = writeln!(
+            self.0,
+            "#define {}_COUNT {}\nstatic const char *const {name}[{}] = {{ {} }};",
+            name.to_uppercase(),
+            all.len(),
+            all.len(),
+            all.join(", ")
+        );
     }
 }
 

@@ -1721,6 +1721,9 @@ pub struct PredictionJson {
     pub predicted: usize,
     /// Rows by kind of flag: `gap`, `out of reach`, `phi^2 < 0`, ...
     pub flagged: std::collections::BTreeMap<String, usize>,
+    /// What a reader should know: causes that were not applied, learnt terms outside their ranges.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub remarks: Vec<String>,
 }
 
 impl PredictionJson {
@@ -1739,7 +1742,15 @@ impl PredictionJson {
             rows: flags.len(),
             predicted: flags.iter().filter(|f| f.is_none()).count(),
             flagged,
+            remarks: Vec::new(),
         }
+    }
+
+    /// The same with what a reader should know.
+    #[must_use]
+    pub fn with_remarks(mut self, remarks: &[String]) -> Self {
+        self.remarks.extend_from_slice(remarks);
+        self
     }
 }
 

@@ -8,6 +8,7 @@ pub mod effect_entries;
 pub mod export;
 pub mod html;
 pub mod json;
+pub mod learnt_entry;
 pub mod mcap;
 pub mod output;
 pub mod parameter_file;

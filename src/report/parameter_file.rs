@@ -5,7 +5,7 @@
 //! [film]        mu_Pa (n + 1, the equilibrium spring first), T_s (n, rising), J, eps_r
 //! [forearm]     nodes_deg, torque_N_m
 //! [axis]        values of a single axis
-//! [[effect]]    id, actuators, and the effect's own values
+//! [[effect]]    id, actuators, and the effect's own values; id = "learnt": those of `learnt_entry.rs`
 //! [[series]]    id, number, begins_s, clock_s: when the recordings of a diagnosis were made
 //! [provenance]  program, command, rig and recordings with their SHA-256
 //! ```
@@ -298,8 +298,13 @@ impl ParameterFile {
             .iter()
             .map(|(name, value)| (name.clone(), (*value).into()))
             .collect();
+        let learnt = diagnosis.learnt.iter().flat_map(|l| &l.terms);
+        let learnt = learnt.filter_map(|t| Effect::learnt(&t.acting, &t.covariance));
         ParameterFile {
-            effects: found.map(|c| Effect::of(c, &series)).collect(),
+            effects: found
+                .map(|c| Effect::of(c, &series))
+                .chain(learnt)
+                .collect(),
             series,
             provenance,
             ..plain
@@ -509,12 +514,9 @@ impl ParameterFile {
                 .iter()
                 .filter(|(n, _)| !estimates.iter().any(|e| n.ends_with(e))))
             .try_for_each(|(name, value)| {
-                let numbers: Vec<f64> = match value {
-                    toml::Value::Float(v) => vec![*v],
-                    toml::Value::Array(a) => a.iter().filter_map(toml::Value::as_float).collect(),
-                    _ => Vec::new(),
-                };
-                (numbers.into_iter()).try_for_each(|v| check(format!("{table}.{name}"), v))
+                floats(value)
+                    .into_iter()
+                    .try_for_each(|v| check(format!("{table}.{name}"), v))
             })
         };
         stated("axis", &self.axis)?;
@@ -576,7 +578,14 @@ impl ParameterFile {
             values(&mut out, &self.axis);
         }
         for effect in &self.effects {
-            out.push_str("\n# A cause that the plain model leaves out.\n[[effect]]\n");
+            match effect.about_learnt() {
+                None => out.push_str("\n# A cause that the plain model leaves out.\n"),
+                Some(says) => {
+                    out.push('\n');
+                    comment(&mut out, &one_line(&says));
+                }
+            }
+            out.push_str("[[effect]]\n");
             let _ = writeln!(out, "id = {}", string(&effect.id));
             let _ = writeln!(out, "actuators = {:?}", effect.actuators);
             if let Some(says) = effect.about_estimates() {
@@ -608,6 +617,15 @@ impl ParameterFile {
     #[must_use]
     pub fn to_json(&self) -> ParametersJson {
         ParametersJson::of(self)
+    }
+}
+
+/// The numbers of a value, lists in lists included.
+fn floats(value: &toml::Value) -> Vec<f64> {
+    match value {
+        toml::Value::Float(v) => vec![*v],
+        toml::Value::Array(list) => list.iter().flat_map(floats).collect(),
+        _ => Vec::new(),
     }
 }
 
@@ -769,8 +787,18 @@ fn value(v: &toml::Value) -> Option<String> {
 
 fn values(out: &mut String, values: &Values) {
     for (name, v) in values {
-        if let Some(text) = value(v) {
-            let _ = writeln!(out, "{} = {text}", key(name));
+        let rows = match v {
+            toml::Value::Array(list) if list.iter().any(toml::Value::is_array) => list,
+            _ => &Vec::new(),
+        };
+        let rows: Option<Vec<String>> = rows.iter().map(value).collect();
+        match rows.filter(|r| !r.is_empty()) {
+            Some(rows) => array(out, &key(name), &rows),
+            None => {
+                if let Some(text) = value(v) {
+                    let _ = writeln!(out, "{} = {text}", key(name));
+                }
+            }
         }
     }
 }
@@ -1136,12 +1164,21 @@ fn read_values(t: &Keys<'_>, known: &[&str]) -> Result<Values, Error> {
         let gaps = name.ends_with("_std_error") || name.ends_with("_ci95");
         let Some(value) = plain(v, gaps) else {
             return Err(t
-                .bad_entry(name, line, format!("found {}", describe(v)))
+                .bad_entry(name, line, format!("found {}", describe(odd(v, gaps))))
                 .expected("a finite number, a word, true, false, or a list of them"));
         };
         out.push((name.to_owned(), value));
     }
     Ok(out)
+}
+
+/// The innermost entry that is not [`plain`].
+fn odd<'a, 'b>(v: &'a DeValue<'b>, gaps: bool) -> &'a DeValue<'b> {
+    let inner = v.as_array().and_then(|list| {
+        let mut entries = list.iter().map(|e| e.get_ref());
+        entries.find(|e| plain(e, gaps).is_none())
+    });
+    inner.map_or(v, |e| odd(e, gaps))
 }
 
 /// Numbers, words and lists of them.
@@ -1285,7 +1322,7 @@ pub struct EffectJson {
     pub id: String,
     /// Actuators (1 to 3) on which it acts.
     pub actuators: Vec<usize>,
-    /// Its own values.
+    /// Its own values; of one that was learnt, lists of numbers, words and rows.
     #[serde(flatten)]
     pub values: serde_json::Map<String, serde_json::Value>,
 }

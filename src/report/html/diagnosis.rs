@@ -7,7 +7,7 @@ use super::page::{self, Cell, Item, Note, Section, Status, Summary, Table, Tile,
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{item, note, remarks, tile};
-use super::{Provenance, provenance};
+use super::{Provenance, learnt, provenance};
 use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, RigKind, Traces, Verdict};
 use crate::effects::{by_id, plain_name};
 use crate::report::effect_entries::{actuators, named};
@@ -39,6 +39,7 @@ pub fn render_diagnosis(d: &Diagnosis, made_of: &Provenance) -> String {
         located(d),
         candidates(d),
         rivals(d),
+        learnt::section(d),
         law(d),
         tolerances(d),
         hidden(d),
@@ -89,7 +90,7 @@ fn odds(p: f64) -> String {
 
 fn tiles(d: &Diagnosis) -> Vec<Tile> {
     let (gain, on) = judged_on(d);
-    let after = d.verdict == Verdict::MissingPhysics;
+    let after = has_augmented(d);
     let mut out = vec![
         tile("Probability of this verdict", odds(d.confidence), ""),
         tile(
@@ -359,6 +360,15 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         );
         return Some(note(MISSING_IS, lead, list));
     }
+    let list = match &d.learnt {
+        Some(l) => std::iter::once(item(
+            "Learnt:".to_owned(),
+            number::words(&super::summary::capital(&l.says)),
+        ))
+        .chain(list)
+        .collect(),
+        None => list,
+    };
     let lead = match (d.verdict, list.is_empty()) {
         (Verdict::Adequate, true) => "Nothing that these recordings could show.",
         (Verdict::Adequate, false) => {
@@ -366,6 +376,9 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         }
         (Verdict::MissingPhysics, _) => {
             "The percentage is the probability that the cause is at work; several can be. Sizes are equivalent values of a textbook form, with 95 % intervals."
+        }
+        (Verdict::Unexplained, _) if d.learnt.is_some() => {
+            "Something that is not in the catalogue. It was learnt from the recordings instead:"
         }
         (Verdict::Unexplained, true) => {
             "Something that is not in the catalogue. None of its causes accounts for the misfit."
@@ -384,8 +397,13 @@ fn closed(g: &Gain) -> Option<f64> {
     (before > 0.0).then(|| (1.0 - excess(g.after_v) / before).min(1.0))
 }
 
+/// Whether there is a model beside the plain one: with causes that are named, or with what was learnt.
+fn has_augmented(d: &Diagnosis) -> bool {
+    d.verdict == Verdict::MissingPhysics || d.learnt.is_some()
+}
+
 fn changed(d: &Diagnosis) -> Option<Note> {
-    if d.verdict != Verdict::MissingPhysics {
+    if !has_augmented(d) {
         return None;
     }
     let unit = &d.unit;

@@ -12,6 +12,7 @@ mod coupon;
 mod diagnosis;
 mod errors;
 mod findings;
+mod learnt;
 mod line;
 pub mod number;
 pub mod page;

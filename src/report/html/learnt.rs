@@ -1,0 +1,171 @@
+//! What was learnt: its curves with the bands that the recordings leave, and its numbers.
+
+use minijinja::context;
+
+use super::number;
+use super::page::{Cell, Section, Table};
+use super::plot::{self, Axis, Band, Mark, Panel, Role, Width};
+use super::recordings::curve;
+use crate::diagnosis::{Diagnosis, LearntPhysics, LearntTerm};
+use crate::effects::learnt::{Form, Learnt};
+use crate::report::effect_entries::actuators;
+
+/// Points of a curve.
+const POINTS: usize = 120;
+/// Standard deviations to each side of a band of 95 %.
+const BAND: f64 = 1.96;
+
+/// See the module; nothing where nothing was learnt.
+pub fn section(d: &Diagnosis) -> Option<Section> {
+    let l = d.learnt.as_ref()?;
+    let drawings: Vec<String> = l.terms.iter().filter_map(|t| drawn(l, t)).collect();
+    let figure = match drawings.is_empty() {
+        true => String::new(),
+        false => plot::figure(
+            &drawings,
+            "",
+            "What each curve adds, with its 95 % band, over the values that the recordings show. Beyond them \
+             it is held at its edge.",
+        ),
+    };
+    let says = format!(
+        "No cause of the catalogue explains the misfit, so what is missing was learnt together with film and \
+         forearms: {} Left out one at a time, recordings are foretold with {} of the plain model\u{2019}s squares \
+         (geometric mean). It describes these recordings; it is a hypothesis about what to look for at the robot.",
+        l.says,
+        number::per_cent(l.left_out.exp()),
+    );
+    let context = context! {
+        says => number::words(&says),
+        figure => super::page::safe(figure),
+        table => table(l).html(),
+    };
+    let template = "<p>{{ says }}</p>\n{{ figure }}\n{{ table }}\n";
+    let title = "What was learnt of the missing physics";
+    Some(Section::new("learnt", title, template, context))
+}
+
+fn on(t: &LearntTerm) -> String {
+    let list = actuators(t.acting.on);
+    match list.len() {
+        3 => "all".into(),
+        _ => list
+            .iter()
+            .map(|k| k.to_string())
+            .collect::<Vec<_>>()
+            .join(", "),
+    }
+}
+
+fn table(l: &LearntPhysics) -> Table {
+    let mut table = Table::new(
+        "Terms: what they make adds up.",
+        vec![
+            Cell::text("depends on"),
+            Cell::text("form"),
+            Cell::text("actuators"),
+            Cell::number(format!("largest, {}", l.place.unit())),
+            Cell::number("probability that it belongs"),
+        ],
+    );
+    for t in &l.terms {
+        let Some(term) = t.acting.effect.learnt() else {
+            continue;
+        };
+        table.row(vec![
+            Cell::text(term.form.variables().join(", ")),
+            Cell::text(shape(term)),
+            Cell::text(on(t)),
+            Cell::number(number::significant(t.largest, 3)),
+            Cell::number(match t.inclusion {
+                p if p > 0.99 => "above 99 %".into(),
+                p => number::per_cent(p),
+            }),
+        ]);
+    }
+    table
+}
+
+/// The form with the numbers that its coefficients do not hold.
+fn shape(term: &Learnt) -> String {
+    let name = term.form.name();
+    match &term.form {
+        Form::Wave { frequency_hz, .. } => {
+            format!("{name} of {} Hz", number::significant(*frequency_hz, 4))
+        }
+        Form::Oscillator {
+            frequency_hz,
+            damping,
+        } => format!(
+            "{name} of {} Hz, damping {}",
+            number::significant(*frequency_hz, 4),
+            number::significant(*damping, 2)
+        ),
+        Form::Ridge { along, .. } => {
+            let axis = along.map(|x| number::significant(x, 2));
+            format!("{name} along ({})", axis.join(", "))
+        }
+        _ => name.to_owned(),
+    }
+}
+
+/// The curve of a spline or a ridge with its band.
+fn drawn(l: &LearntPhysics, t: &LearntTerm) -> Option<String> {
+    let term = t.acting.effect.learnt()?;
+    let (Form::Spline { knots, .. } | Form::Ridge { knots, .. }) = &term.form else {
+        return None;
+    };
+    let (low, high) = (*knots.first()?, *knots.last()?);
+    let (title, scale) = match &term.form {
+        Form::Ridge { .. } => ("position along its direction, mm".to_owned(), 1e3),
+        _ => {
+            let unit = *term.form.units().first()?;
+            match unit {
+                "rad" => (
+                    format!("{}, deg", term.form.variables()[0]),
+                    1f64.to_degrees(),
+                ),
+                unit => (format!("{}, {unit}", term.form.variables()[0]), 1.0),
+            }
+        }
+    };
+    let mut points = Vec::new();
+    let mut rows = Vec::new();
+    for i in 0..=POINTS {
+        let x = low + (high - low) * i as f64 / POINTS as f64;
+        let basis = term.at(x);
+        let y: f64 = basis.iter().zip(&t.acting.values).map(|(b, v)| b * v).sum();
+        let product = |row: &Vec<f64>| basis.iter().zip(row).map(|(b, c)| b * c).sum::<f64>();
+        let variance: f64 = (basis.iter().zip(&t.covariance))
+            .map(|(b, row)| b * product(row))
+            .sum();
+        let half = BAND * variance.max(0.0).sqrt();
+        points.push([x * scale, y]);
+        if half.is_finite() {
+            rows.push([x * scale, y - half, y + half]);
+        }
+    }
+    let by = match term.form.variables().get(1) {
+        Some(other) if matches!(term.form, Form::Spline { .. }) => format!(" per {other}"),
+        _ => String::new(),
+    };
+    let who = on(t);
+    let panel = Panel {
+        y: Axis::new(format!("{}{by}, actuators: {who}", l.place.unit())),
+        height: 150.0,
+        shades: Vec::new(),
+        bands: vec![Band {
+            name: String::new(),
+            role: Role::One,
+            rows,
+        }],
+        series: vec![curve("", Role::One, Mark::Line, points)],
+    };
+    let label = format!("{} over {title}", l.place.says());
+    Some(plot::line_plot(
+        &label,
+        &Axis::new(title),
+        &[panel],
+        Width::Part,
+    ))
+}

@@ -206,6 +206,17 @@ pub fn effects() -> impl Iterator<Item = &'static str> {
     EFFECTS.iter().map(|e| e.0)
 }
 
+/// Where an effect that is in no catalogue acts, as `learnt.site` of `diagnosis.json` has it.
+pub fn site_of(unknown: &str) -> Option<&'static str> {
+    Some(match unknown {
+        "x_backlash" | "x_cogging" => "bicep",
+        "x_slack_cable" | "x_quadratic_drag" | "x_cable_pull" | "x_swinging_hose" => "force",
+        "x_crosstalk" | "x_amplifier_ripple" => "electrical",
+        "x_self_heating" | "x_yielding_branch" => "film",
+        _ => return None,
+    })
+}
+
 /// Names of the effects that are in no catalogue.
 pub fn unknowns() -> impl Iterator<Item = &'static str> {
     UNKNOWN.iter().map(|e| e.0)

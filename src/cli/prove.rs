@@ -216,6 +216,14 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
         words(&proof.exact_sets),
         proof.calibration_error_each,
     ));
+    if let Some(gap) = proof.unknown_gap_closed_median.value {
+        talk.say(&format!(
+            "In no catalogue: learnt where it acts {}; {:.0} % of the gap to the noise closed on held-out recordings (median of {})",
+            words(&proof.learnt_where_it_acts),
+            100.0 * gap,
+            proof.unknown_gap_closed_median.of,
+        ));
+    }
     for f in &proof.failures {
         talk.say(f);
     }

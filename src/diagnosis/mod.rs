@@ -20,7 +20,6 @@
 
 mod blocks;
 mod chance;
-mod dictionary;
 mod errors;
 mod experiment;
 mod fits;
@@ -41,7 +40,6 @@ mod scan;
 mod single;
 mod sizes;
 mod subject;
-mod taught;
 mod tolerance;
 mod words;
 
@@ -547,7 +545,7 @@ fn chain<S: Subject>(
     let learnt = match taught {
         Some(t) => {
             let gap = holdout_gain.as_ref().map_or(f64::NAN, gap_closed);
-            Some(taught::physics(&problem, &t, &groups, gap)?)
+            Some(learn::physics(&problem, &t, &groups, gap)?)
         }
         None => None,
     };

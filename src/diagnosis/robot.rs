@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::dictionary;
-use super::learn::{Group, Made};
+use super::learn::{self, Group, Made};
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
 use super::subject::{At, Coordinate, Errors, Subject, TermColumns, Whereabouts, Words};
@@ -373,7 +372,7 @@ impl Subject for RobotResidual<'_> {
     }
 
     fn dictionary(&self, residual: &DVector<f64>) -> Vec<Group> {
-        dictionary::of_robot(self, residual)
+        learn::of_robot(self, residual)
     }
 
     fn term_columns(&self, term: &Learnt) -> TermColumns {
@@ -381,7 +380,7 @@ impl Subject for RobotResidual<'_> {
     }
 
     fn made_by(&self, acting: &Acting) -> Made {
-        dictionary::made_by(self, acting)
+        learn::made_by(self, acting)
     }
 
     fn without(&self, recording: usize) -> Self {

@@ -60,6 +60,9 @@ pub struct Trial {
     pub concealment: Concealment,
     /// Share of the gap to the floor that is closed on held-out recordings.
     pub gap_closed: f64,
+    /// Where what was learnt acts; none where nothing was.
+    #[serde(default)]
+    pub learnt_site: Option<String>,
     /// Whether a place among the first three overlaps the truth by half; none where the truth has no place.
     pub located: Option<bool>,
     /// The first named effect's values: name, value, standard error, 95 % interval.
@@ -203,6 +206,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
         stands_out: Vec::new(),
         concealment: Concealment::default(),
         gap_closed: f64::NAN,
+        learnt_site: None,
         located: None,
         values: Vec::new(),
         true_values: first.map_or(Vec::new(), |d| {
@@ -251,6 +255,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
     if let Some(h) = d.holdout {
         out.gap_closed = (h.before_v - h.after_v) / (h.before_v - h.noise_floor_v).max(1e-9);
     }
+    out.learnt_site = (d.learnt.as_ref()).map(|l| l.place.name().to_owned());
     let best = d.candidates.first();
     out.mean_squares = [
         d.plain_mean_square,

@@ -1,5 +1,6 @@
 //! Scores of a proof: counts with their 95 % intervals.
 
+use crate::cases::site_of;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -118,6 +119,11 @@ pub struct Proof {
     pub unknown_called_unexplained: Count,
     /// The same of those that a plain refit leaves at 1.5 times the floor or more.
     pub visible_unknown_called_unexplained: Count,
+    /// What was learnt of robots' effects in no catalogue that acts where they do.
+    pub learnt_where_it_acts: Count,
+    /// Share of the gap to the floor that is closed on held-out recordings, of robots' effects in no catalogue
+    /// that a plain refit leaves at 1.5 times the floor or more.
+    pub unknown_gap_closed_median: Median,
     /// Pairs of which both were named, where a refit without either would leave as much as a detectable
     /// single one does.
     pub pairs_both_named: Count,
@@ -299,6 +305,7 @@ pub fn score(trials: &[Trial]) -> Proof {
                 .is_some_and(|s| s.alike.iter().any(|g| g.0 == name))
     };
     let grouped = |t: &Trial| t.named.first().is_some_and(|n| stands_for(t, n, 0));
+    let learnt = select(&|t| is_unknown(t) && t.learnt_site.is_some());
     let visible_unknown = select(&|t| is_unknown(t) && t.detectability >= DETECTABLE);
     let clear_pairs: Vec<&Trial> = pairs
         .iter()
@@ -444,6 +451,16 @@ pub fn score(trials: &[Trial]) -> Proof {
         visible_unknown_called_unexplained: Count::of(&visible_unknown, |t| {
             t.verdict == "unexplained"
         }),
+        learnt_where_it_acts: Count::of(&learnt, |t| {
+            let site = t.form.first().and_then(|form| site_of(form));
+            site.is_some() && t.learnt_site.as_deref() == site
+        }),
+        unknown_gap_closed_median: Median::new(
+            (visible_unknown.iter())
+                .filter(|t| t.rig == "robot")
+                .map(|t| t.gap_closed)
+                .collect(),
+        ),
         pairs_both_named: Count::of(&clear_pairs, both),
         pairs_by_group: Count::of(&clear_pairs, both_grouped),
         all_pairs_both_named: Count::of(&pairs, both),

@@ -2,12 +2,11 @@
 
 use nalgebra::DVector;
 
-use super::judge::cosines;
-use super::learn::Taught;
-use super::outcome::{LearntPhysics, LearntTerm};
-use super::problem::{Problem, Tangent};
-use super::scan::Group;
-use super::subject::Subject;
+use super::super::judge::cosines;
+use super::super::outcome::{LearntPhysics, LearntTerm};
+use super::super::scan::Group;
+use super::super::words::in_unit;
+use super::{Problem, Subject, Tangent, Taught};
 use crate::effects::learnt::{self, Learnt};
 use crate::effects::{Acting, plain_name};
 use crate::film::Locked;
@@ -20,7 +19,7 @@ const LIKE: (usize, f64) = (3, 0.5);
 ///
 /// # Errors
 /// [`Locked`] when the film is past its locking stretch.
-pub(super) fn physics<S: Subject>(
+pub(in crate::diagnosis) fn physics<S: Subject>(
     problem: &Problem<S>,
     taught: &Taught,
     groups: &[Group],
@@ -114,6 +113,10 @@ fn says_of_learnt(l: &LearntPhysics) -> String {
         None => String::new(),
     };
     let gap = match l.gap_closed {
+        g if g < 0.0 => {
+            "; recordings that were not fitted it predicts worse than the plain model does: do not use it there"
+                .into()
+        }
         g if g.is_finite() => format!(
             "; on recordings that were not fitted it closes {:.0} % of the gap to the noise",
             100.0 * g
@@ -125,8 +128,15 @@ fn says_of_learnt(l: &LearntPhysics) -> String {
         Some((last, others)) => format!("{} and {last}", others.join(", ")),
         None => "nothing".to_owned(),
     };
+    let largest = l.terms.iter().map(|t| t.largest).fold(0.0, f64::max);
+    let size = match l.place.unit() {
+        unit @ ("N" | "N m") => {
+            format!(" of up to {}", in_unit(1e3 * largest, &format!("m{unit}")))
+        }
+        _ => String::new(),
+    };
     format!(
-        "{}{on}, which depends on {of}{work}{like}{gap}.",
+        "{}{on}{size}, which depends on {of}{work}{like}{gap}.",
         l.place.says()
     )
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::learn::{Group, Made};
+use super::{Group, Made};
 use crate::effects::learnt::{Form, Learnt, Place, Variable, wider};
 use crate::effects::{Acting, Along};
 use crate::kinematics::{Vec3, dot};
@@ -29,7 +29,7 @@ const WAVE_HZ: f64 = 8.0;
 const PEAKS: usize = 3;
 
 /// The groups of a robot's recordings, of which a film without terms leaves `residual`.
-pub(super) fn of_robot(robot: &RobotResidual, residual: &DVector<f64>) -> Vec<Group> {
+pub(in crate::diagnosis) fn of_robot(robot: &RobotResidual, residual: &DVector<f64>) -> Vec<Group> {
     let ranges = Ranges::of(robot);
     let mut out = Vec::new();
     let together = |out: &mut Vec<Group>, place: Place, smooth: bool, forms: Vec<Form>| {
@@ -184,7 +184,7 @@ pub(super) fn of_robot(robot: &RobotResidual, residual: &DVector<f64>) -> Vec<Gr
 }
 
 /// What a term does along a robot's recordings.
-pub(super) fn made_by(robot: &RobotResidual, acting: &Acting) -> Made {
+pub(in crate::diagnosis) fn made_by(robot: &RobotResidual, acting: &Acting) -> Made {
     let mut out = Made::default();
     let Some(term) = acting.effect.learnt() else {
         return out;

@@ -1,5 +1,7 @@
 //! The delta robot as a subject: three torques a sample, judged in volts above 1 kV.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::learn::{self, Group, Made};
@@ -383,9 +385,9 @@ impl Subject for RobotResidual<'_> {
         learn::made_by(self, acting)
     }
 
-    fn without(&self, recording: usize) -> Self {
+    fn without(&self, recording: usize, kept: Range<usize>) -> Self {
         let mut out = self.clone();
-        out.mute(recording);
+        out.mute(recording, kept);
         out
     }
 

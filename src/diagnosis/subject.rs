@@ -1,6 +1,8 @@
 //! What a diagnosis asks of recordings, whatever the rig: their residual with effects, where its rows lie,
 //! and the words of the kind.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::RigKind;
@@ -142,8 +144,8 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     fn made_by(&self, _acting: &Acting) -> Made {
         Made::default()
     }
-    /// The same recordings, of which one counts nothing.
-    fn without(&self, _recording: usize) -> Self {
+    /// The same recordings, of which these kept samples of one count nothing.
+    fn without(&self, _recording: usize, _kept: Range<usize>) -> Self {
         unreachable!("there is no dictionary")
     }
     /// What drawn noise makes of the whitened residual.

@@ -1,10 +1,11 @@
 //! Scores of a proof: counts with their 95 % intervals.
 
-use crate::cases::site_of;
-use serde::Serialize;
 use std::collections::BTreeMap;
 
+use serde::Serialize;
+
 use super::Trial;
+use crate::cases::site_of;
 
 /// A share: how many of how many, with the 95 % interval of Wilson 1927.
 #[derive(Debug, Clone, Copy, Serialize)]

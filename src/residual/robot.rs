@@ -1587,9 +1587,9 @@ impl<'a> RobotResidual<'a> {
         (columns, slopes)
     }
 
-    /// Takes a recording out of all sums: its residuals count nothing.
-    pub fn mute(&mut self, recording: usize) {
-        self.recordings[recording].whitening.fill([0.0; 6]);
+    /// Takes kept samples of a recording out of all sums: their residuals count nothing.
+    pub fn mute(&mut self, recording: usize, kept: std::ops::Range<usize>) {
+        self.recordings[recording].whitening[kept].fill([0.0; 6]);
     }
 
     /// Middle frame of each kept sample of a recording.

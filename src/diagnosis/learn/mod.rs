@@ -280,9 +280,11 @@ fn site<S: Subject>(
         } else if round > 0 {
             break;
         }
-        choice = Products::new(about, list).choose(price);
-        if choice.members.is_empty() {
-            break;
+        if round + 1 < ROUNDS {
+            choice = Products::new(about, list).choose(price);
+            if choice.members.is_empty() {
+                break;
+            }
         }
     }
     Ok(best)
@@ -312,29 +314,36 @@ fn jacobian<S: Subject>(
     2.0 * problem.independent * logs.min(0.0)
 }
 
-/// Squares of each recording that a model fitted to all others leaves; clocks stay where all recordings put
-/// them.
+/// Recordings, or parts of them where there are fewer, that are left out one at a time.
+const PARTS: usize = 4;
+
+/// Squares of each recording (of its parts, where there are few) that a model fitted to all others leaves;
+/// clocks stay where all recordings put them.
 fn left_out<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Vec<f64>, Locked> {
     let recordings = problem.train_when.len();
     let (own, offsets) = (problem.nonlinear.len(), BRANCHES + 1);
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
-    let mut from = 0;
-    let rows: Vec<_> = (0..recordings)
-        .map(|r| {
-            let count = S::CHAINS * problem.train.kept_times_s(r).len();
-            from += count;
-            (from - count, count)
-        })
-        .collect();
-    (0..recordings)
-        .into_par_iter()
-        .map(|r| {
+    let each = PARTS.div_ceil(recordings.max(1));
+    let (mut before, mut list) = (0, Vec::new());
+    for r in 0..recordings {
+        let kept = problem.train.kept_times_s(r).len();
+        for part in 0..each {
+            let range = kept * part / each..kept * (part + 1) / each;
+            if !range.is_empty() {
+                list.push((r, range, before));
+            }
+        }
+        before += kept;
+    }
+    list.into_par_iter()
+        .map(|(r, kept, before)| {
             let mut nonlinear = problem.nonlinear.clone();
             for (u, at) in nonlinear.iter_mut().zip(eta).skip(offsets) {
                 *u = Unknown::fixed(*at);
             }
+            let (first, count) = (S::CHAINS * (before + kept.start), S::CHAINS * kept.len());
             let others = Problem {
-                train: problem.train.without(r),
+                train: problem.train.without(r, kept),
                 holdout: None,
                 train_when: problem.train_when.clone(),
                 holdout_when: Vec::new(),
@@ -345,7 +354,6 @@ fn left_out<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Vec<f64
             };
             let told = others.fit(&[], &eta[..own], beta, POLISH);
             let design = problem.train.design(&told.state.eta, &told.state.beta)?;
-            let (first, count) = rows[r];
             let left = design.column(design.ncols() - 1);
             Ok(left.rows(first, count).norm_squared())
         })

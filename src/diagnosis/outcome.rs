@@ -219,8 +219,8 @@ pub struct LearntPhysics {
     /// Share of the way from the plain model's error to the noise that it closes on recordings that were
     /// held out; NaN without any.
     pub gap_closed: f64,
-    /// Mean of the logarithm of what it leaves of each fitted recording, were the others alone fitted, over
-    /// what the plain model leaves.
+    /// Logarithm of the squares that it leaves of fitted recordings, were the others alone fitted, over those
+    /// that the plain model leaves: mean of that of each and of that of all.
     pub left_out: f64,
     /// One sentence.
     pub says: String,

@@ -65,8 +65,7 @@ pub(super) struct Taught {
     pub place: Place,
     /// Covariance of each term's coefficients, and the probability that its group belongs to the site.
     pub open: Vec<(DMatrix<f64>, f64)>,
-    /// Mean of the logarithm of what is left of each recording that is left out over what the plain model
-    /// leaves.
+    /// Logarithm of what is left of recordings that are left out over what the plain model leaves.
     pub left_out: f64,
 }
 
@@ -406,12 +405,15 @@ pub(super) fn learn<S: Subject>(
     let mut best: Option<(f64, f64, Sited<S>)> = None;
     for told in tried {
         let out = left_out(&told.joint.problem, &told.fitted)?;
-        let each: Vec<f64> = (out.iter().zip(&nothing))
-            .map(|(a, b)| (a / b).ln())
-            .collect();
-        let log = all(&each) / out.len() as f64;
-        // what does not help with recordings that were left out, the typical and the worst, was not learnt
-        if log >= -HELPS || all(&out) >= all(&nothing) || told.score >= 0.0 {
+        let each = out.iter().zip(&nothing).map(|(a, b)| (a / b).ln());
+        // the mean of what recordings say whose noise differs, and of what they say whose noise is the same
+        let (typical, whole) = (
+            each.sum::<f64>() / out.len() as f64,
+            (all(&out) / all(&nothing)).ln(),
+        );
+        let log = 0.5 * (typical + whole);
+        // what does not help with recordings that were left out was not learnt
+        if log >= -HELPS || told.score >= 0.0 {
             continue;
         }
         let total = told.score + about.count * log;

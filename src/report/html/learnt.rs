@@ -31,7 +31,7 @@ pub fn section(d: &Diagnosis) -> Option<Section> {
     let says = format!(
         "No cause of the catalogue explains the misfit, so what is missing was learnt together with film and \
          forearms: {} Left out one at a time, recordings are foretold with {} of the plain model\u{2019}s squares \
-         (geometric mean). It describes these recordings; it is a hypothesis about what to look for at the robot.",
+         (geometric mean of each and of all). It describes these recordings; it is a hypothesis about what to look for at the robot.",
         l.says,
         number::per_cent(l.left_out.exp()),
     );

@@ -122,8 +122,8 @@ pub struct Proof {
     pub visible_unknown_called_unexplained: Count,
     /// What was learnt of robots' effects in no catalogue that acts where they do.
     pub learnt_where_it_acts: Count,
-    /// Share of the gap to the floor that is closed on held-out recordings, of robots' effects in no catalogue
-    /// that a plain refit leaves at 1.5 times the floor or more.
+    /// Share of the gap to the floor that is closed on held-out recordings, of robots' effects in no
+    /// catalogue that a plain refit leaves at 1.5 times the floor or more.
     pub unknown_gap_closed_median: Median,
     /// Pairs of which both were named, where a refit without either would leave as much as a detectable
     /// single one does.

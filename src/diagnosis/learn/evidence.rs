@@ -204,8 +204,8 @@ impl<'a> Products<'a> {
         out
     }
 
-    /// Directions (columns, in unknowns of the chosen groups one after the other) that recordings see, and the
-    /// means of their priors of standard deviation 1.
+    /// Directions (columns, in unknowns of the chosen groups one after the other) that recordings see, and
+    /// the means of their priors of standard deviation 1.
     pub fn directions(&self, members: &[(usize, f64)], noise: f64) -> (DMatrix<f64>, Vec<f64>) {
         let (g, b) = self.joined(members, noise);
         let (plain, without) = self.joined(members, 0.0);

@@ -11,11 +11,11 @@
 //! ```
 //!
 //! falls by more than the choice among groups costs (G, g: products of the columns with each other and with
-//! the residual; S: scales). A film that was fitted without the term has bent to it, so groups are chosen about
-//! an ordinary one, which what is known beforehand holds the closer the more is left. Film and term are then
-//! fitted together, the film being let go in steps, and the groups are chosen again about the film that is
-//! found. The sites that promise most are judged by that likelihood and by what they foretell of recordings
-//! that are left out one at a time.
+//! the residual; S: scales). A film that was fitted without the term has bent to it, so groups are chosen
+//! about an ordinary one, which what is known beforehand holds the closer the more is left. Film and term are
+//! then fitted together, the film being let go in steps, and the groups are chosen again about the film that
+//! is found. The sites that promise most are judged by that likelihood and by what they foretell of
+//! recordings that are left out one at a time.
 //!
 //! | file | what |
 //! |---|---|
@@ -121,8 +121,8 @@ fn terms_of(
     parts(list, members).into_iter().map(term).collect()
 }
 
-/// What each coefficient of chosen groups changes of the torque error at the kept samples, and the coefficients (rows) that the
-/// groups' unknowns make.
+/// What each coefficient of chosen groups changes of the torque error at the kept samples, and the
+/// coefficients (rows) that the groups' unknowns make.
 fn torques<S: Subject>(
     problem: &Problem<S>,
     film: &Fitted,
@@ -289,8 +289,8 @@ fn site<S: Subject>(
     Ok(best)
 }
 
-/// What -2 ln L has of the voltage's own change: what acts on the voltage changes how much of it a torque asks
-/// for. What makes more of it earns nothing by that.
+/// What -2 ln L has of the voltage's own change: what acts on the voltage changes how much of it a torque
+/// asks for. What makes more of it earns nothing by that.
 fn jacobian<S: Subject>(
     problem: &Problem<S>,
     about: &About,

@@ -410,8 +410,7 @@ pub(super) fn say(d: &Diagnosis, talk: Talk) {
             c.says
         ));
     }
-    let augmented = d.verdict == Verdict::MissingPhysics || d.learnt.is_some();
-    if let (Some(h), true) = (d.holdout, augmented) {
+    if let (Some(h), true) = (d.holdout, d.has_augmented()) {
         talk.say(&format!(
             "On the held-out recordings: {} rms{} before, {} after, noise {}.",
             in_unit(h.before_v, &d.unit),

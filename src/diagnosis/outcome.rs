@@ -346,6 +346,13 @@ pub struct Diagnosis {
     pub evidence: Evidence,
 }
 
+impl Diagnosis {
+    /// Whether there is a model beside the plain one: with causes that are named, or with what was learnt.
+    pub fn has_augmented(&self) -> bool {
+        self.verdict == Verdict::MissingPhysics || self.learnt.is_some()
+    }
+}
+
 /// How far the largest score of a scan stands out of what noise makes of the largest score.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Evidence {

@@ -17,7 +17,7 @@
 //! Torques on theta_b and forces are turned to torques on theta_DEA by their levers. At the electrical sites
 //! the sum is added to the square of the voltage that makes the Maxwell torque, which never falls below 0.
 
-use super::{Along, Effect, Quantity, Reach, Site};
+use super::{Along, Effect, Quantity, Reach, Site, decays};
 use crate::kinematics::{Vec3, dot};
 
 /// Where a learnt term acts.
@@ -90,10 +90,7 @@ const FOLLOW_S: f64 = 2e-4;
 
 /// z of z' = (x - z)/tau from z = x on, where x is straight between samples; the last of each step.
 fn lagging(x: &[f64], tau_s: f64, step_s: f64) -> Vec<f64> {
-    let ratio = step_s / tau_s;
-    let left = (-ratio).exp();
-    // of a straight line the lag is tau behind
-    let far = (1.0 - left) / ratio;
+    let (left, far) = decays(step_s / tau_s);
     let mut z = x.first().copied().unwrap_or(0.0);
     let mut out = Vec::with_capacity(x.len());
     for i in 0..x.len() {

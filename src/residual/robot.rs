@@ -278,7 +278,8 @@ impl Prepared<'_> {
         Cow::Owned(out)
     }
 
-    /// Voltage that makes the Maxwell torque at the frames, V.
+    /// Voltage that makes the Maxwell torque at the frames, V. The other actuators' commands are read only where
+    /// an effect hears them.
     fn film_voltage(
         &self,
         mechanics: &Mechanics,
@@ -286,8 +287,10 @@ impl Prepared<'_> {
         offset_s: f64,
         effects: &[Acting],
     ) -> Vec<f64> {
-        let commands = [0, 1, 2].map(|k| self.command(k, offset_s, effects));
-        let told = [0, 1, 2].map(|k| &commands[k].2[..]);
+        let heard = effects.iter().any(|a| a.effect.hears_others());
+        let read = |k: usize| (heard || k == chain).then(|| self.command(k, offset_s, effects));
+        let commands = [0, 1, 2].map(read);
+        let told = [0, 1, 2].map(|k| commands[k].as_ref().map_or(&[][..], |c| &c.2[..]));
         mechanics.film_voltage_v(chain, self.when, effects, told)
     }
 

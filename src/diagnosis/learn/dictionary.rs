@@ -206,9 +206,9 @@ pub(in crate::diagnosis) fn made_by(robot: &RobotResidual, acting: &Acting) -> M
                 others_v: others(k, [0, 1, 2].map(|k| &volts[k][..])),
                 ..m.along(k, series[number])
             };
-            let own = term
-                .form
-                .ranges(&along, &volts[k], &|i| (first..=last).contains(&i));
+            let own = term.form.ranges(&along, &volts[k], &|i| {
+                (first..=last).contains(&i) && d.captured(i)
+            });
             for (all, own) in out.range.iter_mut().zip(own) {
                 *all = wider(*all, own);
             }

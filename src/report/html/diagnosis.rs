@@ -90,7 +90,7 @@ fn odds(p: f64) -> String {
 
 fn tiles(d: &Diagnosis) -> Vec<Tile> {
     let (gain, on) = judged_on(d);
-    let after = has_augmented(d);
+    let after = d.has_augmented();
     let mut out = vec![
         tile("Probability of this verdict", odds(d.confidence), ""),
         tile(
@@ -397,13 +397,8 @@ fn closed(g: &Gain) -> Option<f64> {
     (before > 0.0).then(|| (1.0 - excess(g.after_v) / before).min(1.0))
 }
 
-/// Whether there is a model beside the plain one: with causes that are named, or with what was learnt.
-fn has_augmented(d: &Diagnosis) -> bool {
-    d.verdict == Verdict::MissingPhysics || d.learnt.is_some()
-}
-
 fn changed(d: &Diagnosis) -> Option<Note> {
-    if !has_augmented(d) {
+    if !d.has_augmented() {
         return None;
     }
     let unit = &d.unit;

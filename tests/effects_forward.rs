@@ -78,7 +78,7 @@ fn needed_with(
     m: &Motion,
     log: &Sampled,
 ) -> f64 {
-    let mechanics = Mechanics::with_effects(robot, &m.track(), effects, PIVOT_M).unwrap();
+    let mechanics = Mechanics::with_effects(robot, &m.track(), effects, PIVOT_M, None).unwrap();
     let n = mechanics.samples();
     let clock = |t: f64| {
         let on_clock = effects.iter().filter(|a| a.effect.site() == Site::Clock);
@@ -108,7 +108,7 @@ fn needed_with(
             let needed = film[i][0] * f[0]
                 + film[i][1] * f[1]
                 + mechanics.chains[k].load(i)
-                + mechanics.forearm_torque_n_m(i, &p.forearm)[k]
+                + mechanics.forearm_torques_n_m(&p.forearm)[i][k]
                 - torque[i]
                 + slack.as_ref().map_or(0.0, |s| s[i]);
             let error = (needed / half[i]).max(0.0).sqrt() - film_v[i];

@@ -228,7 +228,7 @@ fn without_a_forearm_there_is_no_torque_and_a_note_says_so() {
 #[test]
 fn a_hinge_gives_a_forearm_alone() {
     let file = read("[forearm]\nnodes_deg = [0, 1]\ntorque_N_m = [0, 1]\n").unwrap();
-    assert_eq!(file.forearm_torque().unwrap().torque_n_m, [0.0, 1.0]);
+    assert_eq!(file.forearm_torque().unwrap().torque_n_m(), [0.0, 1.0]);
     let error = file.parameters().unwrap_err();
     assert_eq!(error.kind(), ErrorKind::MissingKey);
     assert!(error.to_string().contains("[film]"), "{error}");

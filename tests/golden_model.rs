@@ -79,7 +79,7 @@ fn inverse_dynamics() {
             .fold(0.0_f64, |m, v| m.max(v.abs()));
         let mut worst = 0.0_f64;
         for (i, row) in case["rows"].as_array().unwrap().iter().enumerate() {
-            let forearm = at_rows.forearm_torque_n_m(i, &parameters.forearm);
+            let forearm = at_rows.forearm_torques_n_m(&parameters.forearm)[i];
             for k in 0..3 {
                 let chain = &at_rows.chains[k];
                 let slope = chain.half_capacitance_slope[i];

@@ -229,7 +229,7 @@ fn scores_of_a_simulated_recording_have_the_mean_that_its_model_says() {
     let eta: Vec<f64> = (film.relaxation_time_s.iter().map(|t| t.ln()))
         .chain([1.0 / film.locking])
         .collect();
-    let beta: Vec<f64> = [&film.mu_pa[..], &forearm.torque_n_m].concat();
+    let beta: Vec<f64> = [&film.mu_pa[..], forearm.torque_n_m()].concat();
     let mut scores = Vec::new();
     let mut told = None;
     for d in &recordings {

@@ -204,7 +204,7 @@ pub(super) fn parameters(
         out.push(modulus(i, first, hold_film));
     }
     let forearm = start.map_or_else(ForearmTorque::zero, |p| p.forearm.clone());
-    for (node, torque) in forearm.nodes_rad().iter().zip(&forearm.torque_n_m) {
+    for (node, torque) in forearm.nodes_rad().iter().zip(forearm.torque_n_m()) {
         let degrees = (node.to_degrees() * 1e6).round() / 1e6;
         out.push(Parameter {
             name: format!("torque_{degrees}deg"),
@@ -933,7 +933,7 @@ fn torque_band(outcome: &mut Outcome, uncertainty: &Uncertainty, first_node: usi
             forearm.basis(theta, &mut basis);
             let torque: f64 = basis
                 .iter()
-                .zip(&forearm.torque_n_m)
+                .zip(forearm.torque_n_m())
                 .map(|(b, t)| b * t)
                 .sum();
             let mut variance = 0.0;
@@ -1266,7 +1266,7 @@ pub fn predict_command(
 
 /// The balance along a recording, with the causes that move it.
 fn mechanics(robot: &Robot, dataset: &Dataset, effects: &[Acting]) -> Result<Mechanics, Error> {
-    Mechanics::with_effects(robot, &dataset.track(), effects, dataset.pivot_m).map_err(
+    Mechanics::with_effects(robot, &dataset.track(), effects, dataset.pivot_m, None).map_err(
         |(sample, why)| Error::Unreachable {
             recording: dataset.id.clone(),
             time_s: dataset.time_s(sample),

@@ -484,7 +484,7 @@ fn attempt(
             T_s: film.relaxation_time_s.clone(),
             J: film.locking,
             forearm_nodes_deg: forearm.nodes_rad().iter().map(|x| x.to_degrees()).collect(),
-            forearm_torque_Nm: forearm.torque_n_m.clone(),
+            forearm_torque_Nm: forearm.torque_n_m().to_vec(),
         },
         recordings,
         rmse: None,

@@ -51,7 +51,7 @@ pub fn check_parameters(name: &str, parameters: &Parameters) -> Vec<Finding> {
     }
     if let Some(torque) = parameters
         .forearm
-        .torque_n_m
+        .torque_n_m()
         .iter()
         .find(|t| t.abs() > TORQUE_N_M)
     {

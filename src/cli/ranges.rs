@@ -108,7 +108,7 @@ fn remarks(
     counts: &dyn Fn(usize) -> bool,
 ) -> Vec<String> {
     // what cannot be followed the prediction says itself
-    let Ok(mechanics) = Mechanics::with_effects(robot, track, effects, pivot_m) else {
+    let Ok(mechanics) = Mechanics::with_effects(robot, track, effects, pivot_m, None) else {
         return Vec::new();
     };
     let mut out = Vec::new();

@@ -10,9 +10,6 @@ use crate::film::Locked;
 
 /// Share of the residuals that count as independent.
 pub(super) const INDEPENDENT: f64 = 0.8;
-/// Weight of the held-out recordings in a score: less than that of the fitted ones, because drift and creep
-/// extrapolate badly from the right model.
-const HELD_OUT_WEIGHT: f64 = 0.5;
 /// Smallest weighted mean square that is believed.
 const NOISE: f64 = 0.1;
 /// Directions of fingerprints whose cosine is above this cannot be told apart.
@@ -27,7 +24,7 @@ pub(super) struct Judged {
     pub score: f64,
     /// Sum of squares with priors over the number of residuals.
     pub mean_square: f64,
-    /// Mean square of the held-out recordings.
+    /// Mean square of the held-out recordings; NaN without, and until [`Judged::hold`].
     pub holdout: f64,
     /// What it foretells of stretches that its fit left out.
     pub foretold: Foretold,
@@ -46,36 +43,34 @@ impl Judged {
                 .map(|t| (t.residual.norm_squared(), blocks.foretell(&t, None)))
         };
         let mut squares = fitted.state.data_cost;
-        let mut held_out = problem.held_out(&fitted);
         let mut foretold = foretell(&problem.train).map_or_else(|_| blocks.untold(), |f| f.1);
         let own = (!fitted.effects.is_empty()).then(|| problem.weighed(&fitted));
-        if let Some(Ok((train, holdout))) = own {
+        if let Some(Ok((train, _))) = own {
             if let Ok((own, told)) = foretell(&train) {
                 squares = squares.max(own);
                 if told.mean_square() > foretold.mean_square() {
                     foretold = told;
                 }
             }
-            let own = holdout.and_then(|h| problem.squares_of(&h, &fitted));
-            held_out = held_out.map(|h| own.filter(|o| o.0 > h.0).unwrap_or(h));
         }
         let mean_square = (squares + fitted.cost() - fitted.state.data_cost) / n;
         let free = informed(problem, &fitted) + steps(&fitted) as f64;
-        let mut score = share * n * mean_square.max(NOISE).ln()
+        let score = share * n * mean_square.max(NOISE).ln()
             + free * (share * n).max(1.0).ln()
             + 2.0 * choices(&fitted).ln();
-        let mut holdout = f64::NAN;
-        if let Some((squares, rows)) = held_out {
-            holdout = squares / rows as f64;
-            score += HELD_OUT_WEIGHT * share * rows as f64 * holdout.max(NOISE).ln();
-        }
         Judged {
             fitted,
             score,
             mean_square,
-            holdout,
+            holdout: f64::NAN,
             foretold,
         }
+    }
+
+    /// Works out what it leaves of the held-out recordings, once all is chosen.
+    pub fn hold<S: Subject>(&mut self, problem: &Problem<S>) {
+        let held_out = problem.held_out(&self.fitted);
+        self.holdout = held_out.map_or(f64::NAN, |(squares, rows)| squares / rows as f64);
     }
 
     /// Logarithm of the prior odds against no cause, where each cause has those of `each`: the moment of a

@@ -67,7 +67,7 @@ fn truth<S: super::subject::Subject>(
     eta.push(1.0 / parameters.film.locking);
     eta.extend(at.state.eta.iter().skip(eta.len()));
     let mut beta = parameters.film.mu_pa.clone();
-    beta.extend(&parameters.forearm.torque_n_m);
+    beta.extend(parameters.forearm.torque_n_m());
     if eta.len() != at.state.eta.len() || beta.len() != at.state.beta.len() {
         return Err(Error::Baseline(
             "the film or the forearm of the truth has another number of parameters".into(),

@@ -89,6 +89,8 @@ pub fn diagnose_lines(
         linear,
         independent: super::judge::INDEPENDENT,
         begun: crate::residual::DepartureTorques::new(),
+        weighed_at: None,
+        smoothed_at: None,
     };
     doubt(problem, remarks, request, watch)
 }

@@ -147,13 +147,17 @@ fn doubt<S: Subject>(
     request: &Request,
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
-    chain(problem, remarks, request, watch, None)
+    let mut problem = problem;
+    let holdout = problem.holdout.take();
+    chain(problem, holdout, remarks, request, watch, None)
 }
 
 /// The chain of a doubt; with `built` of a robot whose parts differ within their tolerances, from its plain
-/// fit on.
+/// fit on. What was held out (`holdout`) chooses nothing: it is taken up when all is chosen, and can only keep
+/// a name from being said.
 fn chain<S: Subject>(
     mut problem: Problem<S>,
+    holdout: Option<S>,
     mut remarks: Vec<String>,
     request: &Request,
     watch: &(dyn Fn(&str) + Sync),
@@ -209,7 +213,8 @@ fn chain<S: Subject>(
     let named_by_rivals = rivals::named(&tangent, &groups, &scanned);
     let rival_models = if request.rivals {
         watch("fitting what simpler methods say");
-        rivals::rival_models(&problem, &plain, &tangent, &groups, &units, &wanted)?
+        let held = holdout.as_ref();
+        rivals::rival_models(&problem, held, &plain, &tangent, &groups, &units, &wanted)?
     } else {
         Vec::new()
     };
@@ -340,8 +345,8 @@ fn chain<S: Subject>(
         adequate || (!beyond_noise && singles.first().is_some_and(|j| !supported(j, &first_odds)));
     // Nothing confirms a cause where nothing was held out: the error itself has to stand out of the noise
     // then.
-    let adequate = adequate
-        || (!beyond_noise && problem.holdout.is_none() && !above_noise(&problem, &plain.fitted)?);
+    let adequate =
+        adequate || (!beyond_noise && holdout.is_none() && !above_noise(&problem, &plain.fitted)?);
     // More than one
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
@@ -391,10 +396,12 @@ fn chain<S: Subject>(
         *named = plainest(&problem, &chance.blocks, named, allowed);
     }
     let mut best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
+    let best_is_supported = supported(&best, &odds);
+    problem.take_up(holdout, built.as_ref())?;
     let raises = !adequate && raises_error(&problem, &plain.fitted, &best.fitted)?;
     let mut verdict = if adequate || singles.is_empty() || (raises && !beyond_noise) {
         Verdict::Adequate
-    } else if raises || !supported(&best, &odds) || leaves_too_much(&problem, &plain, &best)? {
+    } else if raises || !best_is_supported || leaves_too_much(&problem, &plain, &best)? {
         Verdict::Unexplained
     } else {
         Verdict::MissingPhysics
@@ -415,16 +422,25 @@ fn chain<S: Subject>(
             let tangent = Tangent::new(problem, fit)?;
             Ok::<_, Error>(scan(problem, &tangent, &groups, &units, &wanted))
         };
+        let holdout = problem.holdout.take();
         if let Some((built, fit)) = causes.outdone(&mut problem, &chance.blocks, scanned)? {
             built.restore(&mut problem)?;
-            return chain(problem, remarks, request, watch, Some((built, fit)));
+            return chain(
+                problem,
+                holdout,
+                remarks,
+                request,
+                watch,
+                Some((built, fit)),
+            );
         }
+        problem.holdout = holdout;
     }
     if verdict == Verdict::Unexplained && request.only.is_empty() {
         watch("trying rare causes");
         let explains = |r: &Judged| {
             !unexplained(plain.mean_square, r.mean_square)
-                && (r.holdout.is_nan() || r.holdout < best.holdout)
+                && r.foretold.mean_square() < best.foretold.mean_square()
         };
         if let Some(r) = of_the_rare(&problem, &chance.blocks, &plain, &rare)?.filter(explains) {
             best = r.clone();
@@ -448,6 +464,16 @@ fn chain<S: Subject>(
         }
     }
     watch("judging");
+    let mut plain = plain;
+    for judged in std::iter::once(&mut plain)
+        .chain(&mut singles)
+        .chain(&mut partners)
+    {
+        judged.hold(&problem);
+    }
+    for judged in pair.iter_mut().chain([&mut best]) {
+        judged.hold(&problem);
+    }
     // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or
     // stand in for what is: it is said, and no cause is named.
     let beyond = built
@@ -667,17 +693,15 @@ fn never_adequate(plain: &Fitted, chance: &chance::Chance) -> bool {
     plain.cost() >= most * plain.state.rows as f64
 }
 
-/// Whether a cause does better than the plain model on what was not fitted: on blocks that were left out, by
-/// as much as matters, and on held-out recordings, where there are such.
+/// Whether a cause does better than the plain model on blocks that the fits left out, by as much as matters.
 fn foretells(plain: &Judged, judged: &Judged) -> bool {
     judged.foretold.mean_square() < plain.foretold.mean_square() - MATTERS
-        && (judged.holdout.is_nan() || judged.holdout < plain.holdout)
 }
 
 /// How often nothing, a cause of the catalogue, and something else is left out, before anything was recorded.
 const BASE_RATES: [f64; 3] = [0.35, 0.5, 0.15];
 
-/// Share of what the plain model leaves on held-out recordings up to which another one foretells them.
+/// Share of what the plain model leaves of blocks that were left out up to which another one foretells them.
 const FORETOLD: f64 = 0.5;
 
 /// Whether what the best model leaves must be something that is in no entry, from the mean squares of the
@@ -698,8 +722,8 @@ fn leaves_too_much<S: Subject>(
     if !too_much(best.mean_square) {
         return Ok(false);
     }
-    // a model that is right but for smoothing foretells what was held out
-    if best.holdout - 1.0 > FORETOLD * (plain.holdout - 1.0) {
+    // a model that is right but for smoothing foretells what its fit left out
+    if best.foretold.mean_square() - 1.0 > FORETOLD * (plain.foretold.mean_square() - 1.0) {
         return Ok(true);
     }
     Ok(beside_smoothing(problem, best)?.is_none_or(too_much))
@@ -720,7 +744,7 @@ fn joins(base: &Judged, next: &Judged, chance: f64) -> bool {
     };
     base.fitted.cost() - next.fitted.cost() > 150.0_f64.max(chance)
         && next.excess() < left * base.excess()
-        && (next.holdout.is_nan() || next.holdout <= base.holdout)
+        && next.foretold.mean_square() <= base.foretold.mean_square()
 }
 
 /// Mean square up to which what one cause leaves may be its form.

@@ -21,9 +21,8 @@ use crate::effects::Acting;
 /// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of
 /// them to be worth while.
 const WORTH_A_FIT: f64 = 0.5;
-/// Mean square of parts on what was held out, over that of causes, from which it speaks against them: three
-/// times the error. Recordings that were held out have clocks of their own, so that right parts may foretell
-/// worse than wrong causes.
+/// Mean square of parts on blocks that the fits left out, over that of causes, from which it speaks against
+/// them: three times the error.
 const FORETELLS_WORSE: f64 = 9.0;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
@@ -115,12 +114,12 @@ impl Causes<'_> {
                     built.restore(problem)?;
                 }
                 let price = price(&built, &fitted);
-                let foretold = Judged::new(problem, blocks, fitted.clone()).holdout;
+                let judged = Judged::new(problem, blocks, fitted.clone());
                 // where names leave only noise as drawn, parts beyond their tolerances do not take their
                 // place
                 let believed = (self.unexplained || loud || built.beyond(&fitted).is_none())
-                    && (self.best.holdout.is_nan()
-                        || foretold <= FORETELLS_WORSE * self.best.holdout);
+                    && judged.foretold.mean_square()
+                        <= FORETELLS_WORSE * self.best.foretold.mean_square();
                 // a cause beside parts has to outdo parts alone, which come first, by more than chance too
                 let alone = |c: &Priced| c.fitted.effects.is_empty() && !fitted.effects.is_empty();
                 let bar = chosen.as_ref().map_or(f64::INFINITY, |c| match alone(c) {

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::subject::Subject;
+use super::tolerance::Built;
 use crate::effects::{Acting, Site, When};
 use crate::film::Locked;
 use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
@@ -52,6 +53,9 @@ pub(super) struct Problem<S> {
     /// What a standard deviation of where each recording begins changes of the torque error: no cause, and in
     /// every tangent space.
     pub begun: DepartureTorques,
+    /// The model whose noise the weights are, and the plain one whose smoothing was taken out.
+    pub weighed_at: Option<Fitted>,
+    pub smoothed_at: Option<Fitted>,
 }
 
 /// A fitted model: the plain one when it has no effects.
@@ -305,6 +309,8 @@ impl<S: Subject> Problem<S> {
             linear: closer(&self.linear),
             independent: self.independent,
             begun,
+            weighed_at: None,
+            smoothed_at: None,
         }
     }
 
@@ -400,12 +406,39 @@ impl<S: Subject> Problem<S> {
             self.train.take_out(None);
             return None;
         }
-        let eta = self.holdout_eta(fitted).unwrap_or_default();
-        if let Some(holdout) = &mut self.holdout {
-            let expected = holdout.expected_residual(&eta, beta);
-            holdout.take_out(expected.as_ref());
-        }
+        self.smoothed_at = Some(fitted.clone());
         Some(other)
+    }
+
+    /// Takes up recordings that were held out of all choices, as the fitted ones are by now: of a robot that
+    /// differs alike, with the same weights, and without what capture and smoothing make of the plain model's
+    /// motion.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn take_up(&mut self, holdout: Option<S>, built: Option<&Built>) -> Result<(), Locked> {
+        self.holdout = holdout;
+        let of = |p: &Self, f: &Fitted| p.holdout_eta(f).unwrap_or_default();
+        if let Some(model) = self.weighed_at.clone() {
+            let eta = of(self, &model);
+            let holdout = self.holdout.take();
+            let weighed = |h: S| self.weighed_like(&h, &eta, &model, &self.holdout_when);
+            self.holdout = holdout.map(weighed).transpose()?;
+        }
+        if let Some(built) = built
+            && let Some(mut held) = self.holdout.take()
+        {
+            built.hold(self, &mut held)?;
+            self.holdout = Some(held);
+        }
+        if let Some(model) = self.smoothed_at.clone() {
+            let eta = of(self, &model);
+            if let Some(holdout) = &mut self.holdout {
+                let expected = holdout.expected_residual(&eta, &model.state.beta);
+                holdout.take_out(expected.as_ref());
+            }
+        }
+        Ok(())
     }
 
     /// Sets the weights of train and held-out recordings at a fitted model.
@@ -414,7 +447,21 @@ impl<S: Subject> Problem<S> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn weigh(&mut self, fitted: &Fitted) -> Result<(), Locked> {
         (self.train, self.holdout) = self.weighed(fitted)?;
+        self.weighed_at = Some(fitted.clone());
         Ok(())
+    }
+
+    /// Recordings with the weights of a fitted model, whose plain unknowns they have as `eta`.
+    fn weighed_like(
+        &self,
+        residual: &S,
+        eta: &[f64],
+        fitted: &Fitted,
+        when: &[When],
+    ) -> Result<S, Locked> {
+        let mut own = residual.with_effects(fitted.effects.clone(), Vec::new(), when);
+        own.weigh(eta, &fitted.state.beta)?;
+        Ok(own.with_effects(Vec::new(), Vec::new(), when))
     }
 
     /// Training and held-out recordings with the weights of a fitted model.
@@ -423,18 +470,11 @@ impl<S: Subject> Problem<S> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn weighed(&self, fitted: &Fitted) -> Result<(S, Option<S>), Locked> {
         let plain = self.nonlinear.len();
-        let with = |residual: &S, eta: &[f64], when: &[When]| {
-            let mut own = residual.with_effects(fitted.effects.clone(), Vec::new(), when);
-            own.weigh(eta, &fitted.state.beta)?;
-            Ok::<_, Locked>(own.with_effects(Vec::new(), Vec::new(), when))
-        };
-        let train = with(&self.train, &fitted.state.eta[..plain], &self.train_when)?;
+        let own = &fitted.state.eta[..plain];
+        let train = self.weighed_like(&self.train, own, fitted, &self.train_when)?;
         let holdout = (self.holdout.as_ref()).map(|h| {
-            with(
-                h,
-                &self.holdout_eta(fitted).unwrap_or_default(),
-                &self.holdout_when,
-            )
+            let eta = self.holdout_eta(fitted).unwrap_or_default();
+            self.weighed_like(h, &eta, fitted, &self.holdout_when)
         });
         Ok((train, holdout.transpose()?))
     }

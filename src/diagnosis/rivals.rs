@@ -28,6 +28,7 @@ const COLUMNS: usize = 60;
 /// [`Error`] where a model cannot be evaluated.
 pub(super) fn rival_models<S: Subject>(
     problem: &Problem<S>,
+    holdout: Option<&S>,
     plain: &Fitted,
     tangent: &Tangent,
     groups: &[Group],
@@ -49,11 +50,9 @@ pub(super) fn rival_models<S: Subject>(
             false,
             own,
         )?;
-        let holdout = problem
-            .holdout
-            .as_ref()
+        let holdout = holdout
             .map(|h| {
-                let eta = |f: &Fitted| problem.holdout_eta(f);
+                let eta = |f: &Fitted| Some(h.carried(&f.state.eta[..problem.nonlinear.len()]));
                 gain(h, &problem.holdout_when, plain, &fitted, true, eta).map(|g| g.0)
             })
             .transpose()?;

@@ -115,6 +115,8 @@ pub(super) fn open<'a>(
         linear,
         independent: super::judge::INDEPENDENT,
         begun: DepartureTorques::new(),
+        weighed_at: None,
+        smoothed_at: None,
     };
     Ok(problem)
 }

@@ -231,7 +231,8 @@ pub(super) fn doubt(
     let named_by_rivals = rivals::named(&tangent, &groups, &scanned);
     let rival_models = if request.rivals {
         watch("fitting what simpler methods say");
-        rivals::rival_models(&problem, &plain, &tangent, &groups, &[], &wanted)?
+        let held = problem.holdout.as_ref();
+        rivals::rival_models(&problem, held, &plain, &tangent, &groups, &[], &wanted)?
     } else {
         Vec::new()
     };

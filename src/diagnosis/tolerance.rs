@@ -325,7 +325,8 @@ pub(super) struct Built {
     combine: DMatrix<f64>,
     means: Vec<f64>,
     train: DepartureTorques,
-    holdout: DepartureTorques,
+    /// The fit about which they were told.
+    about: Fitted,
     /// What the mechanism has of the tolerances already.
     acts: Vec<Acting>,
 }
@@ -335,26 +336,12 @@ fn columns<S: Subject>(
     problem: &Problem<S>,
     plain: &Fitted,
     list: &[Tolerance],
-) -> Result<(DepartureTorques, DepartureTorques), Locked> {
-    let (eta, beta) = (&plain.state.eta, &plain.state.beta);
-    let mut own: Vec<Departure> = list.iter().map(|t| t.departure.clone()).collect();
-    let train = problem.residual(plain).departures(eta, beta, &own)?;
-    let holdout = match (&problem.holdout, problem.holdout_eta(plain)) {
-        (Some(h), Some(eta)) => {
-            // what belongs to one recording belongs to none of those that were held out
-            for departure in &mut own {
-                if let Departure::Effect { only, .. } = departure
-                    && only.is_some()
-                {
-                    *only = Some(usize::MAX);
-                }
-            }
-            let with = h.with_effects(plain.effects.clone(), Vec::new(), &problem.holdout_when);
-            with.departures(&eta, beta, &own)?
-        }
-        _ => DepartureTorques::new(),
-    };
-    Ok((train, holdout))
+) -> Result<DepartureTorques, Locked> {
+    let own: Vec<Departure> = list.iter().map(|t| t.departure.clone()).collect();
+    let state = &plain.state;
+    problem
+        .residual(plain)
+        .departures(&state.eta, &state.beta, &own)
 }
 
 /// A fit carried on in a problem that has changed.
@@ -381,7 +368,7 @@ impl Built {
         let list = problem.train.tolerances();
         let (base, acts) = base.unwrap_or_else(|| (DVector::zeros(list.len()), Vec::new()));
         let tangent = Tangent::new(problem, plain)?;
-        let (train, holdout) = columns(problem, plain, &list)?;
+        let train = columns(problem, plain, &list)?;
         let rows = problem.train.departure_rows(&train);
         let mean = -&base;
         let spread = Spread::new(&list, &rows, &tangent, plain.cost(), noise, &mean);
@@ -395,7 +382,7 @@ impl Built {
             combine,
             means,
             train,
-            holdout,
+            about: plain.clone(),
             acts,
             list,
         })
@@ -483,9 +470,6 @@ impl Built {
     /// Puts the tolerances into a problem.
     fn enter<S: Subject>(&self, problem: &mut Problem<S>) {
         problem.train.allow(&self.train, &self.combine);
-        if let Some(h) = &mut problem.holdout {
-            h.allow(&self.holdout, &self.combine);
-        }
         problem
             .linear
             .extend(self.means.iter().map(|&mean| Unknown {
@@ -507,11 +491,32 @@ impl Built {
         let as_drawn = problem.linear.len() - problem.train.allowed();
         problem.linear.truncate(as_drawn);
         problem.train.allow(&Vec::new(), &none);
-        problem.train.rebuild(acts.clone())?;
-        if let Some(h) = &mut problem.holdout {
-            h.allow(&Vec::new(), &none);
-            h.rebuild(acts)?;
-        }
+        problem.train.rebuild(acts)
+    }
+
+    /// Makes the parts of a robot differ in recordings that were held out as they do in the fitted ones.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
+    pub fn hold<S: Subject>(&self, problem: &Problem<S>, holdout: &mut S) -> Result<(), Locked> {
+        holdout.rebuild(self.acts.clone())?;
+        // what belongs to one recording belongs to none of those that were held out
+        let own = |t: &Tolerance| match t.departure.clone() {
+            Departure::Effect {
+                acting,
+                only: Some(_),
+            } => Departure::Effect {
+                acting,
+                only: Some(usize::MAX),
+            },
+            other => other,
+        };
+        let own: Vec<Departure> = self.list.iter().map(own).collect();
+        let plain = &self.about.state.eta[..problem.nonlinear.len()];
+        let effects = self.about.effects.clone();
+        let with = holdout.with_effects(effects, Vec::new(), &problem.holdout_when);
+        let torques = with.departures(&holdout.carried(plain), &self.about.state.beta, &own)?;
+        holdout.allow(&torques, &self.combine);
         Ok(())
     }
 

@@ -223,6 +223,14 @@ impl FixedMechanism {
             self.chains[2].pose(u_m, 3)?,
         ])
     }
+
+    /// The pose of chain `k` (0 to 2) alone.
+    ///
+    /// # Errors
+    /// [`OutOfReach`] when the chain has no angles for this position.
+    pub fn chain_pose(&self, k: usize, u_m: Vec3) -> Result<ChainPose, OutOfReach> {
+        self.chains[k].pose(u_m, k + 1)
+    }
 }
 
 impl FixedChain {

@@ -21,7 +21,8 @@ pub fn others<T: Copy>(k: usize, of: [T; 3]) -> [T; 2] {
 
 impl Mechanics {
     /// The balance of `robot` along `track` with those effects that change the mechanism or the measured
-    /// motion. `pivot_m` is the point about which the capture's axes would be rotated.
+    /// motion. `pivot_m` is the point about which the capture's axes would be rotated; of a `known` balance
+    /// along this track, with other such effects, the chains that move alike are shared.
     ///
     /// # Errors
     /// Those of [`Mechanics::new`].
@@ -30,6 +31,7 @@ impl Mechanics {
         track: &Track,
         effects: &[Acting],
         pivot_m: Vec3,
+        known: Option<&Mechanics>,
     ) -> Result<Self, (usize, Unreachable)> {
         if at(effects, Site::Motion).next().is_none() {
             return Mechanics::new(robot, track);
@@ -49,7 +51,10 @@ impl Mechanics {
                 },
             );
         }
-        Mechanics::new(&robot, &track)
+        match known {
+            Some(known) => Mechanics::beside(&robot, &track, known),
+            None => Mechanics::new(&robot, &track),
+        }
     }
 
     /// What an effect sees of chain `k` (0 to 2).

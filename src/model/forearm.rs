@@ -2,7 +2,7 @@
 //! derivative zero at the end nodes), continued linearly beyond them. Smooth, and linear in the nodal
 //! torques.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Nodes and nodal torques of the curve.
 #[derive(Debug, Clone, PartialEq)]
@@ -10,9 +10,11 @@ pub struct ForearmTorque {
     /// Node angles, rad, rising.
     nodes_rad: Vec<f64>,
     /// Nodal torques, N m.
-    pub torque_n_m: Vec<f64>,
+    torque_n_m: Vec<f64>,
     /// Second derivatives at the nodes per nodal torque (rows: nodes), 1/rad^2.
     curvature: DMatrix<f64>,
+    /// Second derivatives at the nodes, N m/rad^2.
+    bend_n_m: Vec<f64>,
 }
 
 impl ForearmTorque {
@@ -55,10 +57,12 @@ impl ForearmTorque {
             right[(i, i + 1)] = 1.0 / h1;
         }
         let curvature = left.lu().solve(&right).expect("diagonally dominant");
+        let bend_n_m = bend(&curvature, &torque_n_m);
         Ok(ForearmTorque {
             nodes_rad,
             torque_n_m,
             curvature,
+            bend_n_m,
         })
     }
 
@@ -75,9 +79,16 @@ impl ForearmTorque {
     pub fn with_torques(&self, torque_n_m: &[f64]) -> Self {
         assert_eq!(torque_n_m.len(), self.nodes_rad.len());
         ForearmTorque {
+            nodes_rad: self.nodes_rad.clone(),
             torque_n_m: torque_n_m.to_vec(),
-            ..self.clone()
+            curvature: self.curvature.clone(),
+            bend_n_m: bend(&self.curvature, torque_n_m),
         }
+    }
+
+    /// Nodal torques, N m.
+    pub fn torque_n_m(&self) -> &[f64] {
+        &self.torque_n_m
     }
 
     /// Node angles, rad.
@@ -85,8 +96,9 @@ impl ForearmTorque {
         &self.nodes_rad
     }
 
-    /// The torque at `theta_rad` per nodal torque: T = sum_i basis_i torque_i. `out` has one place a node.
-    pub fn basis(&self, theta_rad: f64, out: &mut [f64]) {
+    /// Where an angle lies: the node before it, and the shares of the torques and of the second derivatives
+    /// of that node and of the next: T = share_0 T_i + share_1 T_i+1 + bend_0 T''_i + bend_1 T''_i+1.
+    fn place(&self, theta_rad: f64) -> (usize, [f64; 2], [f64; 2]) {
         let n = self.nodes_rad.len();
         let inside = theta_rad.clamp(self.nodes_rad[0], self.nodes_rad[n - 1]);
         let i = self
@@ -104,28 +116,33 @@ impl ForearmTorque {
             (1.0 - 3.0 * a * a) * h / 6.0 * beyond,
             (3.0 * b * b - 1.0) * h / 6.0 * beyond,
         );
-        for (j, out) in out.iter_mut().enumerate().take(n) {
-            *out = (ca + sa) * self.curvature[(i, j)] + (cb + sb) * self.curvature[(i + 1, j)];
+        (i, [a - beyond / h, b + beyond / h], [ca + sa, cb + sb])
+    }
+
+    /// The torque at `theta_rad` per nodal torque: T = sum_i basis_i torque_i. `out` has one place a node.
+    pub fn basis(&self, theta_rad: f64, out: &mut [f64]) {
+        let (i, share, bend) = self.place(theta_rad);
+        for (j, out) in out.iter_mut().enumerate().take(self.nodes_rad.len()) {
+            *out = bend[0] * self.curvature[(i, j)] + bend[1] * self.curvature[(i + 1, j)];
         }
-        out[i] += a - beyond / h;
-        out[i + 1] += b + beyond / h;
+        out[i] += share[0];
+        out[i + 1] += share[1];
     }
 
     /// T(theta_FA), N m.
     pub fn torque_n_m_at(&self, theta_rad: f64) -> f64 {
-        const FEW: usize = 16;
-        let n = self.nodes_rad.len();
-        let (mut few, mut many);
-        let basis: &mut [f64] = if n <= FEW {
-            few = [0.0; FEW];
-            &mut few[..n]
-        } else {
-            many = vec![0.0; n];
-            &mut many
-        };
-        self.basis(theta_rad, basis);
-        basis.iter().zip(&self.torque_n_m).map(|(b, t)| b * t).sum()
+        let (i, share, bend) = self.place(theta_rad);
+        share[0] * self.torque_n_m[i]
+            + share[1] * self.torque_n_m[i + 1]
+            + bend[0] * self.bend_n_m[i]
+            + bend[1] * self.bend_n_m[i + 1]
     }
+}
+
+/// Second derivatives at the nodes, N m/rad^2.
+fn bend(curvature: &DMatrix<f64>, torque_n_m: &[f64]) -> Vec<f64> {
+    let torque = DVector::from_column_slice(torque_n_m);
+    (curvature * torque).as_slice().to_vec()
 }
 
 #[cfg(test)]
@@ -143,7 +160,7 @@ mod tests {
     #[test]
     fn passes_through_its_nodes_and_is_smooth_and_linear_beyond() {
         let c = curve();
-        for (x, y) in c.nodes_rad().iter().zip(&c.torque_n_m) {
+        for (x, y) in c.nodes_rad().iter().zip(c.torque_n_m()) {
             assert!((c.torque_n_m_at(*x) - y).abs() < 1e-17);
         }
         let slope = |x: f64, h: f64| (c.torque_n_m_at(x + h) - c.torque_n_m_at(x - h)) / (2.0 * h);

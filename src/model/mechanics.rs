@@ -2,6 +2,9 @@
 //! history of each film, the Maxwell torque per squared voltage, the torques that weights and inertia ask
 //! for, and the levers of the forearms.
 
+use std::ops::Deref;
+use std::sync::Arc;
+
 use super::{ForearmTorque, Parameters, Robot};
 use crate::dataset::Track;
 use crate::film::Locked;
@@ -75,9 +78,9 @@ impl Contribution {
     }
 }
 
-/// What one chain contributes, sample by sample.
+/// What one chain does along a track by itself, sample by sample.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ChainTrack {
+pub struct ChainMotion {
     /// Stretch history of the film; its levers turn stress over modulus into torque on theta_DEA, m^3.
     pub history: History,
     /// 1/2 dC/d theta_DEA, N m/V^2.
@@ -86,16 +89,37 @@ pub struct ChainTrack {
     pub theta_dea_rad: Vec<f64>,
     /// Forearm swing, rad.
     pub theta_fa_rad: Vec<f64>,
-    /// Torque on the lozenge from [weight, payload, inertia, bicep], N m.
-    pub load_n_m: Vec<[f64; 4]>,
-    /// Torque on this lozenge per forearm torque of chains 1 to 3: (G^-1 d theta_FA_j/du)_k.
-    pub forearm_lever: Vec<[f64; 3]>,
     /// theta_b with its first and second time derivative, rad, rad/s, rad/s^2.
     pub theta_b: Vec<[f64; 3]>,
     /// d theta_DEA/d theta_b.
     pub bicep_lever: Vec<f64>,
+    /// Column of G: d theta_DEA/du, rad/m.
+    pub lever: Vec<Vec3>,
+    /// d theta_FA/du, rad/m.
+    pub forearm_slope: Vec<Vec3>,
+    /// Torque on the lozenge from the bicep's tip, N m.
+    pub bicep_n_m: Vec<f64>,
+}
+
+/// What one chain contributes, sample by sample: its own motion, and what the other two chains have a part in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChainTrack {
+    /// Its own motion, shared with balances in which only other chains differ.
+    pub own: Arc<ChainMotion>,
+    /// Torque on the lozenge from [weight, payload, inertia, bicep], N m.
+    pub load_n_m: Vec<[f64; 4]>,
+    /// Torque on this lozenge per forearm torque of chains 1 to 3: (G^-1 d theta_FA_j/du)_k.
+    pub forearm_lever: Vec<[f64; 3]>,
     /// Torque on this lozenge per force on the end effector: (G^-1)_k, zero out of reach.
     pub force_lever: Vec<Vec3>,
+}
+
+impl Deref for ChainTrack {
+    type Target = ChainMotion;
+
+    fn deref(&self) -> &ChainMotion {
+        &self.own
+    }
 }
 
 impl ChainTrack {
@@ -112,10 +136,6 @@ pub struct Mechanics {
     pub step_s: f64,
     /// The three chains.
     pub chains: [ChainTrack; 3],
-    /// Columns of G at each sample: d theta_DEA_k/du, rad/m.
-    pub levers: Vec<[Vec3; 3]>,
-    /// d theta_FA_k/du, rad/m.
-    pub forearm_slopes: Vec<[Vec3; 3]>,
     /// Samples that cannot be followed, and why. Their stretches are bridged so that the histories go on.
     pub unreachable: Vec<(usize, Unreachable)>,
     /// Acceleration of the end effector, m/s^2.
@@ -127,7 +147,89 @@ pub struct Mechanics {
     /// Mechanism and lozenges of this track, effects included.
     pub robot: Robot,
     gravity_and_inertia_n: Vec<Vec3>,
-    bicep_force_n: Vec<Vec3>,
+}
+
+/// [`ChainMotion`] as it is worked out.
+#[derive(Default)]
+struct Growing {
+    stretch: Vec<[f64; 2]>,
+    rate: Vec<[f64; 2]>,
+    lever: Vec<[f64; 2]>,
+    half_capacitance_slope: Vec<f64>,
+    theta_dea_rad: Vec<f64>,
+    theta_fa_rad: Vec<f64>,
+    theta_b: Vec<[f64; 3]>,
+    bicep_lever: Vec<f64>,
+    angle_lever: Vec<Vec3>,
+    forearm_slope: Vec<Vec3>,
+    bicep_n_m: Vec<f64>,
+}
+
+impl Growing {
+    fn with_room(n: usize) -> Self {
+        Growing {
+            stretch: Vec::with_capacity(n),
+            rate: Vec::with_capacity(n),
+            lever: Vec::with_capacity(n),
+            half_capacitance_slope: Vec::with_capacity(n),
+            theta_dea_rad: Vec::with_capacity(n),
+            theta_fa_rad: Vec::with_capacity(n),
+            theta_b: Vec::with_capacity(n),
+            bicep_lever: Vec::with_capacity(n),
+            angle_lever: Vec::with_capacity(n),
+            forearm_slope: Vec::with_capacity(n),
+            bicep_n_m: Vec::with_capacity(n),
+        }
+    }
+
+    /// The next sample of chain `k`; the film stands where the pose was not reached.
+    fn push(&mut self, robot: &Robot, k: usize, p: &ChainPose, v: Vec3, a: Vec3, reached: bool) {
+        let lozenge = &robot.lozenges[k];
+        let (stretch, slopes, capacitance) = lozenge.at(p.half_dea());
+        let rate = match reached {
+            true => dot(p.dtheta_dea_du, v),
+            false => 0.0,
+        };
+        self.stretch.push(stretch);
+        self.rate.push(slopes.map(|s| s * rate));
+        self.lever.push(slopes.map(|s| s * lozenge.volume_m3()));
+        let eps = robot.eps_r * VACUUM_PERMITTIVITY_F_M;
+        self.half_capacitance_slope
+            .push(eps * capacitance * (slopes[0] + slopes[1]));
+        self.theta_dea_rad.push(p.theta_dea_rad);
+        self.theta_fa_rad.push(p.theta_fa_rad);
+        let chain = &robot.mechanism.chains[k];
+        let (bicep_rate, acceleration) = chain.bicep_rates(p, v, a);
+        self.theta_b.push([p.theta_b_rad, bicep_rate, acceleration]);
+        self.bicep_lever.push(p.dtheta_dea_dtheta_b);
+        self.angle_lever.push(p.dtheta_dea_du);
+        self.forearm_slope.push(p.dtheta_fa_du);
+        let q = chain.bicep_m;
+        let bicep =
+            robot.bicep_tip_kg * (q * q * acceleration - GRAVITY_M_S2 * q * p.sine_theta_b());
+        self.bicep_n_m.push(bicep / p.dtheta_dea_dtheta_b);
+    }
+
+    fn done(self, track: &Track) -> ChainMotion {
+        let history = History::sampled(
+            track.initial,
+            track.step_s,
+            &self.stretch,
+            &self.rate,
+            &self.lever,
+        );
+        ChainMotion {
+            history,
+            half_capacitance_slope: self.half_capacitance_slope,
+            theta_dea_rad: self.theta_dea_rad,
+            theta_fa_rad: self.theta_fa_rad,
+            theta_b: self.theta_b,
+            bicep_lever: self.bicep_lever,
+            lever: self.angle_lever,
+            forearm_slope: self.forearm_slope,
+            bicep_n_m: self.bicep_n_m,
+        }
+    }
 }
 
 /// Inverse of the 3 x 3 matrix with the given columns (rows of the result belong to the columns), and its
@@ -165,7 +267,6 @@ impl Mechanics {
     /// The first unreachable sample, when no sample at all can be followed.
     pub fn new(robot: &Robot, track: &Track) -> Result<Self, (usize, Unreachable)> {
         let n = track.position_m.len();
-        let eps = robot.eps_r * VACUUM_PERMITTIVITY_F_M;
         let mut unreachable = Vec::new();
         let mechanism = robot.mechanism.fixed();
         // Until the first sample that can be followed, its pose is held.
@@ -174,143 +275,139 @@ impl Mechanics {
             Some(pose) => pose,
             None => {
                 let why = reachable.clone().find_map(Result::err);
-                return Err((
-                    0,
-                    why.map_or(
-                        Unreachable::Singular {
-                            condition: f64::INFINITY,
-                            limit: CONDITION_LIMIT,
-                        },
-                        Unreachable::Pose,
-                    ),
-                ));
+                let singular = Unreachable::Singular {
+                    condition: f64::INFINITY,
+                    limit: CONDITION_LIMIT,
+                };
+                return Err((0, why.map_or(singular, Unreachable::Pose)));
             }
         };
-        let mut stretch_of: [Vec<[f64; 2]>; 3] = Default::default();
-        let mut rate: [Vec<[f64; 2]>; 3] = Default::default();
-        let mut lever: [Vec<[f64; 2]>; 3] = Default::default();
-        let mut half_c: [Vec<f64>; 3] = Default::default();
-        let mut theta_dea: [Vec<f64>; 3] = Default::default();
-        let mut theta_fa: [Vec<f64>; 3] = Default::default();
-        let mut load: [Vec<[f64; 4]>; 3] = Default::default();
-        let mut forearm_lever: [Vec<[f64; 3]>; 3] = Default::default();
-        let mut theta_b: [Vec<[f64; 3]>; 3] = Default::default();
-        let mut bicep_lever: [Vec<f64>; 3] = Default::default();
-        let mut force_lever: [Vec<Vec3>; 3] = Default::default();
-        for k in 0..3 {
-            theta_b[k].reserve_exact(n);
-            bicep_lever[k].reserve_exact(n);
-            force_lever[k].reserve_exact(n);
-            stretch_of[k].reserve_exact(n);
-            rate[k].reserve_exact(n);
-            lever[k].reserve_exact(n);
-            half_c[k].reserve_exact(n);
-            theta_dea[k].reserve_exact(n);
-            theta_fa[k].reserve_exact(n);
-            load[k].reserve_exact(n);
-            forearm_lever[k].reserve_exact(n);
-        }
-        let mut levers = Vec::with_capacity(n);
-        let mut forearm_slopes = Vec::with_capacity(n);
-        let mut gravity_and_inertia_n = Vec::with_capacity(n);
-        let mut bicep_force_n = Vec::with_capacity(n);
+        let mut growing = [(); 3].map(|()| Growing::with_room(n));
         for (i, pose) in reachable.enumerate() {
             let reached = pose.is_ok();
-            let pose: [ChainPose; 3] = pose.unwrap_or_else(|error| {
+            last = pose.unwrap_or_else(|error| {
                 unreachable.push((i, Unreachable::Pose(error)));
                 last
             });
-            last = pose;
             let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
-            let g = [0, 1, 2].map(|k| pose[k].dtheta_dea_du);
-            let (inverse, condition) = invert(&g);
+            for (k, growing) in growing.iter_mut().enumerate() {
+                growing.push(robot, k, &last[k], v, a, reached);
+            }
+        }
+        let own = growing.map(|g| Arc::new(g.done(track)));
+        Ok(Mechanics::joined(robot, track, own, unreachable))
+    }
+
+    /// The same where a balance along this track is known, of a robot or of a reading of the motion that may
+    /// differ: chains that move as they do there are shared with it, to the bit.
+    ///
+    /// # Errors
+    /// Those of [`Mechanics::new`].
+    pub fn beside(
+        robot: &Robot,
+        track: &Track,
+        known: &Mechanics,
+    ) -> Result<Self, (usize, Unreachable)> {
+        let theirs = &known.robot;
+        let masses = |r: &Robot| (r.eps_r, r.effector_kg, r.bicep_tip_kg);
+        let same_motion = masses(robot) == masses(theirs)
+            && known.unreachable.is_empty()
+            && track.position_m == known.position_m
+            && track.velocity_m_s == known.velocity_m_s
+            && track.acceleration_m_s2 == known.acceleration_m_s2;
+        let same = [0, 1, 2].map(|k| {
+            same_motion
+                && robot.mechanism.chains[k] == theirs.mechanism.chains[k]
+                && robot.lozenges[k] == theirs.lozenges[k]
+        });
+        if same == [false; 3] {
+            return Mechanics::new(robot, track);
+        }
+        let mechanism = robot.mechanism.fixed();
+        let chain = |k: usize| {
+            if same[k] {
+                return Some(known.chains[k].own.clone());
+            }
+            let mut growing = Growing::with_room(track.position_m.len());
+            for (i, &u) in track.position_m.iter().enumerate() {
+                let pose = mechanism.chain_pose(k, u).ok()?;
+                let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
+                growing.push(robot, k, &pose, v, a, true);
+            }
+            Some(Arc::new(growing.done(track)))
+        };
+        match [chain(0), chain(1), chain(2)] {
+            [Some(a), Some(b), Some(c)] => {
+                Ok(Mechanics::joined(robot, track, [a, b, c], Vec::new()))
+            }
+            _ => Mechanics::new(robot, track),
+        }
+    }
+
+    /// The balance of chains that move like this; `unreachable` are poses without angles.
+    fn joined(
+        robot: &Robot,
+        track: &Track,
+        own: [Arc<ChainMotion>; 3],
+        mut unreachable: Vec<(usize, Unreachable)>,
+    ) -> Self {
+        let n = track.position_m.len();
+        let mut load: [Vec<[f64; 4]>; 3] = [(); 3].map(|()| Vec::with_capacity(n));
+        let mut forearm_lever: [Vec<[f64; 3]>; 3] = [(); 3].map(|()| Vec::with_capacity(n));
+        let mut force_lever: [Vec<Vec3>; 3] = [(); 3].map(|()| Vec::with_capacity(n));
+        let mut gravity_and_inertia_n = Vec::with_capacity(n);
+        let out_of_reach: Vec<usize> = unreachable.iter().map(|u| u.0).collect();
+        let mut held = out_of_reach.iter().copied().peekable();
+        for i in 0..n {
+            let reached = held.next_if_eq(&i).is_none();
+            let a = track.acceleration_m_s2[i];
+            let (inverse, condition) = invert(&[0, 1, 2].map(|k| own[k].lever[i]));
             let usable = reached && condition < CONDITION_LIMIT;
             if reached && !usable {
                 let limit = CONDITION_LIMIT;
                 unreachable.push((i, Unreachable::Singular { condition, limit }));
             }
             let mass = robot.effector_kg + track.payload_kg[i];
-            let mut bicep_force = [0.0; 3];
             for k in 0..3 {
-                let (p, lozenge) = (&pose[k], &robot.lozenges[k]);
-                let theta = p.theta_dea_rad;
-                let (stretch, slopes, capacitance) = lozenge.at(p.half_dea());
-                let theta_rate = if reached {
-                    dot(p.dtheta_dea_du, v)
-                } else {
-                    0.0
-                };
-                stretch_of[k].push(stretch);
-                rate[k].push(slopes.map(|s| s * theta_rate));
-                lever[k].push(slopes.map(|s| s * lozenge.volume_m3()));
-                half_c[k].push(eps * capacitance * (slopes[0] + slopes[1]));
-                theta_dea[k].push(theta);
-                theta_fa[k].push(p.theta_fa_rad);
-                let chain = &robot.mechanism.chains[k];
-                let (bicep_rate, acceleration) = chain.bicep_rates(p, v, a);
-                theta_b[k].push([p.theta_b_rad, bicep_rate, acceleration]);
-                bicep_lever[k].push(p.dtheta_dea_dtheta_b);
                 force_lever[k].push(if usable { inverse[k] } else { [0.0; 3] });
-                let q = chain.bicep_m;
-                let bicep = robot.bicep_tip_kg
-                    * (q * q * acceleration - GRAVITY_M_S2 * q * p.sine_theta_b());
-                for (f, d) in bicep_force.iter_mut().zip(p.dtheta_b_du) {
-                    *f += bicep * d;
-                }
                 if usable {
                     load[k].push([
                         inverse[k][2] * robot.effector_kg * GRAVITY_M_S2,
                         inverse[k][2] * track.payload_kg[i] * GRAVITY_M_S2,
                         mass * dot(inverse[k], a),
-                        bicep / p.dtheta_dea_dtheta_b,
+                        own[k].bicep_n_m[i],
                     ]);
-                    forearm_lever[k].push([0, 1, 2].map(|j| dot(inverse[k], pose[j].dtheta_fa_du)));
+                    forearm_lever[k]
+                        .push([0, 1, 2].map(|j| dot(inverse[k], own[j].forearm_slope[i])));
                 } else {
                     load[k].push([0.0; 4]);
                     forearm_lever[k].push([0.0; 3]);
                 }
             }
-            levers.push(g);
-            forearm_slopes.push([0, 1, 2].map(|k| pose[k].dtheta_fa_du));
             gravity_and_inertia_n.push([mass * a[0], mass * a[1], mass * (a[2] + GRAVITY_M_S2)]);
-            bicep_force_n.push(bicep_force);
         }
         unreachable.sort_by_key(|u| u.0);
         let mut k = 0;
-        let chains = [(); 3].map(|()| {
+        let chains = own.map(|own| {
             let chain = ChainTrack {
-                history: History::sampled(
-                    track.initial,
-                    track.step_s,
-                    &std::mem::take(&mut stretch_of[k]),
-                    &std::mem::take(&mut rate[k]),
-                    &std::mem::take(&mut lever[k]),
-                ),
-                half_capacitance_slope: std::mem::take(&mut half_c[k]),
-                theta_dea_rad: std::mem::take(&mut theta_dea[k]),
-                theta_fa_rad: std::mem::take(&mut theta_fa[k]),
+                own,
                 load_n_m: std::mem::take(&mut load[k]),
                 forearm_lever: std::mem::take(&mut forearm_lever[k]),
-                theta_b: std::mem::take(&mut theta_b[k]),
-                bicep_lever: std::mem::take(&mut bicep_lever[k]),
                 force_lever: std::mem::take(&mut force_lever[k]),
             };
             k += 1;
             chain
         });
-        Ok(Mechanics {
+        Mechanics {
             step_s: track.step_s,
             chains,
-            levers,
-            forearm_slopes,
             unreachable,
             acceleration_m_s2: track.acceleration_m_s2.clone(),
             position_m: track.position_m.clone(),
             velocity_m_s: track.velocity_m_s.clone(),
             robot: robot.clone(),
             gravity_and_inertia_n,
-            bicep_force_n,
-        })
+        }
     }
 
     /// The ways of the three films while the effector moves from one sample to a later one: its positions and
@@ -361,15 +458,18 @@ impl Mechanics {
     /// Lets the films come to some samples over ways between (see [`Mechanics::ways`]), in rising order of
     /// the samples.
     pub fn pass_over(&mut self, ways: &[(usize, [Way; 3])]) {
+        if ways.is_empty() {
+            return;
+        }
         for (k, chain) in self.chains.iter_mut().enumerate() {
             let own: Vec<(usize, Way)> = ways.iter().map(|(i, w)| (*i, w[k].clone())).collect();
-            chain.history.pass_over(&own);
+            Arc::make_mut(&mut chain.own).history.pass_over(&own);
         }
     }
 
     /// Number of samples.
     pub fn samples(&self) -> usize {
-        self.levers.len()
+        self.position_m.len()
     }
 
     /// Torque of the film on the lozenge of chain `k` (0 to 2) at each sample, N m: [equilibrium spring, all
@@ -382,6 +482,38 @@ impl Mechanics {
         k: usize,
         parameters: &Parameters,
     ) -> Result<Vec<[f64; 2]>, Locked> {
+        let mut out = Vec::with_capacity(self.samples());
+        self.for_each_spring(k, parameters, |spring| {
+            let branches = 1..parameters.film.mu_pa.len();
+            out.push([spring(0), branches.map(spring).sum()]);
+        })?;
+        Ok(out)
+    }
+
+    /// Torque of each spring of the film on the lozenge of chain `k` (0 to 2) at each sample, N m: the
+    /// equilibrium spring first.
+    ///
+    /// # Errors
+    /// [`Locked`] when a spring reaches its locking stretch.
+    pub fn spring_torques_n_m(
+        &self,
+        k: usize,
+        parameters: &Parameters,
+    ) -> Result<Vec<Vec<f64>>, Locked> {
+        let mut out = Vec::with_capacity(self.samples());
+        self.for_each_spring(k, parameters, |spring| {
+            out.push((0..parameters.film.mu_pa.len()).map(spring).collect());
+        })?;
+        Ok(out)
+    }
+
+    /// Shows the torque of each spring, by its number, sample by sample.
+    fn for_each_spring(
+        &self,
+        k: usize,
+        parameters: &Parameters,
+        mut each: impl FnMut(&dyn Fn(usize) -> f64),
+    ) -> Result<(), Locked> {
         let film = &parameters.film;
         let shape = Shape {
             relaxation_time_s: &film.relaxation_time_s,
@@ -390,23 +522,24 @@ impl Mechanics {
         let mut pass = Pass::new(&self.chains[k].history, shape);
         let width = pass.row_width();
         let mut rows = vec![0.0; 128 * width];
-        let mut out = Vec::with_capacity(self.samples());
         loop {
             let count = pass.next_block(&mut rows)?;
             if count == 0 {
-                return Ok(out);
+                return Ok(());
             }
             for row in rows[..count * width].chunks(width) {
-                let spring = |n: usize| row[n / LANES * 3 * LANES + n % LANES] * film.mu_pa[n];
-                out.push([spring(0), (1..film.mu_pa.len()).map(spring).sum()]);
+                each(&|n: usize| row[n / LANES * 3 * LANES + n % LANES] * film.mu_pa[n]);
             }
         }
     }
 
-    /// Torque that the forearms ask of each lozenge at a sample, N m.
-    pub fn forearm_torque_n_m(&self, sample: usize, forearm: &ForearmTorque) -> [f64; 3] {
-        let torque = [0, 1, 2].map(|j| forearm.torque_n_m_at(self.chains[j].theta_fa_rad[sample]));
-        [0, 1, 2].map(|k| dot(self.chains[k].forearm_lever[sample], torque))
+    /// Torque that the forearms ask of each lozenge at each sample, N m.
+    pub fn forearm_torques_n_m(&self, forearm: &ForearmTorque) -> Vec<[f64; 3]> {
+        let at = |i: usize| {
+            let torque = [0, 1, 2].map(|j| forearm.torque_n_m_at(self.chains[j].theta_fa_rad[i]));
+            [0, 1, 2].map(|k| dot(self.chains[k].forearm_lever[i], torque))
+        };
+        (0..self.samples()).map(at).collect()
     }
 
     /// The Maxwell torque that each lozenge needs, split by cause: for each chain and sample the
@@ -427,8 +560,11 @@ impl Mechanics {
                 })
                 .collect();
         }
-        for i in 0..self.samples() {
-            let forearm = self.forearm_torque_n_m(i, &parameters.forearm);
+        for (i, forearm) in self
+            .forearm_torques_n_m(&parameters.forearm)
+            .iter()
+            .enumerate()
+        {
             for k in 0..3 {
                 out[k][i][2] = forearm[k];
             }
@@ -473,16 +609,16 @@ impl Mechanics {
         ];
         let mut out = Vec::with_capacity(self.samples());
         for i in 0..self.samples() {
-            let mut force =
-                [0, 1, 2].map(|j| self.gravity_and_inertia_n[i][j] + self.bicep_force_n[i][j]);
+            let mut force = self.gravity_and_inertia_n[i];
             for k in 0..3 {
                 let chain = &self.chains[k];
                 let net = chain.half_capacitance_slope[i] * phi_squared_v2[i][k]
                     - film[k][i][0]
-                    - film[k][i][1];
+                    - film[k][i][1]
+                    - chain.bicep_n_m[i];
                 let forearm = parameters.forearm.torque_n_m_at(chain.theta_fa_rad[i]);
                 for j in 0..3 {
-                    force[j] += forearm * self.forearm_slopes[i][k][j] - net * self.levers[i][k][j];
+                    force[j] += forearm * chain.forearm_slope[i][j] - net * chain.lever[i][j];
                 }
             }
             out.push(force);

@@ -232,7 +232,7 @@ impl ForearmEntry {
     /// place.
     #[must_use]
     pub fn of(forearm: &ForearmTorque) -> Self {
-        let torques = forearm.torque_n_m.iter();
+        let torques = forearm.torque_n_m().iter();
         ForearmEntry {
             nodes_deg: forearm.nodes_rad().iter().map(|&r| degrees(r)).collect(),
             torque_n_m: torques.map(|&v| Quantity::exact(v)).collect(),
@@ -328,7 +328,7 @@ impl ParameterFile {
         let forearm = outcome.curve.as_ref().map(|curve| ForearmEntry {
             nodes_deg: curve.nodes_rad().iter().map(|&r| degrees(r)).collect(),
             torque_n_m: curve
-                .torque_n_m
+                .torque_n_m()
                 .iter()
                 .zip(&outcome.estimates)
                 .map(|(&t, e)| Quantity::of(t, Some(e)))

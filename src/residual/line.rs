@@ -459,7 +459,7 @@ impl<'a> LineResidual<'a> {
         match &mut model {
             Plain::Bench(nodes) => {
                 *nodes = curve.ok_or("[forearm]")?.clone();
-                beta.clone_from(&nodes.torque_n_m);
+                beta = nodes.torque_n_m().to_vec();
             }
             Plain::Axis {
                 terms,

@@ -1,7 +1,7 @@
 //! The residual of robot recordings: one fused pass a chain, and the noise that the capture puts into it.
 
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 use pulp::Arch;
@@ -135,7 +135,7 @@ struct Prepared<'a> {
     /// Whitened residual changes of the replicates: replicate, kept sample, chain.
     errors: Arc<Vec<Vec<f64>>>,
     /// Mechanics of the drawn tracks, once they have been worked out, where they shall be kept.
-    drawn: Arc<Vec<Option<Mechanics>>>,
+    drawn: Arc<OnceLock<Vec<Option<Mechanics>>>>,
     /// The recording about given values of effects that move the mechanism or the motion.
     linear: Option<Arc<Linear>>,
     /// What capture and smoothing are known to make of the filtered residual of a right model, N m; empty
@@ -156,6 +156,31 @@ struct Linear {
     forearm: Vec<f64>,
     /// Place of a value in eta, its value here, and the change of the filtered residual per unit of it.
     values: Vec<(usize, f64, Triples)>,
+}
+
+/// Torque of the film of each chain on its lozenge at the frames, N m: [equilibrium spring, branches].
+struct FilmTorques([Arc<Vec<[f64; 2]>>; 3]);
+
+impl FilmTorques {
+    fn new(mechanics: &Mechanics, parameters: &Parameters) -> Result<Self, Locked> {
+        let of = |k: usize| mechanics.film_torque_n_m(k, parameters).map(Arc::new);
+        Ok(FilmTorques([of(0)?, of(1)?, of(2)?]))
+    }
+
+    /// Those of `moved` from `known`, those of `mechanics`: a film that goes the same way has the same torque.
+    fn beside(
+        moved: &Mechanics,
+        parameters: &Parameters,
+        mechanics: &Mechanics,
+        known: &Self,
+    ) -> Result<Self, Locked> {
+        let same = |k: usize| Arc::ptr_eq(&moved.chains[k].own, &mechanics.chains[k].own);
+        let of = |k: usize| match same(k) {
+            true => Ok(known.0[k].clone()),
+            false => moved.film_torque_n_m(k, parameters).map(Arc::new),
+        };
+        Ok(FilmTorques([of(0)?, of(1)?, of(2)?]))
+    }
 }
 
 /// The command of a chain at the frames: phi_c^2, its change per second, phi_c.
@@ -775,7 +800,22 @@ impl<'a> RobotResidual<'a> {
         offset_s: f64,
         effects: &[Acting],
     ) -> Result<[Vec<f64>; 3], Locked> {
-        let (needed, made) = self.sides(recording, mechanics, parameters, offset_s, effects)?;
+        let film = FilmTorques::new(mechanics, parameters)?;
+        self.error_with(recording, mechanics, &film, parameters, offset_s, effects)
+    }
+
+    /// The same where the films' torques are known.
+    fn error_with(
+        &self,
+        recording: usize,
+        mechanics: &Mechanics,
+        film: &FilmTorques,
+        parameters: &Parameters,
+        offset_s: f64,
+        effects: &[Acting],
+    ) -> Result<[Vec<f64>; 3], Locked> {
+        let (needed, made) =
+            self.sides(recording, mechanics, film, parameters, offset_s, effects)?;
         let mut out = needed;
         for (out, made) in out.iter_mut().zip(&made) {
             for (o, m) in out.iter_mut().zip(made) {
@@ -790,6 +830,7 @@ impl<'a> RobotResidual<'a> {
         &self,
         recording: usize,
         mechanics: &Mechanics,
+        film: &FilmTorques,
         parameters: &Parameters,
         offset_s: f64,
         effects: &[Acting],
@@ -797,7 +838,7 @@ impl<'a> RobotResidual<'a> {
         let r = &self.recordings[recording];
         let mut needed: [Vec<f64>; 3] = Default::default();
         for (k, needed) in needed.iter_mut().enumerate() {
-            let film = mechanics.film_torque_n_m(k, parameters)?;
+            let film = &film.0[k];
             *needed = match mechanics.stress_factor(k, r.when, effects, &parameters.film) {
                 Some(factor) => film
                     .iter()
@@ -812,8 +853,8 @@ impl<'a> RobotResidual<'a> {
             }
             self.add_effect_torque(r, mechanics, k, parameters, offset_s, effects, needed)?;
         }
-        for i in 0..mechanics.samples() {
-            let forearm = mechanics.forearm_torque_n_m(i, &parameters.forearm);
+        let forearm = mechanics.forearm_torques_n_m(&parameters.forearm);
+        for (i, forearm) in forearm.iter().enumerate() {
             for k in 0..3 {
                 needed[k][i] += forearm[k];
             }
@@ -1028,7 +1069,8 @@ impl<'a> RobotResidual<'a> {
             None => Cow::Owned(r.dataset.track()),
         };
         let all = [&self.base[..], effects].concat();
-        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m);
+        let known = Some(&*r.mechanics).filter(|_| r.ways.is_empty());
+        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m, known);
         made.map(|m| r.through(m)).map_err(|(sample, _)| Locked {
             spring: 0,
             invariant: f64::NAN,
@@ -1055,8 +1097,8 @@ impl<'a> RobotResidual<'a> {
                 r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
             }
         }
-        if self.by_place {
-            self.keep_drawn(self.replicates);
+        for r in &mut self.recordings {
+            r.drawn = Arc::default(); // worked out when weights are next set
         }
         Ok(())
     }
@@ -1072,7 +1114,7 @@ impl<'a> RobotResidual<'a> {
         effects: &[Acting],
         wanted: impl Fn(Site) -> bool,
     ) -> Result<Vec<Triples>, Locked> {
-        let mut base = None;
+        let base = OnceLock::new();
         let parameters = self.parameters(eta, beta);
         let offset = self.offset_s(recording, eta);
         self.layout
@@ -1099,7 +1141,7 @@ impl<'a> RobotResidual<'a> {
                     (mechanics, effects),
                     &other,
                     effect,
-                    &mut base,
+                    &base,
                 )?;
                 let mut column = self.filtered(recording, &change);
                 for c in column.iter_mut().flatten() {
@@ -1111,8 +1153,8 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which
-    /// differ from them in the effect number `changed` only. `base` keeps the torque error with `effects` for
-    /// the next call.
+    /// differ from them in the effect number `changed` only. `base` keeps what the next call at the same
+    /// parameters, offset and `effects` needs of these.
     #[allow(clippy::too_many_arguments)]
     fn change(
         &self,
@@ -1122,7 +1164,7 @@ impl<'a> RobotResidual<'a> {
         (mechanics, effects): (&Mechanics, &[Acting]),
         other: &[Acting],
         changed: usize,
-        base: &mut Option<[Vec<f64>; 3]>,
+        base: &OnceLock<(FilmTorques, Chains)>,
     ) -> Result<[Vec<f64>; 3], Locked> {
         let r = &self.recordings[recording];
         let mut out: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
@@ -1181,13 +1223,19 @@ impl<'a> RobotResidual<'a> {
             }
             Site::Motion => {
                 let moved = self.mechanics_with(recording, other)?;
-                let a = self.torque_error(recording, &moved, parameters, offset_s, other)?;
-                if base.is_none() {
-                    let error =
-                        self.torque_error(recording, mechanics, parameters, offset_s, effects)?;
-                    *base = Some(error);
-                }
-                let b = base.as_ref().expect("just set");
+                let base = match base.get() {
+                    Some(known) => known,
+                    None => {
+                        let film = FilmTorques::new(mechanics, parameters)?;
+                        let error = self.error_with(
+                            recording, mechanics, &film, parameters, offset_s, effects,
+                        )?;
+                        base.get_or_init(|| (film, error))
+                    }
+                };
+                let film = FilmTorques::beside(&moved, parameters, mechanics, &base.0)?;
+                let a = self.error_with(recording, &moved, &film, parameters, offset_s, other)?;
+                let b = &base.1;
                 for k in 0..3 {
                     out[k] = a[k].iter().zip(&b[k]).map(|(a, b)| a - b).collect();
                 }
@@ -1222,7 +1270,7 @@ impl<'a> RobotResidual<'a> {
                 (&mechanics, &effects),
                 &other,
                 effects.len(),
-                &mut None,
+                &OnceLock::new(),
             )?;
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
@@ -1255,6 +1303,9 @@ impl<'a> RobotResidual<'a> {
                 let mechanics = self.mechanics_with(recording, &effects)?;
                 let offset = self.offset_s(recording, eta);
                 let none = || [(); 3].map(|()| vec![0.0; mechanics.samples()]);
+                let base = OnceLock::new();
+                let of = |k: usize| mechanics.spring_torques_n_m(k, &parameters);
+                let springs = [of(0)?, of(1)?, of(2)?];
                 let change = |departure: &Departure| {
                     let mut out = match departure {
                         Departure::Effect { only, .. } if only.is_some_and(|o| o != recording) => {
@@ -1265,22 +1316,16 @@ impl<'a> RobotResidual<'a> {
                             other.push(acting.clone());
                             let own = (&*mechanics, &effects[..]);
                             let number = effects.len();
-                            let base = &mut None;
-                            self.change(recording, &parameters, offset, own, &other, number, base)?
+                            self.change(recording, &parameters, offset, own, &other, number, &base)?
                         }
                         Departure::Spring {
                             chain,
                             spring,
                             share,
                         } => {
-                            let mut alone = parameters.clone();
-                            for (n, mu) in alone.film.mu_pa.iter_mut().enumerate() {
-                                *mu *= if n == *spring { *share } else { 0.0 };
-                            }
                             let mut out = none();
-                            let torque = mechanics.film_torque_n_m(*chain, &alone)?;
-                            for (o, t) in out[*chain].iter_mut().zip(torque) {
-                                *o = t[0] + t[1];
+                            for (o, t) in out[*chain].iter_mut().zip(&springs[*chain]) {
+                                *o = share * t[*spring];
                             }
                             out
                         }
@@ -1312,13 +1357,16 @@ impl<'a> RobotResidual<'a> {
             let mut out: Vec<Chains> = (0..3 * all).map(|_| none()).collect();
             let mut other = (*r.mechanics).clone();
             for k in 0..3 {
-                let (lozenge, lever) = (&r.mechanics.robot.lozenges[k], r.mechanics.levers[0][k]);
+                let (lozenge, lever) = (
+                    &r.mechanics.robot.lozenges[k],
+                    r.mechanics.chains[k].lever[0],
+                );
                 let sd = |axis: usize| r.dataset.axes[axis].position_sd[0] * lever[axis];
                 let sd = sd(0).hypot(sd(1)).hypot(sd(2));
                 let angle = r.mechanics.chains[k].theta_dea_rad[0] + sd;
                 let rest = lozenge.stretches(angle).map(|l| (l * l).recip());
                 let before = r.mechanics.film_torque_n_m(k, &parameters)?;
-                other.chains[k].history.first.rest = rest;
+                Arc::make_mut(&mut other.chains[k].own).history.first.rest = rest;
                 let after = other.film_torque_n_m(k, &parameters)?;
                 let change = after.iter().zip(&before).map(|(a, b)| a[1] - b[1]);
                 out[3 * number + k][k] = change.collect();
@@ -1462,7 +1510,7 @@ impl<'a> RobotResidual<'a> {
                 (&mechanics, &effects),
                 &other,
                 effects.len(),
-                &mut None,
+                &OnceLock::new(),
             )?;
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
@@ -1621,10 +1669,19 @@ impl<'a> RobotResidual<'a> {
         let offset = self.offset_s(recording, eta);
         let effects = self.effects(eta);
         // Kept tracks are read without effects on the motion, and so is then what they differ from.
-        let kept = numbers == (0..self.replicates) && !r.drawn.is_empty();
+        let kept = (self.by_place && numbers == (0..self.replicates)).then(|| {
+            // one after the other: whoever waits here may hold what another thread waits for
+            let all = || {
+                numbers
+                    .clone()
+                    .map(|m| self.draw(recording, m, &[]))
+                    .collect()
+            };
+            r.drawn.get_or_init(all)
+        });
         let own = match kept {
-            true => Cow::Borrowed(&*r.mechanics),
-            false => self.mechanics_with(recording, &effects)?,
+            Some(_) => Cow::Borrowed(&*r.mechanics),
+            None => self.mechanics_with(recording, &effects)?,
         };
         let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
         let change = |mechanics: Option<&Mechanics>| {
@@ -1648,8 +1705,8 @@ impl<'a> RobotResidual<'a> {
             let errors = (from..(from + at_once).min(numbers.end))
                 .into_par_iter()
                 .map(|m| match kept {
-                    true => change(r.drawn[m].as_ref()),
-                    false => change(self.draw(recording, m, &effects).as_ref()),
+                    Some(drawn) => change(drawn[m].as_ref()),
+                    None => change(self.draw(recording, m, &effects).as_ref()),
                 })
                 .collect::<Result<Vec<Chains>, _>>()?;
             each(&errors);
@@ -1664,7 +1721,7 @@ impl<'a> RobotResidual<'a> {
         generator.set_stream(recording as u64);
         let track = r.dataset.drawn_track(&mut generator);
         let all = [&self.base[..], effects].concat();
-        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m);
+        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m, None);
         made.ok().map(|m| r.through(m))
     }
 
@@ -1678,7 +1735,7 @@ impl<'a> RobotResidual<'a> {
             let drawn = (0..count)
                 .into_par_iter()
                 .map(|m| self.draw(number, m, &[]));
-            self.recordings[number].drawn = Arc::new(drawn.collect());
+            self.recordings[number].drawn = Arc::new(OnceLock::from(drawn.collect::<Vec<_>>()));
         }
     }
 
@@ -2063,7 +2120,9 @@ impl<'a> RobotResidual<'a> {
         let effects = self.effects(eta);
         let mechanics = self.mechanics_with(recording, &effects)?;
         // One path with and without effects, so that an effect that is off changes no bit.
-        let (mut needed, _) = self.sides(recording, &mechanics, &parameters, offset, &effects)?;
+        let film = FilmTorques::new(&mechanics, &parameters)?;
+        let (mut needed, _) =
+            self.sides(recording, &mechanics, &film, &parameters, offset, &effects)?;
         self.depart(recording, beta, &mut needed);
         let half = [0, 1, 2].map(|k| mechanics.half_capacitance_slope(k, r.when, &effects));
         let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, offset, &effects));

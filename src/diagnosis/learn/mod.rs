@@ -179,6 +179,8 @@ fn joint<S: Subject>(
             linear,
             independent: problem.independent,
             begun: problem.begun.clone(),
+            weighed_at: None,
+            smoothed_at: None,
         },
         combine,
     }
@@ -350,6 +352,8 @@ fn left_out<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Vec<f64
                 linear: problem.linear.clone(),
                 independent: problem.independent,
                 begun: problem.begun.clone(),
+                weighed_at: None,
+                smoothed_at: None,
             };
             let told = others.fit(&[], &eta[..own], beta, POLISH);
             let design = problem.train.design(&told.state.eta, &told.state.beta)?;

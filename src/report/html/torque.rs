@@ -16,7 +16,7 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
     let (first, last) = (*nodes.first()?, *nodes.last()?);
     let torques = || outcome.estimates.iter().filter(|e| e.unit == "N m");
     let free = torques().any(|e| !e.fixed);
-    let zero = forearm.torque_n_m.iter().all(|t| *t == 0.0);
+    let zero = forearm.torque_n_m().iter().all(|t| *t == 0.0);
     // Without a band the curve is drawn as it is.
     let curve: Vec<[f64; 3]> = if outcome.torque_band.is_empty() {
         let at = |i: i32| first + (last - first) * f64::from(i) / 120.0;
@@ -55,7 +55,7 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
         name: "nodes".into(),
         role: Role::One,
         mark: Mark::Dots,
-        points: nodes.iter().zip(&forearm.torque_n_m).map(at).collect(),
+        points: nodes.iter().zip(forearm.torque_n_m()).map(at).collect(),
     };
     let band = Band {
         name: if free {

@@ -110,7 +110,7 @@ fn the_readme_is_read_in_one_sitting() {
     assert!(text.lines().count() <= 150);
 }
 
-/// The first hour as it is typed.
+/// The first hour as it is typed, and then the page that goes on from it.
 #[cfg(unix)]
 #[test]
 fn the_first_hour_runs() {
@@ -120,7 +120,8 @@ fn the_first_hour_runs() {
     std::os::unix::fs::symlink(root().join(twin), dir.path().join(twin)).unwrap();
     let program = Path::new(env!("CARGO_BIN_EXE_deacal")).parent().unwrap();
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
-    let text = std::fs::read_to_string(root().join("docs/src/first-hour.md")).unwrap();
+    let page = |name: &str| std::fs::read_to_string(root().join("docs/src").join(name)).unwrap();
+    let text = page("first-hour.md") + &page("controller.md");
     for block in blocks(&text, "sh") {
         let done = std::process::Command::new("sh")
             .args(["-e", "-c", block])
@@ -138,6 +139,9 @@ fn the_first_hour_runs() {
         "diagnose/diagnosis.json",
         "parameters.m",
         "voltage.csv",
+        "robot.h",
+        "robot.m",
+        "robot.py",
     ];
     for file in left {
         assert!(dir.path().join("out/hour").join(file).is_file(), "{file}");

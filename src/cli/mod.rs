@@ -162,7 +162,7 @@ enum Command {
     Prove(prove::Arguments),
     /// Electrodes over days or batches: stroke, its loss, what moved, and whether two electrodes differ
     Ageing(ageing::Arguments),
-    /// A parameter file for the controller: JSON, MATLAB, Python, C header
+    /// A parameter file for the controller: JSON, MATLAB, Python, C header; or functions that it calls
     Export(export::Arguments),
     /// Completions for a shell, on standard output
     Completions {

@@ -773,6 +773,15 @@ impl Learnt {
         units(knots, &[x], &[1.0]).concat()
     }
 
+    /// Second derivatives at its knots of the curve that the coefficients `v` make of a spline or a ridge;
+    /// nothing of other forms.
+    pub fn bends(&self, v: &[f64]) -> Vec<f64> {
+        match &self.form {
+            Form::Spline { knots, .. } | Form::Ridge { knots, .. } => Curve::through(knots, v).bend,
+            _ => Vec::new(),
+        }
+    }
+
     /// What the coefficients `v` make along a recording, in the unit of the place: of a force its size.
     pub fn made(&self, v: &[f64], along: &Along, phi_v: &[f64]) -> Vec<f64> {
         if self.form.is_force() {

@@ -96,6 +96,11 @@ impl ForearmTorque {
         &self.nodes_rad
     }
 
+    /// Second derivatives of the torque at the nodes, N m/rad^2.
+    pub fn bends(&self) -> &[f64] {
+        &self.bend_n_m
+    }
+
     /// Where an angle lies: the node before it, and the shares of the torques and of the second derivatives
     /// of that node and of the next: T = share_0 T_i + share_1 T_i+1 + bend_0 T''_i + bend_1 T''_i+1.
     fn place(&self, theta_rad: f64) -> (usize, [f64; 2], [f64; 2]) {

@@ -74,20 +74,8 @@ trait Exporter {
 fn render(file: &ParameterFile, to: &mut dyn Exporter) -> String {
     to.begin();
     to.comment("Calibrated parameters of a dielectric-elastomer robot. Do not edit: export again.");
-    let p = &file.provenance;
-    if !p.program.is_empty() {
-        to.comment(&format!("Calibrated by {}: {}", p.program, p.command));
-    }
-    if let Some(rig) = &p.rig {
-        to.comment(&format!("rig {}, SHA-256 {}", rig.file, rig.sha256));
-    }
-    for r in &p.recordings {
-        for f in &r.files {
-            to.comment(&format!(
-                "recording {}: {} {}, SHA-256 {}",
-                r.id, f.role, f.file, f.sha256
-            ));
-        }
+    for line in head(file) {
+        to.comment(&line);
     }
     if let Some(film) = &file.film {
         to.comment("Moduli of the Gent springs, Pa: the equilibrium spring, then one a branch.");
@@ -123,6 +111,27 @@ fn render(file: &ParameterFile, to: &mut dyn Exporter) -> String {
         to.effect(i + 1, &effect.id, &effect.actuators, &effect.values);
     }
     to.finish()
+}
+
+/// Where the parameters come from, a line each.
+pub(super) fn head(file: &ParameterFile) -> Vec<String> {
+    let p = &file.provenance;
+    let mut out = Vec::new();
+    if !p.program.is_empty() {
+        out.push(format!("Calibrated by {}: {}", p.program, p.command));
+    }
+    if let Some(rig) = &p.rig {
+        out.push(format!("rig {}, SHA-256 {}", rig.file, rig.sha256));
+    }
+    for r in &p.recordings {
+        for f in &r.files {
+            out.push(format!(
+                "recording {}: {} {}, SHA-256 {}",
+                r.id, f.role, f.file, f.sha256
+            ));
+        }
+    }
+    out.iter().map(|line| one_line(line)).collect()
 }
 
 fn quantities(to: &mut dyn Exporter, table: &str, key: &str, list: &[Quantity]) {

@@ -574,7 +574,7 @@ fn commands_make_the_voltages(fed: &Fed, effects: &[Acting], dir: &Path, text: &
     track.velocity_m_s.drain(..UNDER_WAY);
     track.acceleration_m_s2.drain(..UNDER_WAY);
     track.payload_kg.drain(..UNDER_WAY);
-    let mechanics = Mechanics::with_effects(&fed.robot, &track, effects, [0.0; 3]).unwrap();
+    let mechanics = Mechanics::with_effects(&fed.robot, &track, effects, [0.0; 3], None).unwrap();
     let none = found
         .iter()
         .position(|r| r[6] != 0.0)
@@ -661,7 +661,7 @@ fn learnt_terms_are_those_of_the_program() {
             force(&effects)
         } else {
             let track = fed.dataset.track();
-            let m = Mechanics::with_effects(&fed.robot, &track, &effects, [0.0; 3]).unwrap();
+            let m = Mechanics::with_effects(&fed.robot, &track, &effects, [0.0; 3], None).unwrap();
             let torque = [0, 1, 2].map(|k| m.effect_torque_n_m(k, fed.when, &effects));
             let plain = m.phi_squared_v2(&parameters).unwrap();
             (0..fed.samples())

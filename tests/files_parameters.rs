@@ -211,7 +211,7 @@ fn the_contracts_layout_is_read() {
     let p = file.parameters().unwrap();
     assert_eq!(p.film.mu_pa, [1e5, 2e4]);
     assert_eq!(p.film.locking, 80.0);
-    assert_eq!(p.forearm.torque_n_m, [-1e-3, 1e-3]);
+    assert_eq!(p.forearm.torque_n_m(), [-1e-3, 1e-3]);
     assert_eq!(file.eps_r(), Some(2.8));
     assert_eq!(file.effects[0].number("resistance"), Some(9.8e6));
     assert_eq!(file.effects[0].actuators, [1, 2]);

@@ -45,12 +45,12 @@ impl Judged {
         let mut squares = fitted.state.data_cost;
         let mut foretold = foretell(&problem.train).map_or_else(|_| blocks.untold(), |f| f.1);
         let own = (!fitted.effects.is_empty()).then(|| problem.weighed(&fitted));
-        if let Some(Ok((train, _))) = own {
-            if let Ok((own, told)) = foretell(&train) {
-                squares = squares.max(own);
-                if told.mean_square() > foretold.mean_square() {
-                    foretold = told;
-                }
+        if let Some(Ok((train, _))) = own
+            && let Ok((own, told)) = foretell(&train)
+        {
+            squares = squares.max(own);
+            if told.mean_square() > foretold.mean_square() {
+                foretold = told;
             }
         }
         let mean_square = (squares + fitted.cost() - fitted.state.data_cost) / n;

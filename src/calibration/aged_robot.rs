@@ -24,7 +24,8 @@ use super::sample::noise_of;
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, When, by_id};
 use crate::film::{Film, Locked};
-use crate::fit::separable::{Options, State, Unknown, minimise};
+use crate::fit::memory::Memory;
+use crate::fit::separable::{Options, State, Unknown};
 use crate::model::{Electrode, ForearmTorque, Robot};
 use crate::residual::{self, RobotResidual, SeparableResidual, Slope};
 
@@ -52,6 +53,7 @@ pub(super) struct AgedRobot<'a> {
     eps_r: f64,
     /// Film and resistance of the first level by itself, and the evaluations spent on it.
     begin: (Place, usize),
+    memory: Memory,
 }
 
 /// A level within a model.
@@ -172,10 +174,15 @@ impl<'a> AgedRobot<'a> {
     ///
     /// # Errors
     /// [`Error`]: the mechanism cannot follow, or the film of the first level cannot be fitted at all.
-    pub fn new(robot: &'a Robot, datasets: &[&'a Dataset], level: &[usize]) -> Result<Self, Error> {
+    pub fn new(
+        robot: &'a Robot,
+        datasets: &[&'a Dataset],
+        level: &[usize],
+        memory: &Memory,
+    ) -> Result<Self, Error> {
         let levels = level.iter().max().map_or(0, |m| m + 1);
         let of = |l: usize| -> Vec<usize> { (0..level.len()).filter(|&r| level[r] == l).collect() };
-        let mut first = Self::plain(robot, datasets, &[of(0)])?;
+        let mut first = Self::plain(robot, datasets, &[of(0)], memory)?;
         let request = Request {
             starts: STARTS,
             ..Request::new(Stage::Robot)
@@ -207,7 +214,7 @@ impl<'a> AgedRobot<'a> {
             evaluations += found.evaluations;
         }
         let of_level: Vec<Vec<usize>> = (0..levels).map(of).collect();
-        let mut out = Self::plain(robot, datasets, &of_level)?;
+        let mut out = Self::plain(robot, datasets, &of_level, memory)?;
         out.weigh(&slots, &found)?;
         let kept = |s: &Slot| !matches!(s, Slot::Offset(_));
         let all = slots.iter().zip(found.eta.iter().chain(&found.beta));
@@ -228,6 +235,7 @@ impl<'a> AgedRobot<'a> {
         robot: &'a Robot,
         datasets: &[&'a Dataset],
         levels: &[Vec<usize>],
+        memory: &Memory,
     ) -> Result<Self, Error> {
         let numbers: Vec<usize> = levels.iter().flatten().copied().collect();
         let used: Vec<&Dataset> = numbers.iter().map(|&r| datasets[r]).collect();
@@ -249,6 +257,7 @@ impl<'a> AgedRobot<'a> {
             nonlinear,
             mass_kg: robot.effector_kg + used.first().map_or(0.0, |d| payload(d)),
             eps_r: robot.eps_r,
+            memory: memory.clone(),
             begin: (
                 Place {
                     causes: Vec::new(),
@@ -354,7 +363,9 @@ impl<'a> AgedRobot<'a> {
         let (nonlinear, linear) = unknowns.split_at(split);
         let days = self.days(causes, slots);
         let watch = |_: &State| ControlFlow::Continue(());
-        let state = minimise(&days, nonlinear, linear, &start[..split], &options, watch);
+        let (memory, tag) = (&self.memory, format!("{causes:?}"));
+        let eta = &start[..split];
+        let state = memory.minimise(&tag, &days, nonlinear, linear, eta, &options, watch);
         if !state.cost.is_finite() {
             return Err(Error::AllStartsFailed {
                 tried: 1,

@@ -1,12 +1,16 @@
 //! A hanging sample over its levels, as the choice of causes sees it.
 
+use std::ops::ControlFlow;
+
 use super::Error;
 use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
+use super::ageing::AgeingRequest;
 use super::sample::{noise_of, spread_times, start_film};
 use super::sample_problem::{Hung, Levels, Prior, Rest, SampleProblem, hang};
 use crate::dataset::{HangingDataset, OffsetSource};
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{self as lm, Resting};
+use crate::fit::memory::Memory;
 use crate::model::{Electrode, ForearmTorque, HangingSample};
 
 /// Branches of the film.
@@ -43,6 +47,7 @@ pub(super) struct AgedSample<'a> {
     seen_m: Vec<f64>,
     /// Scatter of the mounting where it is known, m.
     mount_m: Option<f64>,
+    memory: Memory,
 }
 
 impl<'a> AgedSample<'a> {
@@ -54,7 +59,7 @@ impl<'a> AgedSample<'a> {
         datasets: &[&'a HangingDataset],
         samples: &[HangingSample],
         level: &[usize],
-        mount_m: Option<f64>,
+        request: &AgeingRequest,
     ) -> Result<Self, Error> {
         let film = start_film(spread_times(BRANCHES, datasets), LOCKING);
         let aged: Vec<HangingSample> = samples
@@ -77,7 +82,8 @@ impl<'a> AgedSample<'a> {
                 .filter(|&r| datasets[r].offset_source == OffsetSource::Free)
                 .collect(),
             seen_m: datasets.iter().map(|d| d.rest_below_m).collect(),
-            mount_m,
+            mount_m: request.mount_m,
+            memory: request.memory.clone(),
         })
     }
 
@@ -152,6 +158,7 @@ impl Aged for AgedSample<'_> {
                 .collect(),
             seen_m: own.iter().map(|&r| self.seen_m[r]).collect(),
             mount_m: self.mount_m,
+            memory: self.memory.clone(),
         };
         let begin = Place {
             causes: Vec::new(),
@@ -195,7 +202,10 @@ impl Aged for AgedSample<'_> {
             polish_limit: 0,
             ..lm::Options::default()
         };
-        let outcome = lm::minimise(&problem, start, &options)
+        let go_on = |_: &lm::State| ControlFlow::Continue(());
+        let tag = format!("{causes:?}");
+        let outcome = (self.memory)
+            .least_squares(&tag, &problem, start, &options, go_on)
             .map_err(|misuse| Error::NothingToFit(misuse.to_string()))?;
         if !outcome.cost.is_finite() {
             return Err(Error::AllStartsFailed {

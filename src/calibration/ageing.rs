@@ -21,6 +21,7 @@ use super::aged_sample::AgedSample;
 use super::joint::{Joint, joint};
 use super::stroke::{Strokes, Value, strokes};
 use crate::dataset::{Cycles, Dataset, HangingDataset};
+use crate::fit::memory::Memory;
 use crate::fit::profile::TWO_SIDED_95;
 use crate::model::{HangingSample, Robot};
 
@@ -86,7 +87,7 @@ pub struct AgeingInput {
 }
 
 /// What is asked for.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct AgeingRequest {
     /// Days or batches.
     pub by: By,
@@ -99,6 +100,8 @@ pub struct AgeingRequest {
     /// Scatter with which samples are hung, m, where it is known: next to nothing for a sample that stays in
     /// its frame.
     pub mount_m: Option<f64>,
+    /// What was found before the run was stopped.
+    pub memory: Memory,
 }
 
 impl Default for AgeingRequest {
@@ -109,6 +112,7 @@ impl Default for AgeingRequest {
             loss_percent: 50.0,
             cycles: CYCLES,
             mount_m: None,
+            memory: Memory::default(),
         }
     }
 }
@@ -681,7 +685,7 @@ fn electrode(
 
     let fitted: Vec<SampleAgeing> = samples
         .iter()
-        .map(|s| of_sample(s, &own, inputs, &level_of, what, request.mount_m))
+        .map(|s| of_sample(s, &own, inputs, &level_of, what, request))
         .collect();
     let trend = match request.by {
         By::Day => trend(&table, request.loss_percent),
@@ -755,7 +759,7 @@ fn of_sample(
     inputs: &[AgeingInput],
     level_of: &(dyn Fn(&Placed) -> usize + Sync),
     what: &str,
-    mount_m: Option<f64>,
+    request: &AgeingRequest,
 ) -> SampleAgeing {
     let mine: Vec<&Placed> = own.iter().filter(|p| p.sample == name).collect();
     let mut levels: Vec<usize> = mine.iter().map(|p| level_of(p)).collect();
@@ -828,7 +832,7 @@ fn of_sample(
         Err(format!("one {what} only"))
     } else if moving.is_empty() {
         let refs: Vec<&HangingDataset> = hanging.iter().map(|d| &**d).collect();
-        AgedSample::new(&refs, &samples, &numbers, mount_m)
+        AgedSample::new(&refs, &samples, &numbers, request)
             .and_then(|aged| joint(&aged, days.as_deref(), &loss))
             .map_err(|e| e.to_string())
     } else if !hanging.is_empty() {
@@ -843,7 +847,7 @@ fn of_sample(
         ))
     } else {
         let refs: Vec<&Dataset> = moving.iter().map(|d| &**d).collect();
-        AgedRobot::new(robots[0], &refs, &numbers)
+        AgedRobot::new(robots[0], &refs, &numbers, &request.memory)
             .and_then(|aged| joint(&aged, days.as_deref(), &loss))
             .map_err(|e| e.to_string())
     };

@@ -23,7 +23,8 @@ use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{Coupon, CouponMode, CouponPlan};
 use crate::film::{Film, InitialState};
-use crate::fit::separable::{Ended, Options, State, Unknown, minimise};
+use crate::fit::memory::Memory;
+use crate::fit::separable::{Ended, Options, State, Unknown};
 use crate::parameter::{Parameter, Transform};
 use crate::residual::CouponResidual;
 
@@ -72,6 +73,8 @@ pub struct CouponRequest {
     pub starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
+    /// What was found before the run was stopped.
+    pub memory: Memory,
 }
 
 impl CouponRequest {
@@ -84,6 +87,7 @@ impl CouponRequest {
             bound: Vec::new(),
             starts: 8,
             seed: 1,
+            memory: Memory::default(),
         }
     }
 }
@@ -475,7 +479,10 @@ pub fn calibrate_coupons(
     let mut states: Vec<(String, State)> = starts(&list, &unknowns, split, coupons, request)
         .into_par_iter()
         .map(|(origin, eta)| {
-            let state = minimise(&residual, nonlinear, linear, &eta, &options, watch);
+            let memory = &request.memory;
+            let state = memory.minimise(
+                "the fit", &residual, nonlinear, linear, &eta, &options, watch,
+            );
             (origin, state)
         })
         .collect();

@@ -4,6 +4,7 @@
 //! Stages as in the paper: the film from symmetric drives, the forearm from single-actuator drives with the
 //! film held, both jointly from everything. All three are the same fit with other parameters fixed.
 
+mod across;
 mod aged;
 mod aged_robot;
 mod aged_sample;
@@ -18,6 +19,7 @@ mod sample_problem;
 mod statistics;
 mod stroke;
 
+pub use across::{Across, BatchMiddle, Drift, Estimated, StandsOut, across};
 pub use aged::{Cause, LevelModel};
 pub use aged_robot::LONG_AGO_S;
 pub use ageing::{

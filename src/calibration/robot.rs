@@ -11,6 +11,7 @@ use super::statistics::moved_by;
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::{Acting, Along, Site, When, command_for};
+use crate::fit::memory::Memory;
 use crate::fit::profile::{Candidate, TWO_SIDED_95, profile};
 use crate::fit::separable::{Ended, Options, Prior, State, Unknown, minimise};
 use crate::model::{Contribution, ForearmTorque, Mechanics, Parameters, Robot, others};
@@ -59,6 +60,8 @@ pub struct Request {
     pub robust: Option<f64>,
     /// Seed of the random starts.
     pub seed: u64,
+    /// What was found before the run was stopped.
+    pub memory: Memory,
 }
 
 impl Request {
@@ -73,6 +76,7 @@ impl Request {
             starts: 5,
             robust: None,
             seed: 1,
+            memory: Memory::default(),
         }
     }
 }
@@ -331,14 +335,13 @@ pub fn calibrate_robot(
     let options = Options::default();
     // Several starts, equal weights.
     let starts = starts(nonlinear, request);
+    let search = |residual: &RobotResidual, eta: &[f64]| {
+        let memory = &request.memory;
+        memory.minimise("the fit", residual, nonlinear, linear, eta, &options, watch)
+    };
     let mut states: Vec<(String, State)> = starts
         .into_par_iter()
-        .map(|(origin, eta)| {
-            (
-                origin,
-                minimise(&residual, nonlinear, linear, &eta, &options, watch),
-            )
-        })
+        .map(|(origin, eta)| (origin, search(&residual, &eta)))
         .collect();
     states.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
     let mut evaluations: usize = states.iter().map(|s| s.1.evaluations).sum();
@@ -371,7 +374,7 @@ pub fn calibrate_robot(
         if let (Some(limit), true) = (request.robust, round > 0) {
             residual.robustify(&state.eta, &state.beta, limit)?;
         }
-        let next = minimise(&residual, nonlinear, linear, &state.eta, &options, watch);
+        let next = search(&residual, &state.eta);
         evaluations += next.evaluations;
         failed += next.failed;
         if !next.cost.is_finite() {
@@ -412,7 +415,14 @@ pub fn calibrate_robot(
     let mut uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
     let white = Uncertainty::new(&gram, &gram, &precision, &is_free);
     let candidates = candidates(&list, &state, &uncertainty, &white, split);
-    let (reach, spent) = profile(&residual, nonlinear, linear, &state, &candidates);
+    let (reach, spent) = profile(
+        &residual,
+        nonlinear,
+        linear,
+        &state,
+        &candidates,
+        (&request.memory, "an interval"),
+    );
     evaluations += spent;
     let mut ends: Vec<Option<[f64; 2]>> = vec![None; size];
     for (candidate, reach) in candidates.iter().zip(reach) {

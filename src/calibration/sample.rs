@@ -27,6 +27,7 @@ use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{HangingDataset, OffsetSource, Plan};
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{self as lm, Resting};
+use crate::fit::memory::Memory;
 use crate::fit::separable;
 use crate::model::{Electrode, HangingSample};
 use crate::parameter::{Parameter, Transform};
@@ -74,6 +75,8 @@ pub struct SampleRequest {
     pub starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
+    /// What was found before the run was stopped.
+    pub memory: Memory,
 }
 
 impl SampleRequest {
@@ -86,6 +89,7 @@ impl SampleRequest {
             bound: Vec::new(),
             starts: 3,
             seed: 1,
+            memory: Memory::default(),
         }
     }
 }
@@ -457,7 +461,9 @@ pub fn calibrate_samples(
                 priors.clone(),
                 vec![[0; 5]; hung.len()],
             );
-            let outcome = lm::minimise_watched(&problem, &start, &options, |s| watch(s.cost()))
+            let memory = &request.memory;
+            let outcome = memory
+                .least_squares("the fit", &problem, &start, &options, |s| watch(s.cost()))
                 .map_err(|misuse| Error::NothingToFit(misuse.to_string()))?;
             Ok((origin, outcome))
         })

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 
 use super::progress::Progress;
+use super::resume::Lasting;
 use super::{Failure, Talk, load};
 use crate::calibration::{AgeingInput, AgeingOutcome, AgeingRequest, AgeingSubject, By, ageing};
 use crate::dataset::{Dataset, HangingDataset, cycles};
@@ -65,6 +66,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
     let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
+    let lasting = Lasting::new(&a.output, &provenance);
     progress.step("aligning");
     let inputs = recordings
         .par_iter()
@@ -80,6 +82,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         loss_percent: a.loss,
         cycles: a.cycles.into(),
         mount_m: a.mount.map(|mm| mm * 1e-3),
+        memory: lasting.memory(),
     };
     progress.step("comparing");
     let mut outcome = ageing(&inputs, &request).map_err(|e| {
@@ -99,6 +102,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         set.write(&name, text)?;
     }
     set.commit()?;
+    lasting.done()?;
     drop(progress);
     talk.result(&json);
     talk.say(&outcome.verdict);

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
+use super::resume::Lasting;
 use super::series::{self, Occasion, Series};
 use super::{Failure, Talk, load};
 use crate::checks::{Finding, Grade};
@@ -101,7 +102,13 @@ const FILES: [&str; 4] = [
 /// Kinds of recordings that can be diagnosed.
 pub(super) const KINDS: [Kind; 4] = [Kind::Robot, Kind::Axis, Kind::HingeBench, Kind::FilmCoupon];
 
-pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> Result<(), Failure> {
+/// Diagnoses, and gives what `diagnosis.json` has.
+pub(super) fn run(
+    a: &Arguments,
+    command: &str,
+    talk: Talk,
+    search: Search,
+) -> Result<DiagnosisJson, Failure> {
     let progress = Progress::new(talk);
     let paths: Vec<PathBuf> = a.recordings.iter().chain(&a.holdout).cloned().collect();
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
@@ -112,20 +119,24 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     if findings.iter().any(|f| f.grade == Grade::Wrong) {
         return mend_first(a, &recordings, &findings, provenance, progress, talk);
     }
+    let lasting = Lasting::new(&a.output, &provenance);
     let request = Request {
         false_alarm_rate: a.false_alarms,
         only: a.only.clone(),
         rivals: a.rivals,
         relevant: a.relevant,
+        memory: lasting.memory(),
     };
     if recordings[0].manifest.kind != Kind::Robot {
         let (mut diagnosis, series) = judge_lines(&recordings, named, &request, &progress)?;
         diagnosis.remarks.extend(copies);
         if let Some(finding) = beyond_any_cause(&diagnosis) {
             let all = [vec![finding], findings].concat();
-            return mend_first(a, &recordings, &all, provenance, progress, talk);
+            let json = mend_first(a, &recordings, &all, provenance, progress, talk)?;
+            return lasting.done().map(|()| json);
         }
-        return finish(a, &diagnosis, series, &findings, provenance, progress, talk);
+        let json = finish(a, &diagnosis, series, &findings, provenance, progress, talk)?;
+        return lasting.done().map(|()| json);
     }
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
@@ -136,9 +147,11 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk, search: Search) -> R
     diagnosis.remarks.extend(copies);
     if let Some(finding) = beyond_any_cause(&diagnosis) {
         let all = [vec![finding], findings].concat();
-        return mend_first(a, &recordings, &all, provenance, progress, talk);
+        let json = mend_first(a, &recordings, &all, provenance, progress, talk)?;
+        return lasting.done().map(|()| json);
     }
-    finish(a, &diagnosis, series, &findings, provenance, progress, talk)
+    let json = finish(a, &diagnosis, series, &findings, provenance, progress, talk)?;
+    lasting.done().map(|()| json)
 }
 
 /// How many times the noise the plain model may leave, and which share of what is predicted, before that is
@@ -188,7 +201,7 @@ fn mend_first(
     provenance: Provenance,
     progress: Progress,
     talk: Talk,
-) -> Result<(), Failure> {
+) -> Result<DiagnosisJson, Failure> {
     let wrong = findings.iter().filter(|f| f.grade == Grade::Wrong).count();
     let says = format!(
         "First mend the recording: {wrong} {} said above that would pass for physics. No physics is named.",
@@ -223,7 +236,7 @@ fn mend_first(
         "Report: {}",
         a.output.join("report.html").display()
     ));
-    Ok(())
+    Ok(json)
 }
 
 fn finish(
@@ -234,7 +247,7 @@ fn finish(
     provenance: Provenance,
     progress: Progress,
     talk: Talk,
-) -> Result<(), Failure> {
+) -> Result<DiagnosisJson, Failure> {
     progress.step("writing");
     let json = write(
         &a.output,
@@ -251,7 +264,7 @@ fn finish(
         "Report: {}",
         a.output.join("report.html").display()
     ));
-    Ok(())
+    Ok(json)
 }
 
 /// Diagnoses the first `named` recordings of a bench, an axis or coupons; the others are held out.

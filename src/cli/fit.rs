@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::progress::Progress;
+use super::resume::Lasting;
 use super::{Failure, Talk, load};
 use crate::calibration::{
     CouponRequest, LineRequest, Outcome, Request, SampleRequest, Stage, calibrate_coupons,
@@ -140,7 +141,8 @@ fn parse_bound(text: &str) -> Result<(String, [f64; 2]), String> {
     Ok((name.to_string(), [number(low)?, number(high)?]))
 }
 
-pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
+/// Fits, and gives what `fit.json` has.
+pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     match fit {
         Fit::Film(a) => robot(Stage::Film, a, command, talk),
         Fit::Forearm(a) => robot(Stage::Forearm, a, command, talk),
@@ -152,7 +154,7 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
     }
 }
 
-fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failure> {
+fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings =
@@ -162,6 +164,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
     let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
     let findings = load::findings(&recordings, &progress, talk);
     let provenance = Provenance::of(command, &recordings);
+    let lasting = Lasting::new(&a.common.output, &provenance);
     let mut datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
     drop(recordings);
     let cut = load::cut_all(&mut datasets);
@@ -173,6 +176,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
         starts: a.common.starts.into(),
         robust: a.robust,
         seed: a.common.seed,
+        memory: lasting.memory(),
         ..Request::new(stage)
     };
     let refs: Vec<_> = datasets.iter().collect();
@@ -190,6 +194,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
         &findings,
         talk.overwrite(),
     )?;
+    lasting.done()?;
     drop(progress);
     talk.result(&fit);
     say_fit(&fit, talk);
@@ -197,7 +202,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<(), Failu
         "Report: {}",
         a.common.output.join("report.html").display()
     ));
-    Ok(())
+    Ok(fit)
 }
 
 /// The files of a fit.
@@ -243,7 +248,7 @@ pub(super) fn say_fit(fit: &FitJson, talk: Talk) {
     }
 }
 
-fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
+fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(
@@ -256,6 +261,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
     let file = a.start.as_deref().map(load::parameters).transpose()?;
     let provenance = Provenance::of(command, &recordings);
     let findings = load::findings(&recordings, &progress, talk);
+    let lasting = Lasting::new(&a.common.output, &provenance);
     let (datasets, samples) = load::samples(&recordings, file.as_ref())?;
     let refs: Vec<_> = datasets.iter().collect();
     let start = file.as_ref().map(ParameterFile::parameters).transpose()?;
@@ -265,6 +271,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
         bound: a.common.bound.clone(),
         starts: a.common.starts.into(),
         seed: a.common.seed,
+        memory: lasting.memory(),
         ..SampleRequest::new(a.common.branches.into())
     };
     progress.step("fitting");
@@ -278,7 +285,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<(), Failure> {
         plan: Some(plan_to_toml(&plans)),
         findings,
     };
-    finish(&a.common.output, written, progress, talk)
+    finish(&a.common.output, written, Some(&lasting), progress, talk)
 }
 
 /// What a fit of samples, lines or coupons leaves.
@@ -291,7 +298,13 @@ struct Written {
 }
 
 /// Writes it, all or none, and says it.
-fn finish(output: &Path, mut w: Written, progress: Progress, talk: Talk) -> Result<(), Failure> {
+fn finish(
+    output: &Path,
+    mut w: Written,
+    lasting: Option<&Lasting>,
+    progress: Progress,
+    talk: Talk,
+) -> Result<FitJson, Failure> {
     w.fit.findings = FindingJson::of(&w.findings);
     w.report = html::with_findings(w.report, &w.findings);
     let mut set = OutputSet::new(output, talk.overwrite())?;
@@ -302,14 +315,15 @@ fn finish(output: &Path, mut w: Written, progress: Progress, talk: Talk) -> Resu
         set.write("plan.toml", plan)?;
     }
     set.commit()?;
+    lasting.map_or(Ok(()), Lasting::done)?;
     drop(progress);
     talk.result(&w.fit);
     say_fit(&w.fit, talk);
     talk.say(&format!("Report: {}", output.join("report.html").display()));
-    Ok(())
+    Ok(w.fit)
 }
 
-fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure> {
+fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
@@ -332,16 +346,17 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<(), Failure>
         plan: None,
         findings,
     };
-    finish(&a.output, written, progress, talk)
+    finish(&a.output, written, None, progress, talk)
 }
 
-fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
+fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
     let (recordings, _, copies) = load::distinct(recordings, 0);
     let provenance = Provenance::of(command, &recordings);
     let findings = load::findings(&recordings, &progress, talk);
+    let lasting = Lasting::new(&a.common.output, &provenance);
     let coupons = recordings
         .iter()
         .map(Coupon::from_recording)
@@ -352,6 +367,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
         bound: a.common.bound.clone(),
         starts: usize::from(a.common.starts).max(8),
         seed: a.common.seed,
+        memory: lasting.memory(),
         ..CouponRequest::new(a.common.branches.into())
     };
     let mut outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
@@ -363,5 +379,5 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<(), Failure> {
         plan: None,
         findings,
     };
-    finish(&a.common.output, written, progress, talk)
+    finish(&a.common.output, written, Some(&lasting), progress, talk)
 }

@@ -1,18 +1,21 @@
 //! The command line: opens doors. `run` reads as the pipeline: arguments, files in, a job, files out.
 
 mod ageing;
+mod batch;
 mod demo;
 mod diagnose;
 mod export;
 mod fit;
 mod import;
 mod load;
+mod merge;
 mod predict;
 mod progress;
 mod prove;
 mod ranges;
 mod resume;
 mod series;
+mod shard;
 mod simulate;
 mod stop;
 mod validate;
@@ -162,6 +165,11 @@ enum Command {
     Prove(prove::Arguments),
     /// Electrodes over days or batches: stroke, its loss, what moved, and whether two electrodes differ
     Ageing(ageing::Arguments),
+    /// Many films or recording sets: fits (and diagnoses) each, and shows what they have in common: who stands
+    /// out, what drifts, which batch differs
+    Batch(batch::Arguments),
+    /// The shards of a batch or a proof as one result, the same bytes as of one run
+    Merge(merge::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header; or functions that it calls
     Export(export::Arguments),
     /// Completions for a shell, on standard output
@@ -183,6 +191,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     let talk = cli.talk;
     stop::listen();
+    threads();
     let words: Vec<String> = arguments
         .iter()
         .skip(1)
@@ -192,15 +201,18 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let done = match cli.command {
         Command::Demo { output } => demo::run(&output, talk),
         Command::Import(arguments) => import::run(&arguments, &command, talk),
-        Command::Fit(fit) => fit::run(&fit, &command, talk),
+        Command::Fit(fit) => fit::run(&fit, &command, talk).map(drop),
         Command::Predict(predict) => predict::run(&predict, &command, talk),
         Command::Simulate(arguments) => simulate::run(&arguments, talk),
         Command::Validate(arguments) => validate::run(&arguments, &command, talk),
         Command::Diagnose(arguments) => {
-            diagnose::run(&arguments, &command, talk, crate::diagnosis::diagnose)
+            let search = crate::diagnosis::diagnose;
+            diagnose::run(&arguments, &command, talk, search).map(drop)
         }
         Command::Prove(arguments) => prove::run(&arguments, talk),
         Command::Ageing(arguments) => ageing::run(&arguments, &command, talk),
+        Command::Batch(arguments) => batch::run(&arguments, talk),
+        Command::Merge(arguments) => merge::run(&arguments, talk),
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {
             let mut out = Vec::new();
@@ -225,6 +237,20 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             eprintln!("deacal: {}", plain(&failure.to_string()));
             ExitCode::from(1)
         }
+    }
+}
+
+/// As many threads as Slurm gives the task, where it says so and nobody else does.
+fn threads() {
+    let said = |name| {
+        std::env::var(name)
+            .ok()
+            .and_then(|n| n.parse::<usize>().ok())
+    };
+    if let (None, Some(count)) = (said("RAYON_NUM_THREADS"), said("SLURM_CPUS_PER_TASK")) {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(count);
+        // they are there already where the library was used before
+        let _ = pool.build_global();
     }
 }
 

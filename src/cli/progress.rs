@@ -87,7 +87,10 @@ impl Progress {
 impl Drop for Progress {
     fn drop(&mut self) {
         self.lines = None;
-        clear();
+        // a bar that nobody sees does not take another one's place
+        if !self.bar.is_hidden() {
+            clear();
+        }
         self.bar.finish_and_clear();
     }
 }

@@ -6,16 +6,19 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::progress::Progress;
-use super::resume::{Pieces, Run};
+use super::resume::{Pieces, Run, from_hex};
+use super::shard::{Campaign, Part, Shard, short};
 use super::{Failure, Talk, diagnose, load};
 use super::{series, stop};
 use crate::cases::line::{self, Rig};
 use crate::cases::{Case, DriveSet, Spec, Truth, generate, generate_built, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
 use crate::proof::{
-    StandsOut, Trial, compare, own_form, run as run_own, score, stands_out, trial, trial_lines,
+    Proof, StandsOut, Trial, compare, own_form, run as run_own, score, stands_out, trial,
+    trial_lines,
 };
 use crate::recording::Kind;
 use crate::report::json::to_text;
@@ -59,6 +62,9 @@ pub(super) struct Arguments {
     /// Folder to leave the own cases in: `cases/` and, apart from them, `answers/`
     #[arg(long, value_name = "DIR", conflicts_with = "cases")]
     keep: Option<PathBuf>,
+    /// The i-th of n parts of the cases only; then `deacal merge DIR` (default: the task of a Slurm array)
+    #[arg(long, value_name = "i/n", conflicts_with = "keep")]
+    shard: Option<Shard>,
     /// Folder for the results
     #[arg(short, long, default_value = "out/prove")]
     output: PathBuf,
@@ -174,31 +180,214 @@ impl<'a> Ledger<'a> {
     }
 }
 
+/// Trials with the numbers of their cases.
+type Numbered = Vec<(usize, Trial)>;
+
+/// The cases that a run is to try, and where it writes: all of them, or those of a shard.
+struct Share<'a> {
+    a: &'a Arguments,
+    shard: Option<Shard>,
+    talk: Talk,
+    progress: &'a Progress,
+}
+
+/// The file of a shard.
+const SHARD: &str = "shard.json";
+
+/// `shard.json`.
+#[derive(Serialize, Deserialize)]
+struct Tried {
+    #[serde(flatten)]
+    run: Run,
+    shard: usize,
+    of_shards: usize,
+    trials: Vec<TriedCase>,
+}
+
+/// A trial with its bits.
+#[derive(Serialize, Deserialize)]
+struct TriedCase {
+    number: usize,
+    case: String,
+    bytes: String,
+}
+
+/// The folder of a shard.
+fn folder_of(shard: Shard) -> String {
+    let width = shard.of.to_string().len();
+    format!("shard-{:0width$}-of-{}", shard.number, shard.of)
+}
+
+impl Share<'_> {
+    /// Folder of what this run writes.
+    fn folder(&self) -> PathBuf {
+        match self.shard {
+            Some(shard) => self.a.output.join(folder_of(shard)),
+            None => self.a.output.clone(),
+        }
+    }
+
+    /// Of `count` cases, the numbers of those that are tried.
+    fn numbers(&self, count: usize) -> Vec<usize> {
+        let mine = |i: &usize| self.shard.is_none_or(|s| s.has(*i));
+        (0..count).filter(mine).collect()
+    }
+
+    /// What an earlier run of `of` wrote down, or the beginning of that; `None` where the shard is there.
+    fn begin(&self, of: String, count: usize) -> Result<Option<Pieces>, Failure> {
+        let run = Run::new(of);
+        if let Some(shard) = self.shard {
+            let part = |number| Part {
+                folder: folder_of(Shard { number, ..shard }),
+                of: format!("{count} cases"),
+            };
+            let campaign = Campaign {
+                campaign: "prove".into(),
+                run: run.clone(),
+                parts: (1..=shard.of).map(part).collect(),
+            };
+            campaign.claim(&self.a.output, true, self.talk.overwrite())?;
+            if read_shard(&self.folder()).is_some_and(|t| t.run == run) {
+                return Ok(None);
+            }
+        }
+        let path = self.folder().join(PART);
+        Pieces::open(&path, &run, self.talk.overwrite()).map(Some)
+    }
+}
+
+/// A shard that is there.
+fn read_shard(folder: &Path) -> Option<Tried> {
+    settle(folder).ok()?;
+    serde_json::from_str(&std::fs::read_to_string(folder.join(SHARD)).ok()?).ok()
+}
+
 pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     let progress = Progress::new(talk);
-    OutputSet::check(&a.output, &FILES, talk.overwrite())?;
-    settle(&a.output)?;
-    let (trials, pieces) = match &a.cases {
-        Some(cases) => {
-            let list = cases_of(cases, a.answers.as_deref())?;
-            let pieces = begin(a, "cases of a folder".into(), talk)?;
-            let ledger = Ledger::new(&pieces, &progress, list.len());
-            let trials = of_folder(&list, a.answers.as_deref(), &ledger)?;
-            ledger.end()?;
-            (trials, pieces)
-        }
-        None => of_plan(a, &progress, talk)?,
+    let share = Share {
+        a,
+        shard: Shard::or_slurm(a.shard)?,
+        talk,
+        progress: &progress,
     };
-    let proof = score(&trials);
-    progress.step("writing");
-    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
+    if share.shard.is_some() && a.keep.is_some() {
+        return Err("--keep leaves the cases of a whole run: leave it out in a Slurm array".into());
+    }
+    match share.shard {
+        None => OutputSet::check(&a.output, &FILES, talk.overwrite())?,
+        Some(_) => OutputSet::check(&share.folder(), &[SHARD], talk.overwrite())?,
+    }
+    settle(&share.folder())?;
+    let tried = match &a.cases {
+        Some(cases) => of_folder(&cases_of(cases, a.answers.as_deref())?, &share)?,
+        None => of_plan(&share)?,
+    };
+    let Some(shard) = share.shard else {
+        let Some((trials, pieces)) = tried else {
+            return Ok(());
+        };
+        let trials: Vec<Trial> = trials.into_iter().map(|t| t.1).collect();
+        progress.step("writing");
+        let proof = write(&a.output, &trials, talk)?;
+        pieces.done()?;
+        drop(progress);
+        say(&a.output, &proof, talk);
+        return Ok(());
+    };
+    let output = a.output.display();
+    if let Some((trials, pieces)) = tried {
+        let hex = |bytes: Vec<u8>| bytes.iter().map(|b| format!("{b:02x}")).collect();
+        let trials = trials.into_iter().map(|(number, trial)| {
+            Ok(TriedCase {
+                number,
+                case: trial.case.clone(),
+                bytes: hex(postcard::to_allocvec(&trial)?),
+            })
+        });
+        let tried = Tried {
+            run: pieces.run().clone(),
+            shard: shard.number,
+            of_shards: shard.of,
+            trials: trials.collect::<Result<_, Failure>>()?,
+        };
+        let mut set = OutputSet::new(share.folder(), talk.overwrite())?;
+        set.write(SHARD, to_text(&tried))?;
+        set.commit()?;
+        pieces.done()?;
+        drop(progress);
+        talk.say(&format!(
+            "{shard} is in {output}; when all are: deacal merge {output}"
+        ));
+    } else {
+        drop(progress);
+        talk.say(&format!("{shard} is in {output} already."));
+    }
+    Ok(())
+}
+
+/// All shards as one result.
+pub(super) fn merge(dir: &Path, campaign: &Campaign, talk: Talk) -> Result<(), Failure> {
+    OutputSet::check(dir, &FILES, talk.overwrite())?;
+    let (mut missing, mut trials) = (Vec::new(), Numbered::new());
+    for part in &campaign.parts {
+        let folder = dir.join(&part.folder);
+        let Some(tried) = read_shard(&folder) else {
+            missing.push(part.folder.clone());
+            continue;
+        };
+        if tried.run != campaign.run {
+            return Err(format!(
+                "{}: is of {} by {}, the campaign of {} by {}: run this shard again, or write elsewhere with -o",
+                folder.join(SHARD).display(),
+                short(&tried.run.of),
+                tried.run.program,
+                short(&campaign.run.of),
+                campaign.run.program
+            )
+            .into());
+        }
+        for case in tried.trials {
+            let bytes = from_hex(&case.bytes);
+            let trial = bytes.and_then(|b| postcard::from_bytes(&b).ok());
+            let trial = trial.ok_or_else(|| {
+                let path = folder.join(SHARD);
+                format!(
+                    "{}: case {} cannot be read: delete the file and run its shard again",
+                    path.display(),
+                    case.case
+                )
+            })?;
+            trials.push((case.number, trial));
+        }
+    }
+    if !missing.is_empty() {
+        let how = format!(
+            "run `deacal prove --shard i/n` for them into {}",
+            dir.display()
+        );
+        return Err(super::merge::missing(&missing, campaign.parts.len(), &how));
+    }
+    trials.sort_by_key(|t| t.0);
+    let trials: Vec<Trial> = trials.into_iter().map(|t| t.1).collect();
+    let proof = write(dir, &trials, talk)?;
+    say(dir, &proof, talk);
+    Ok(())
+}
+
+/// Scores the trials and writes the results, all or none.
+fn write(output: &Path, trials: &[Trial], talk: Talk) -> Result<Proof, Failure> {
+    let proof = score(trials);
+    let mut set = OutputSet::new(output, talk.overwrite())?;
     set.write("proof.json", to_text(&proof))?;
     set.write("trials.json", to_text(&trials))?;
-    set.write("report.html", render_proof(&proof, &trials))?;
+    set.write("report.html", render_proof(&proof, trials))?;
     set.commit()?;
-    pieces.done()?;
-    drop(progress);
-    talk.result(&proof);
+    Ok(proof)
+}
+
+/// The first screen of the report, in the terminal.
+fn say(output: &Path, proof: &Proof, talk: Talk) {
+    talk.result(proof);
     let words = |c: &crate::proof::Count| format!("{} of {}", c.hits, c.of);
     talk.say(&format!(
         "{} cases: right effect first {} (visible), {} (below 1.5 times the floor); false alarms {}; unknown called unexplained {}; both of a pair {}",
@@ -227,48 +416,31 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     for f in &proof.failures {
         talk.say(f);
     }
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
-    Ok(())
-}
-
-/// What an earlier run of `of` wrote down, or the beginning of that.
-fn begin(a: &Arguments, of: String, talk: Talk) -> Result<Pieces, Failure> {
-    Pieces::open(&a.output.join(PART), &Run::new(of), talk.overwrite())
+    talk.say(&format!("Report: {}", output.join("report.html").display()));
 }
 
 /// Leaves the cases in the folder of `--keep`, once in a run that is taken up again.
 fn keep_once<S>(
-    a: &Arguments,
     specs: &[S],
     pieces: &Pieces,
-    progress: &Progress,
-    talk: Talk,
+    share: &Share,
     files: impl Fn(&S) -> Result<Files, String>,
 ) -> Result<(), Failure> {
-    let Some(dir) = &a.keep else {
+    let Some(dir) = &share.a.keep else {
         return Ok(());
     };
     if pieces.get::<()>("kept").is_some() {
         return Ok(());
     }
-    progress.step("writing the cases");
-    keep(specs, dir, talk.overwrite(), files)?;
+    share.progress.step("writing the cases");
+    keep(specs, dir, share.talk.overwrite(), files)?;
     pieces.add("kept", dir.display().to_string(), &())
 }
 
-/// Makes cases as they are planned, and tries them.
-fn of_plan(
-    a: &Arguments,
-    progress: &Progress,
-    talk: Talk,
-) -> Result<(Vec<Trial>, Pieces), Failure> {
+/// Makes cases as they are planned, and tries those of the share; `None` where its shard is there.
+fn of_plan(share: &Share) -> Result<Option<(Numbered, Pieces)>, Failure> {
+    let a = share.a;
     let wanted = |kind: &str| a.kinds.is_empty() || a.kinds.iter().any(|k| k == kind);
-    let owned = |files: Vec<(String, &[u8])>| -> Vec<(String, Vec<u8>)> {
-        files.into_iter().map(|f| (f.0, f.1.to_vec())).collect()
-    };
     let rigs: Vec<Rig> = Rig::ALL
         .into_iter()
         .filter(|r| a.rigs.iter().any(|w| w == "line" || w == r.name()))
@@ -285,21 +457,13 @@ fn of_plan(
             _ => (generate, ""),
         };
         let of = format!("{} own cases of seed {}{form}: {specs:?}", a.number, a.seed);
-        let pieces = begin(a, of, talk)?;
-        keep_once(a, &specs, &pieces, progress, talk, |s| {
-            let case = make(s)?;
-            Ok((
+        return try_all(share, specs, of, make, trial, |case| {
+            (
                 owned(case.files()),
                 case.answer_file(),
                 case.truth.to_json(),
-            ))
-        })?;
-        let ledger = Ledger::new(&pieces, progress, specs.len());
-        let trials = run_own(&specs, make, trial, &|i| ledger.known(i), &|i, t| {
-            ledger.add(i, t)
+            )
         });
-        ledger.end()?;
-        return Ok((trials, pieces));
     }
     if a.own_form || a.built || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot")
     {
@@ -311,25 +475,43 @@ fn of_plan(
     let mut specs = line::plan(&rigs, a.number, a.seed);
     specs.retain(|s| wanted(s.kind.name()));
     let of = format!("{} own cases of seed {}: {specs:?}", a.number, a.seed);
-    let pieces = begin(a, of, talk)?;
-    keep_once(a, &specs, &pieces, progress, talk, |s| {
-        let case = line::generate(s)?;
-        Ok((
+    try_all(share, specs, of, line::generate, trial_lines, |case| {
+        (
             owned(case.files()),
             case.answer_file(),
             case.truth.to_json(),
-        ))
-    })?;
-    let ledger = Ledger::new(&pieces, progress, specs.len());
-    let trials = run_own(
-        &specs,
-        line::generate,
-        trial_lines,
-        &|i| ledger.known(i),
-        &|i, t| ledger.add(i, t),
-    );
+        )
+    })
+}
+
+/// Files with bytes of their own.
+fn owned(files: Vec<(String, &[u8])>) -> Vec<(String, Vec<u8>)> {
+    files.into_iter().map(|f| (f.0, f.1.to_vec())).collect()
+}
+
+/// Tries the cases of `specs` that are of the share.
+fn try_all<S: Sync + Clone, C>(
+    share: &Share,
+    specs: Vec<S>,
+    of: String,
+    make: impl Fn(&S) -> Result<C, String> + Sync,
+    attempt: impl Fn(&C) -> Trial + Sync,
+    files: impl Fn(&C) -> Files,
+) -> Result<Option<(Numbered, Pieces)>, Failure> {
+    let Some(pieces) = share.begin(of, specs.len())? else {
+        return Ok(None);
+    };
+    keep_once(&specs, &pieces, share, |s| Ok(files(&make(s)?)))?;
+    let numbers = share.numbers(specs.len());
+    let mine: Vec<S> = numbers.iter().map(|&i| specs[i].clone()).collect();
+    let ledger = Ledger::new(&pieces, share.progress, mine.len());
+    let known = |k: usize| ledger.known(numbers[k]);
+    let trials = run_own(&mine, make, attempt, &known, &|k, t| {
+        ledger.add(numbers[k], t)
+    });
     ledger.end()?;
-    Ok((trials, pieces))
+    let numbered = trials.into_iter().map(|(k, t)| (numbers[k], t));
+    Ok(Some((numbered.collect(), pieces)))
 }
 
 /// Folders in a folder, by name.
@@ -409,30 +591,48 @@ fn sum_of(folder: &Path, answer: &str) -> Result<String, Failure> {
     Ok(crate::recording::sha256_of(all.as_bytes())?)
 }
 
-/// Diagnoses each case blind, then opens its answer.
-fn of_folder(
-    list: &[PathBuf],
-    answers: Option<&Path>,
-    ledger: &Ledger,
-) -> Result<Vec<Trial>, Failure> {
-    list.par_iter()
-        .map(|case| {
+/// Diagnoses each case of the share blind, then opens its answer; `None` where its shard is there.
+fn of_folder(list: &[PathBuf], share: &Share) -> Result<Option<(Numbered, Pieces)>, Failure> {
+    let answers = share.a.answers.as_deref();
+    let mut of = "cases of a folder".to_owned();
+    if share.shard.is_some() {
+        // shards agree on what all cases are
+        let sums = list
+            .par_iter()
+            .map(|case| sum_of(case, &answer(case, answers)?.0))
+            .collect::<Result<Vec<_>, Failure>>()?;
+        of += &format!(
+            ", {}",
+            crate::recording::sha256_of(sums.concat().as_bytes())?
+        );
+    }
+    let Some(pieces) = share.begin(of, list.len())? else {
+        return Ok(None);
+    };
+    let numbers = share.numbers(list.len());
+    let ledger = Ledger::new(&pieces, share.progress, numbers.len());
+    let trials = numbers
+        .par_iter()
+        .map(|&i| {
+            let case = &list[i];
             let name = format!(
                 "{} {}",
                 name_of(case),
                 sum_of(case, &answer(case, answers)?.0)?
             );
             if let Some(trial) = ledger.known(&name) {
-                return Ok(trial);
+                return Ok((i, trial));
             }
-            let diagnosis = blind(case, ledger.progress).map_err(|e| e.to_string());
+            let diagnosis = blind(case, share.progress).map_err(|e| e.to_string());
             let (_, truth) = answer(case, answers)?;
             let mut trial = compare(&truth, diagnosis);
-            trial.stands_out = likeness(case, &truth, ledger.progress).unwrap_or_default();
+            trial.stands_out = likeness(case, &truth, share.progress).unwrap_or_default();
             ledger.add(&name, &trial);
-            Ok(trial)
+            Ok((i, trial))
         })
-        .collect()
+        .collect::<Result<Numbered, Failure>>()?;
+    ledger.end()?;
+    Ok(Some((trials, pieces)))
 }
 
 /// How the true effects of a robot's case stand out in its recordings.

@@ -2,20 +2,26 @@
 //! results, until they are there.
 //!
 //! The first line says of what run the pieces are; every other line is a piece: its name, what it says in
-//! words, and its bytes. A line that was cut off counts as not written. A piece comes back to the very bits,
-//! so that a run that was stopped gives the same files.
+//! words, and its bytes. A line that was cut off counts as not written, and of several pieces of one name the
+//! last one counts. A piece comes back to the very bits, so that a run that was stopped gives the same files.
+//!
+//! [`Pieces`] are written from the first one on. A [`Lasting`] run has its searches in mind and begins to
+//! write only when it has lasted a while.
 
 use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::Failure;
+use super::{Failure, stop};
+use crate::fit::memory::{Keep, Memory};
 use crate::report::output::{OutputError, Overwrite};
+use crate::report::provenance::Provenance;
 
 /// What the pieces are of.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -50,6 +56,7 @@ struct Line {
 /// The pieces of a run.
 pub(super) struct Pieces {
     path: PathBuf,
+    run: Run,
     known: HashMap<String, String>,
     file: Mutex<File>,
 }
@@ -113,9 +120,15 @@ impl Pieces {
         }
         Ok(Pieces {
             path: path.to_owned(),
+            run: run.clone(),
             known,
             file: Mutex::new(file),
         })
+    }
+
+    /// What they are of.
+    pub(super) fn run(&self) -> &Run {
+        &self.run
     }
 
     /// Where they are.
@@ -125,11 +138,12 @@ impl Pieces {
 
     /// A piece that an earlier run wrote down.
     pub(super) fn get<T: DeserializeOwned>(&self, name: &str) -> Option<T> {
-        let hex = self.known.get(name)?.as_bytes().chunks(2);
-        let bytes: Option<Vec<u8>> = hex
-            .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok())
-            .collect();
-        postcard::from_bytes(&bytes?).ok()
+        postcard::from_bytes(&self.bytes(name)?).ok()
+    }
+
+    /// The bytes of such a piece.
+    fn bytes(&self, name: &str) -> Option<Vec<u8>> {
+        from_hex(self.known.get(name)?)
     }
 
     /// Writes a piece down.
@@ -139,7 +153,11 @@ impl Pieces {
         says: String,
         piece: &impl Serialize,
     ) -> Result<(), Failure> {
-        let bytes = postcard::to_allocvec(piece)?;
+        self.add_bytes(name, says, &postcard::to_allocvec(piece)?)
+    }
+
+    /// Writes the bytes of a piece down.
+    fn add_bytes(&self, name: &str, says: String, bytes: &[u8]) -> Result<(), Failure> {
         let line = Line {
             name: name.to_owned(),
             says,
@@ -155,6 +173,139 @@ impl Pieces {
         fs::remove_file(&self.path).map_err(|e| OutputError::io(&self.path, e))?;
         Ok(())
     }
+}
+
+/// How long a run has lasted before it is written down.
+const A_WHILE: Duration = Duration::from_secs(3);
+
+/// A run whose searches go on where they were stopped, if it lasts. What is kept is a help and no result:
+/// where it cannot be written, or another run is at it, this one goes on without.
+pub(super) struct Lasting {
+    path: PathBuf,
+    of: String,
+    begun: Instant,
+    kept: Mutex<Kept>,
+}
+
+/// Where the pieces of a lasting run are.
+enum Kept {
+    /// In mind: names, words, bytes.
+    InMind(HashMap<String, (String, Vec<u8>)>),
+    Written(Pieces),
+    Nowhere,
+}
+
+impl Lasting {
+    /// A run of a command on files, with its results in `folder`. Takes up what is kept there of the same
+    /// run; what is kept of another one has lost its use.
+    pub(super) fn new(folder: &Path, provenance: &Provenance) -> Arc<Self> {
+        let inputs = crate::report::json::to_text(provenance);
+        let inputs = crate::recording::sha256_of(inputs.as_bytes()).unwrap_or_default();
+        let of = format!("{}, inputs {inputs}", provenance.command);
+        let path = folder.join("searches.part.jsonl");
+        let kept = match path.exists() {
+            true => Self::write(&path, &of),
+            false => Kept::InMind(HashMap::new()),
+        };
+        let lasting = Lasting {
+            path,
+            of,
+            begun: Instant::now(),
+            kept: Mutex::new(kept),
+        };
+        if matches!(&*lasting.lock(), Kept::Written(_)) {
+            lasting.say();
+        }
+        Arc::new(lasting)
+    }
+
+    /// What the searches of this run are to remember.
+    pub(super) fn memory(self: &Arc<Self>) -> Memory {
+        Memory::new(Arc::<Self>::clone(self))
+    }
+
+    /// The results are in place: what is kept has done its work.
+    pub(super) fn done(&self) -> Result<(), Failure> {
+        match std::mem::replace(&mut *self.lock(), Kept::Nowhere) {
+            Kept::Written(pieces) => pieces.done(),
+            Kept::InMind(_) | Kept::Nowhere => Ok(()),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn say(&self) {
+        stop::instead(format!(
+            "what its searches found is kept in {}: the same command goes on from there",
+            self.path.display()
+        ));
+    }
+
+    /// The pieces on disk.
+    fn write(path: &Path, of: &str) -> Kept {
+        let ours = || {
+            let mut first = String::new();
+            let file = BufReader::new(File::open(path).ok()?);
+            file.take(1 << 20).read_line(&mut first).ok()?;
+            serde_json::from_str::<Run>(&first).ok()
+        };
+        // a file of anybody else's stays
+        let overwrite = match ours() {
+            Some(_) => Overwrite::Any,
+            None => Overwrite::Own,
+        };
+        Pieces::open(path, &Run::new(of.to_owned()), overwrite).map_or(Kept::Nowhere, Kept::Written)
+    }
+}
+
+impl Keep for Lasting {
+    fn get(&self, name: &str) -> Option<Vec<u8>> {
+        match &*self.lock() {
+            Kept::Written(pieces) => pieces.bytes(name),
+            Kept::InMind(_) | Kept::Nowhere => None,
+        }
+    }
+
+    fn put(&self, name: &str, says: String, bytes: Vec<u8>) {
+        let mut kept = self.lock();
+        if let Kept::InMind(known) = &mut *kept {
+            known.insert(name.to_owned(), (says, bytes));
+            if self.begun.elapsed() < A_WHILE {
+                return;
+            }
+            let known = std::mem::take(known);
+            *kept = Self::write(&self.path, &self.of);
+            for (name, (says, bytes)) in known {
+                Self::add(&mut kept, &name, says, &bytes);
+            }
+            if matches!(*kept, Kept::Written(_)) {
+                self.say();
+            }
+            return;
+        }
+        Self::add(&mut kept, name, says, &bytes);
+    }
+}
+
+impl Lasting {
+    /// Writes a piece down, as long as that works.
+    fn add(kept: &mut Kept, name: &str, says: String, bytes: &[u8]) {
+        if let Kept::Written(pieces) = kept
+            && pieces.add_bytes(name, says, bytes).is_err()
+        {
+            *kept = Kept::Nowhere;
+        }
+    }
+}
+
+/// Bytes from their hexadecimal digits.
+pub(super) fn from_hex(text: &str) -> Option<Vec<u8>> {
+    let pairs = text.as_bytes().chunks(2);
+    pairs
+        .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok())
+        .collect()
 }
 
 fn append(file: &mut File, line: &impl Serialize) -> std::io::Result<()> {

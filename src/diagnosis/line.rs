@@ -91,6 +91,7 @@ pub fn diagnose_lines(
         begun: crate::residual::DepartureTorques::new(),
         weighed_at: None,
         smoothed_at: None,
+        memory: request.memory.clone(),
     };
     doubt(problem, remarks, request, watch)
 }

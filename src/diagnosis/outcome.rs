@@ -2,6 +2,7 @@
 
 use crate::effects::Acting;
 use crate::effects::learnt::wider;
+use crate::fit::memory::Memory;
 use crate::model::Parameters;
 
 /// What is to be said of model and recordings.
@@ -438,6 +439,8 @@ pub struct Request {
     /// Error, in the unit of the rig's errors, that a cause of a robot must take away to matter; without,
     /// what must be taken away is a share of the noise.
     pub relevant: Option<f64>,
+    /// What was found before the run was stopped.
+    pub memory: Memory,
 }
 
 impl Default for Request {
@@ -447,6 +450,7 @@ impl Default for Request {
             only: Vec::new(),
             rivals: false,
             relevant: None,
+            memory: Memory::default(),
         }
     }
 }

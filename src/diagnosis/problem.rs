@@ -9,7 +9,8 @@ use super::subject::Subject;
 use super::tolerance::Built;
 use crate::effects::{Acting, Site, When};
 use crate::film::Locked;
-use crate::fit::separable::{Options, Prior, State, Unknown, minimise};
+use crate::fit::memory::Memory;
+use crate::fit::separable::{Options, Prior, State, Unknown};
 use crate::residual::DepartureTorques;
 
 /// Branches of the plain model.
@@ -56,6 +57,8 @@ pub(super) struct Problem<S> {
     /// The model whose noise the weights are, and the plain one whose smoothing was taken out.
     pub weighed_at: Option<Fitted>,
     pub smoothed_at: Option<Fitted>,
+    /// What was found before the run was stopped.
+    pub memory: Memory,
 }
 
 /// A fitted model: the plain one when it has no effects.
@@ -209,7 +212,12 @@ impl<S: Subject> Problem<S> {
             start.extend(off);
             let _ = residual.linearise(&start, beta, true);
         }
-        let mut state = minimise(&residual, &nonlinear, &linear, &start, &options, watch);
+        let tag = format!("{effects:?}");
+        let search = |residual: &S, linear: &[Unknown], eta: &[f64]| {
+            let memory = &self.memory;
+            memory.minimise(&tag, residual, &nonlinear, linear, eta, &options, watch)
+        };
+        let mut state = search(&residual, &linear, &start);
         for _ in 0..if moving { effort.motion_rounds } else { 0 } {
             let before = state.cost;
             if residual.linearise(&state.eta, &state.beta, false).is_err() {
@@ -218,7 +226,7 @@ impl<S: Subject> Problem<S> {
             for (u, b) in linear.iter_mut().zip(&state.beta) {
                 u.start = *b;
             }
-            let next = minimise(&residual, &nonlinear, &linear, &state.eta, &options, watch);
+            let next = search(&residual, &linear, &state.eta);
             let spent = state.evaluations + next.evaluations;
             state = next;
             state.evaluations = spent;
@@ -311,6 +319,7 @@ impl<S: Subject> Problem<S> {
             begun,
             weighed_at: None,
             smoothed_at: None,
+            memory: self.memory.clone(),
         }
     }
 

@@ -14,6 +14,7 @@ use crate::dataset::OffsetSource;
 use crate::effects::learnt::Learnt;
 use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
 use crate::film::Locked;
+use crate::fit::memory::Memory;
 use crate::model::{ForearmTorque, Parameters, Robot};
 use crate::residual::{
     Departure, DepartureTorques, ExpectedScore, OFFSET_REACH_S, RobotResidual, root_v,
@@ -35,7 +36,8 @@ pub fn diagnose(
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
     let mut remarks = Vec::new();
-    let problem = open(robot, train, holdout, &mut remarks)?;
+    let mut problem = open(robot, train, holdout, &mut remarks)?;
+    problem.memory = request.memory.clone();
     let mut diagnosis = doubt(problem, remarks, request, watch)?;
     diagnosis.eps_r = robot.eps_r;
     Ok(diagnosis)
@@ -117,6 +119,7 @@ pub(super) fn open<'a>(
         begun: DepartureTorques::new(),
         weighed_at: None,
         smoothed_at: None,
+        memory: Memory::default(),
     };
     Ok(problem)
 }

@@ -11,7 +11,7 @@ use super::problem::{Fitted, Problem, value_unknowns};
 use super::subject::Subject;
 use crate::film::Locked;
 use crate::fit::profile::{Candidate, TWO_SIDED_95, profile};
-use crate::fit::separable::{Options, State, Unknown, minimise};
+use crate::fit::separable::{Options, State, Unknown};
 
 /// The estimate of a free value of an effect, in its unit.
 #[derive(Clone, Copy)]
@@ -259,8 +259,10 @@ impl Near {
         };
         let watch = |_: &State| ControlFlow::Continue(());
         let eta = &fitted.state.eta;
-        let best = minimise(residual, nonlinear, &from, eta, &options, watch);
-        profile(residual, nonlinear, linear, &best, candidates).0
+        let (memory, tag) = (&problem.memory, format!("{:?}", fitted.effects));
+        let best = memory.minimise(&tag, residual, nonlinear, &from, eta, &options, watch);
+        let kept = (memory, &tag[..]);
+        profile(residual, nonlinear, linear, &best, candidates, kept).0
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod argmin_adapter;
 pub mod bounded;
 pub mod levenberg_marquardt;
+pub mod memory;
 pub mod profile;
 pub mod separable;
 pub mod separable_adapter;

@@ -11,7 +11,8 @@ use std::ops::ControlFlow;
 
 use rayon::prelude::*;
 
-use super::separable::{Options, State, Unknown, minimise};
+use super::memory::Memory;
+use super::separable::{Options, State, Unknown};
 use crate::residual::SeparableResidual;
 
 /// 95 % of a normal density lie within so many standard deviations.
@@ -30,19 +31,22 @@ pub struct Candidate {
 }
 
 /// Distances from the best value to the ends of the 95 % interval, below and above, for each candidate, and
-/// the evaluations that it took. A side that the data never close ends at the bound.
+/// the evaluations that it took. A side that the data never close ends at the bound. `memory` keeps the refits,
+/// with what they are of.
 pub fn profile<P: SeparableResidual + Sync>(
     problem: &P,
     nonlinear: &[Unknown],
     linear: &[Unknown],
     best: &State,
     candidates: &[Candidate],
+    memory: (&Memory, &str),
 ) -> (Vec<[f64; 2]>, usize) {
     let sides: Vec<(f64, usize)> = (0..2 * candidates.len())
         .into_par_iter()
         .map(|job| {
             let sign = if job % 2 == 0 { -1.0 } else { 1.0 };
-            reach(problem, nonlinear, linear, best, &candidates[job / 2], sign)
+            let candidate = &candidates[job / 2];
+            reach(problem, nonlinear, linear, best, candidate, sign, memory)
         })
         .collect();
     let evaluations = sides.iter().map(|s| s.1).sum();
@@ -51,6 +55,7 @@ pub fn profile<P: SeparableResidual + Sync>(
 }
 
 /// How far the interval goes on one side.
+#[allow(clippy::too_many_arguments)]
 fn reach<P: SeparableResidual>(
     problem: &P,
     nonlinear: &[Unknown],
@@ -58,6 +63,7 @@ fn reach<P: SeparableResidual>(
     best: &State,
     candidate: &Candidate,
     sign: f64,
+    (memory, tag): (&Memory, &str),
 ) -> (f64, usize) {
     let split = nonlinear.len();
     let number = candidate.unknown;
@@ -95,9 +101,8 @@ fn reach<P: SeparableResidual>(
         } else {
             linear[number - split] = Unknown::fixed(held);
         }
-        let state = minimise(problem, &nonlinear, &linear, &eta, &options, |_| {
-            ControlFlow::Continue(())
-        });
+        let go_on = |_: &State| ControlFlow::Continue(());
+        let state = memory.minimise(tag, problem, &nonlinear, &linear, &eta, &options, go_on);
         evaluations += state.evaluations;
         if !state.cost.is_finite() {
             return (distance, evaluations); // the model has no value out there

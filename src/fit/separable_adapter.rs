@@ -105,7 +105,7 @@ impl<P: SeparableResidual> Solver<P, ArgminState> for VariableProjection {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::ops::ControlFlow;
 
     use argmin::core::{Executor, State as _};
@@ -116,7 +116,7 @@ mod tests {
     use crate::residual::{Normal, Slope};
 
     /// Two decaying exponentials with linear amplitudes, sampled with a wiggle.
-    struct Decay;
+    pub(in crate::fit) struct Decay;
 
     impl SeparableResidual for Decay {
         type Error = String;
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    fn unknowns() -> (Vec<Unknown>, Vec<Unknown>, Vec<f64>) {
+    pub(in crate::fit) fn unknowns() -> (Vec<Unknown>, Vec<Unknown>, Vec<f64>) {
         let nonlinear = vec![
             Unknown::free(-2.0, -6.0, 4.0),
             Unknown::free(2.0, -6.0, 4.0),

@@ -158,23 +158,25 @@ fn series<'a>(list: impl IntoIterator<Item = &'a Dataset>) -> Vec<f64> {
 
 /// Makes and tries all cases, in parallel: `make` is [`crate::cases::generate`] or [`own_form`] and `attempt`
 /// [`trial`]; for single coordinates [`crate::cases::line::generate`] and [`trial_lines`]. Cases that are
-/// `known` by their number are not tried again; `watch` hears of each that is.
+/// `known` by their number are not tried again; `watch` hears of each that is. Gives the trials with their
+/// numbers; a case that cannot be made has none.
 pub fn run<S: Sync, C>(
     specs: &[S],
     make: impl Fn(&S) -> Result<C, String> + Sync,
     attempt: impl Fn(&C) -> Trial + Sync,
     known: &(dyn Fn(usize) -> Option<Trial> + Sync),
     watch: &(dyn Fn(usize, &Trial) + Sync),
-) -> Vec<Trial> {
+) -> Vec<(usize, Trial)> {
     specs
         .par_iter()
         .enumerate()
         .filter_map(|(i, s)| {
-            known(i).or_else(|| {
+            let trial = known(i).or_else(|| {
                 let t = attempt(&make(s).ok()?);
                 watch(i, &t);
                 Some(t)
-            })
+            });
+            Some((i, trial?))
         })
         .collect()
 }

@@ -2,6 +2,7 @@
 
 pub mod ageing_json;
 pub mod arrays;
+pub mod batch;
 pub mod controller;
 pub mod csv;
 pub mod diagnosis_json;

@@ -3,6 +3,7 @@
 use schemars::{JsonSchema, schema_for};
 
 use super::ageing_json::AgeingJson;
+use super::batch::BatchJson;
 use super::diagnosis_json::DiagnosisJson;
 use super::json::{FitJson, ImportJson, ValidationJson};
 use super::parameter_file::ParametersJson;
@@ -16,6 +17,7 @@ pub fn schemas() -> Vec<(&'static str, String)> {
         ("validation", text::<ValidationJson>()),
         ("diagnosis", text::<DiagnosisJson>()),
         ("ageing", text::<AgeingJson>()),
+        ("batch", text::<BatchJson>()),
         ("import", text::<ImportJson>()),
         ("parameters", text::<ParametersJson>()),
         ("plan", text::<PlanFile>()),

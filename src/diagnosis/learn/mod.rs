@@ -181,6 +181,7 @@ fn joint<S: Subject>(
             begun: problem.begun.clone(),
             weighed_at: None,
             smoothed_at: None,
+            memory: problem.memory.clone(),
         },
         combine,
     }
@@ -354,6 +355,7 @@ fn left_out<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Vec<f64
                 begun: problem.begun.clone(),
                 weighed_at: None,
                 smoothed_at: None,
+                memory: problem.memory.clone(),
             };
             let told = others.fit(&[], &eta[..own], beta, POLISH);
             let design = problem.train.design(&told.state.eta, &told.state.beta)?;

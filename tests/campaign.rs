@@ -163,7 +163,7 @@ fn shards_of_a_proof_give_the_bytes_of_one_run() {
     let room = Room::new();
     let own = ["prove", "--rigs", "axis", "--number", "7", "-q", "-o"];
     room.done("", &[&own[..], &["one"]].concat());
-    let shard = |i: &str| [&own[..], &["many", "--shard", i]].concat();
+    let shard = |i: &'static str| [&own[..], &["many", "--shard", i]].concat();
     room.done("", &shard("1/3"));
     let text = room.refused("", &["merge", "many"]);
     assert!(

@@ -667,7 +667,8 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
             )
         })
         .collect();
-    let part = Path::new("trials.part.jsonl");
+    // what a proof and a run that lasts keep of what they have done
+    let parts = ["trials.part.jsonl", "searches.part.jsonl"];
     let mut tally: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for i in 0..count {
         let (name, new, took, old, fresh, over) = &known[i % known.len()];
@@ -689,7 +690,7 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
         let killed = ended.signal() == Some(9);
         let whole = |there: Option<BTreeMap<PathBuf, Vec<u8>>>| {
             let there = there.map(|mut files| {
-                files.remove(part);
+                files.retain(|name, _| !parts.iter().any(|p| name == Path::new(p)));
                 files
             });
             match there {

@@ -277,11 +277,12 @@ impl Keep for Lasting {
             }
             let known = std::mem::take(known);
             *kept = Self::write(&self.path, &self.of);
-            for (name, (says, bytes)) in known {
-                Self::add(&mut kept, &name, says, &bytes);
-            }
+            // said before the pieces are synced one by one: whoever stops it meanwhile hears of those that are
             if matches!(*kept, Kept::Written(_)) {
                 self.say();
+            }
+            for (name, (says, bytes)) in known {
+                Self::add(&mut kept, &name, says, &bytes);
             }
             return;
         }

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::blocks::{Blocks, Foretold, odds};
+use super::blocks::{Blocks, Foretold, Forms, odds};
 use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::Group;
 use super::subject::Subject;
@@ -97,7 +97,12 @@ impl Odds {
             .map(|j| (&j.foretold, j.prior(each)))
             .collect();
         let ids = |j: &Judged| j.fitted.effects.iter().map(|a| a.effect.id()).collect();
-        let probabilities = odds(&told, &[], 1.0);
+        let causes: Vec<usize> = models.iter().map(|j| j.fitted.effects.len()).collect();
+        let forms = Forms::Peers {
+            causes: &causes,
+            matters: super::MATTERS,
+        };
+        let probabilities = odds(&told, forms, 1.0);
         Odds(models.iter().map(|j| ids(j)).zip(probabilities).collect())
     }
 

@@ -391,7 +391,17 @@ fn chain<S: Subject>(
         }
     }
     let mut odds = told(&singles, &partners);
-    pair = pair.filter(|p| supported(p, &odds));
+    // a second cause that is a part within its tolerance is none
+    let list = problem.train.tolerances();
+    let part = |p: &Judged| {
+        let is_first = |a: &Acting| {
+            let first = singles.first().map(|f| f.fitted.effects[0].effect.id());
+            first == Some(a.effect.id())
+        };
+        let mut others = p.fitted.effects.iter().filter(|a| !is_first(a));
+        others.any(|a| tolerance::holds(&list, a))
+    };
+    pair = pair.filter(|p| supported(p, &odds) && !part(p));
     if let (false, Some(named)) = (adequate, pair.as_mut().or(singles.first_mut())) {
         *named = plainest(&problem, &chance.blocks, named, allowed);
     }
@@ -475,7 +485,11 @@ fn chain<S: Subject>(
         judged.hold(&problem);
     }
     // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or
-    // stand in for what is: it is said, and no cause is named.
+    // stand in for what is: it is said, and no cause is named, beside it neither.
+    let beside = built.as_ref().and_then(|b| b.beyond(&best.fitted));
+    if verdict == Verdict::MissingPhysics && beside.is_some() {
+        verdict = Verdict::Unexplained;
+    }
     let beyond = built
         .as_ref()
         .and_then(|b| b.beyond(&plain.fitted))

@@ -47,13 +47,6 @@ pub(super) struct Causes<'a> {
     pub each: f64,
 }
 
-/// A robot as built, with a cause where its model has one, and its price.
-struct Priced {
-    price: f64,
-    built: Built,
-    fitted: Fitted,
-}
-
 impl Causes<'_> {
     /// The parts that outdo the causes, and the fit with them and at most one cause.
     ///
@@ -71,6 +64,8 @@ impl Causes<'_> {
                 - 2.0 * f.effects.len() as f64 * self.each
         };
         let own = &self.best.fitted;
+        // Parts and causes are priced by the noise that the plain misfit looks like: a textbook form leaves part
+        // of a loud cause, which is no reason to believe in parts.
         let causes = own.cost() / self.noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
             - 2.0 * self.best.prior(self.each);
         let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
@@ -88,7 +83,7 @@ impl Causes<'_> {
         if expected || own.effects.len() > 1 || (loud && self.unexplained) {
             starts.extend(self.beside(problem, &list));
         }
-        let mut chosen: Option<Priced> = None;
+        let mut chosen: Option<(Built, Fitted)> = None;
         for start in starts {
             if let Ok(Some((mut built, mut fitted))) = Built::fit(problem, &start, self.noise, most)
             {
@@ -101,10 +96,10 @@ impl Causes<'_> {
                         |a: &Fitted, b: &Fitted| price(&built, a).total_cmp(&price(&built, b));
                     let cheapest = with.into_par_iter().min_by(by_price);
                     // both told once more: parts that are not settled yet leave something to any cause
-                    if let Ok(alone) = built.again(problem, &fitted, self.noise) {
+                    if let Ok(alone) = built.again(problem, &fitted) {
                         let with = cheapest.and_then(|f| {
                             built.restore(problem).ok()?;
-                            built.again(problem, &f, self.noise).ok()
+                            built.again(problem, &f).ok()
                         });
                         let wins = |w: &(Built, Fitted)| {
                             price(&w.0, &w.1) < price(&alone.0, &alone.1) - by_chance
@@ -113,7 +108,6 @@ impl Causes<'_> {
                     }
                     built.restore(problem)?;
                 }
-                let price = price(&built, &fitted);
                 let judged = Judged::new(problem, blocks, fitted.clone());
                 // where names leave only noise as drawn, parts beyond their tolerances do not take their
                 // place
@@ -121,22 +115,17 @@ impl Causes<'_> {
                     && judged.foretold.mean_square()
                         <= FORETELLS_WORSE * self.best.foretold.mean_square();
                 // a cause beside parts has to outdo parts alone, which come first, by more than chance too
-                let alone = |c: &Priced| c.fitted.effects.is_empty() && !fitted.effects.is_empty();
-                let bar = chosen.as_ref().map_or(f64::INFINITY, |c| match alone(c) {
-                    true => c.price - by_chance,
-                    false => c.price,
+                let alone = |f: &Fitted| f.effects.is_empty() && !fitted.effects.is_empty();
+                let bar = chosen.as_ref().map_or(f64::INFINITY, |(b, f)| {
+                    price(b, f) - if alone(f) { by_chance } else { 0.0 }
                 });
-                if price < (causes - margin).min(bar) && believed {
-                    chosen = Some(Priced {
-                        price,
-                        built,
-                        fitted,
-                    });
+                if price(&built, &fitted) < (causes - margin).min(bar) && believed {
+                    chosen = Some((built, fitted));
                 }
             }
             Built::leave(problem)?;
         }
-        Ok(chosen.map(|c| (c.built, c.fitted)))
+        Ok(chosen)
     }
 
     /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the

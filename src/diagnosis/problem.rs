@@ -146,6 +146,12 @@ const APART: f64 = 0.8;
 /// ln of how much noisier than shown a film may be until its noise is not believed.
 const NOISIER: f64 = 0.2;
 
+/// ln of how much quieter than an ordinary film one is that is not believed where it does not fit, and the
+/// mean square from which it does not. A film that bends to a cause ends far softer than any is, and weights
+/// set there make the misfit thousands of times the noise; a film that is soft in truth fits.
+const QUIETER: f64 = std::f64::consts::LN_2;
+const MISFITS: f64 = 4.0;
+
 /// What a fit may cost.
 #[derive(Clone, Copy)]
 pub(super) struct Effort {
@@ -427,18 +433,18 @@ impl<S: Subject> Problem<S> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn take_up(&mut self, holdout: Option<S>, built: Option<&Built>) -> Result<(), Locked> {
         self.holdout = holdout;
+        if let Some(built) = built
+            && let Some(mut held) = self.holdout.take()
+        {
+            built.hold(self, &mut held)?;
+            self.holdout = Some(held);
+        }
         let of = |p: &Self, f: &Fitted| p.holdout_eta(f).unwrap_or_default();
         if let Some(model) = self.weighed_at.clone() {
             let eta = of(self, &model);
             let holdout = self.holdout.take();
             let weighed = |h: S| self.weighed_like(&h, &eta, &model, &self.holdout_when);
             self.holdout = holdout.map(weighed).transpose()?;
-        }
-        if let Some(built) = built
-            && let Some(mut held) = self.holdout.take()
-        {
-            built.hold(self, &mut held)?;
-            self.holdout = Some(held);
         }
         if let Some(model) = self.smoothed_at.clone() {
             let eta = of(self, &model);
@@ -489,8 +495,8 @@ impl<S: Subject> Problem<S> {
     }
 
     /// Sets the weights at a fitted model. Where its film is so extreme that it makes more noise than the
-    /// residual shows, weights set there would hide everything, and those of an ordinary film are taken; the
-    /// same of its causes, but a stop or a friction may multiply the noise of what little motion it leaves,
+    /// residual shows, weights set there would hide everything, and those of an ordinary film are taken; so
+    /// they are where it makes far less and does not fit. The same of its causes, but a stop or a friction may multiply the noise of what little motion it leaves,
     /// so that they are doubted only where the middle sample is too noisy. `ordinary` is
     /// [`Problem::log_noise`] of an ordinary film. Says whether the model's own film was taken.
     ///
@@ -515,7 +521,9 @@ impl<S: Subject> Problem<S> {
         let mut model = fitted.clone();
         model.effects.clear();
         self.weigh(&model)?;
-        let film = !noisier(over(self.log_noise())[0], shown[0]);
+        let own = over(self.log_noise())[0];
+        let misfits = fitted.cost() > MISFITS * fitted.state.rows as f64;
+        let film = !noisier(own, shown[0]) && !(misfits && own < -QUIETER);
         if !film {
             model = self.typical();
             self.weigh(&model)?;

@@ -14,7 +14,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::blocks::{Blocks, Foretold, form_leaves, odds};
+use super::blocks::{Blocks, Foretold, Forms, form_leaves, odds};
 use super::outcome::*;
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
@@ -343,7 +343,7 @@ pub(super) fn doubt(
         .chain(&models)
         .map(|m| (&m.foretold, bench.prior * m.fitted.effects.len() as f64))
         .collect();
-    let mut probability = odds(&scored, &twins, independent);
+    let mut probability = odds(&scored, Forms::Reach(&twins), independent);
     let nothing = probability[0];
     let of_cause = |probability: &[f64], id: &str| -> f64 {
         let sets = models.iter().zip(&probability[1..]);
@@ -413,7 +413,7 @@ pub(super) fn doubt(
             why_not.push(reason);
         }
         scored[1 + i].1 = f64::NEG_INFINITY;
-        probability = odds(&scored, &twins, independent);
+        probability = odds(&scored, Forms::Reach(&twins), independent);
         order = ordered(&probability);
         at = 0;
     }

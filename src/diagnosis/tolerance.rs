@@ -22,9 +22,9 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::BASELINE;
 use super::outcome::Departed;
-use super::problem::{Fitted, Problem, Tangent};
+use super::problem::{Fitted, Problem, Tangent, value_unknowns};
 use super::subject::Subject;
-use crate::effects::{Acting, AngleError, Site, by_id};
+use crate::effects::{Acting, AngleError, Site, ThicknessError, by_id};
 use crate::film::Locked;
 use crate::fit::separable::{Prior, Unknown};
 use crate::recording::Stated;
@@ -112,13 +112,15 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
         let on = [0, 1, 2].map(|j| j == k);
         let of_actuator = |what: &str| format!("{what} of actuator {}", k + 1);
         let film = share("L3_mm", FILM);
-        let values = vec![1.0 + film.0];
-        add(
-            of_actuator("film thickness"),
-            film,
-            "1",
-            effect("actuator_asymmetry", values, on),
-        );
+        let thickness = Departure::Effect {
+            acting: Acting {
+                effect: &ThicknessError,
+                values: vec![1.0 + film.0],
+                on,
+            },
+            only: None,
+        };
+        add(of_actuator("film thickness"), film, "1", thickness);
         let modulus = of("film_modulus", FILM);
         for spring in 0..=super::problem::BRANCHES {
             let name = match spring {
@@ -264,26 +266,26 @@ impl<'a> Spread<'a> {
         DMatrix::from_fn(d.len(), d.len(), |i, j| d[i] * self.gram[(i, j)] * d[j])
     }
 
-    /// -2 ln L at a scale, but for a constant; and the logarithm of the determinant in it.
-    fn at(&self, scale: f64) -> (f64, f64) {
+    /// -2 ln L at a scale, but for a constant.
+    fn at(&self, scale: f64) -> f64 {
         let mut a = self.scaled(scale);
         for i in 0..a.nrows() {
             a[(i, i)] += 1.0;
         }
         let b = self.sizes(scale).component_mul(&self.score);
         let Some(c) = a.cholesky() else {
-            return (f64::INFINITY, 0.0);
+            return f64::INFINITY;
         };
         let log_det = 2.0 * c.l_dirty().diagonal().iter().map(|x| x.ln()).sum::<f64>();
-        (self.base - b.dot(&c.solve(&b)) + log_det, log_det)
+        self.base - b.dot(&c.solve(&b)) + log_det
     }
 
     /// The scale of largest likelihood.
     fn best(&self) -> f64 {
-        let mut best = (0.0, self.at(0.0).0);
+        let mut best = (0.0, self.at(0.0));
         let mut scale = 1.0;
         while scale >= LEAST_SCALE {
-            let value = self.at(scale).0;
+            let value = self.at(scale);
             if value < best.1 {
                 best = (scale, value);
             }
@@ -293,8 +295,13 @@ impl<'a> Spread<'a> {
     }
 
     /// Directions (columns, in tolerances) that the recordings can see at a scale, each with a normal prior
-    /// of standard deviation 1; and the priors' means, where those of the tolerances are `mean`.
-    fn directions(&self, scale: f64, mean: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
+    /// of standard deviation 1; the priors' means, where those of the tolerances are `mean`; and all
+    /// eigenvalues.
+    fn directions(
+        &self,
+        scale: f64,
+        mean: &DVector<f64>,
+    ) -> (DMatrix<f64>, Vec<f64>, DVector<f64>) {
         let eigen = SymmetricEigen::new(self.scaled(scale));
         let seen: Vec<usize> = (0..self.list.len())
             .filter(|&i| eigen.eigenvalues[i] > VISIBLE)
@@ -307,7 +314,8 @@ impl<'a> Spread<'a> {
             let along = |i: usize| eigen.eigenvectors[(i, *j)] * mean[i] / d[i];
             (0..d.len()).filter(|&i| d[i] > 0.0).map(along).sum()
         };
-        (combine, seen.iter().map(own).collect())
+        let means = seen.iter().map(own).collect();
+        (combine, means, eigen.eigenvalues)
     }
 }
 
@@ -319,8 +327,10 @@ pub(super) struct Built {
     pub scale: f64,
     /// -2 ln L there, as the linear theory has it.
     promised: f64,
-    /// What the priors cost: ln det(I + D G D).
-    pub log_det: f64,
+    /// Eigenvalues of D G D.
+    seen: DVector<f64>,
+    /// Variance of the noise over the one that the weights promise, as it was told with.
+    pub noise: f64,
     /// Combinations of tolerances that are unknowns, and the means of their priors.
     combine: DMatrix<f64>,
     means: Vec<f64>,
@@ -344,6 +354,15 @@ fn columns<S: Subject>(
         .departures(&state.eta, &state.beta, &own)
 }
 
+/// What the priors add to the sum of squares of a model that has no departures.
+fn priors<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64 {
+    let own = value_unknowns(&fitted.effects, &fitted.free);
+    let nonlinear = problem.nonlinear.iter().chain(&own).zip(&fitted.state.eta);
+    let linear = problem.linear.iter().zip(&fitted.state.beta);
+    let of = |(u, x): (&Unknown, &f64)| u.prior.map_or(0.0, |p| ((x - p.mean) / p.sd).powi(2));
+    nonlinear.chain(linear).map(of).sum()
+}
+
 /// A fit carried on in a problem that has changed.
 fn refit<S: Subject>(problem: &Problem<S>, from: &Fitted) -> Fitted {
     let own = problem.nonlinear.len();
@@ -352,7 +371,7 @@ fn refit<S: Subject>(problem: &Problem<S>, from: &Fitted) -> Fitted {
 }
 
 impl Built {
-    /// What the tolerances of the rig make of a fitted plain model, in whose problem none are allowed yet:
+    /// What the tolerances of the rig make of a plain model, in whose problem none are allowed yet:
     /// the scale that explains most, and what the problem needs to have them in its tangent. `noise` is the
     /// variance of the noise over the one that the weights promise, `base` what the mechanism has of each
     /// tolerance already (none yet where it is `None`).
@@ -371,14 +390,15 @@ impl Built {
         let train = columns(problem, plain, &list)?;
         let rows = problem.train.departure_rows(&train);
         let mean = -&base;
-        let spread = Spread::new(&list, &rows, &tangent, plain.cost(), noise, &mean);
+        let cost = tangent.residual.norm_squared() + priors(problem, plain);
+        let spread = Spread::new(&list, &rows, &tangent, cost, noise, &mean);
         let scale = spread.best();
-        let (combine, means) = spread.directions(scale, &mean);
-        let (likelihood, log_det) = spread.at(scale);
+        let (combine, means, seen) = spread.directions(scale, &mean);
         Ok(Built {
             scale,
-            promised: likelihood,
-            log_det,
+            promised: spread.at(scale),
+            seen,
+            noise,
             combine,
             means,
             train,
@@ -419,8 +439,8 @@ impl Built {
         };
         for round in 1..ROUNDS[1] {
             let before = fitted.cost();
-            (built, fitted) = built.again(problem, &fitted, noise)?;
-            if !built.worth(most) {
+            (built, fitted) = built.again(problem, &fitted)?;
+            if built.combine.ncols() == 0 {
                 return Ok(None);
             }
             if round + 1 >= ROUNDS[0] && fitted.cost() > SETTLED * before {
@@ -447,7 +467,8 @@ impl Built {
         self.combine.ncols() > 0 && self.promised <= most
     }
 
-    /// The parts told once more about the mechanism and the model of `fitted`, a fit with them.
+    /// The parts told once more about the mechanism and the film of `fitted`, a fit with them. (A film that
+    /// was refitted without those parts that are not in the mechanism would be bent by them again.)
     ///
     /// # Errors
     /// As [`Built::fit`].
@@ -455,12 +476,13 @@ impl Built {
         &self,
         problem: &mut Problem<S>,
         fitted: &Fitted,
-        noise: f64,
     ) -> Result<(Built, Fitted), Locked> {
+        // what a fit leaves is the most that the noise can be; a misfit had looked like more, and more noise
+        // hides directions
+        let noise = (self.noise).min((fitted.cost() / fitted.state.rows as f64).max(1.0));
         let base = self.settle(problem, fitted)?;
         let mut about = fitted.clone();
         about.state.beta.truncate(problem.linear.len());
-        let about = refit(problem, &about);
         let built = Built::tell(problem, &about, noise, Some(base))?;
         built.enter(problem);
         let fitted = refit(problem, &about);
@@ -529,9 +551,11 @@ impl Built {
         &self.combine * DVector::from_iterator(sizes.len(), from_drawing)
     }
 
-    /// -2 ln L of a fit of the plain model with departures.
+    /// -2 ln L of a fit of the plain model with departures, were this the variance of the noise.
     pub fn likelihood(&self, fitted: &Fitted, noise: f64) -> f64 {
-        fitted.cost() / noise + self.log_det
+        let share = self.noise / noise;
+        let priors = self.seen.iter().map(|s| (share * s.max(0.0)).ln_1p());
+        fitted.cost() / noise + priors.sum::<f64>()
     }
 
     /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives

@@ -40,6 +40,7 @@ mod slew_limit;
 mod slow_creep;
 mod space_charge;
 mod temperature_drift;
+mod thickness_error;
 mod time_offset;
 
 pub use command::command_for;
@@ -150,6 +151,7 @@ pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
 pub(crate) use nonlinear_flow::flow;
 pub(crate) use slow_creep::creep;
+pub(crate) use thickness_error::ThicknessError;
 
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]

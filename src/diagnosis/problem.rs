@@ -523,7 +523,7 @@ impl<S: Subject> Problem<S> {
         self.weigh(&model)?;
         let own = over(self.log_noise())[0];
         let misfits = fitted.cost() > MISFITS * fitted.state.rows as f64;
-        let film = !noisier(own, shown[0]) && !(misfits && own < -QUIETER);
+        let film = !(noisier(own, shown[0]) || (misfits && own < -QUIETER));
         if !film {
             model = self.typical();
             self.weigh(&model)?;

@@ -11,7 +11,7 @@ use super::POLISH;
 use super::blocks::Blocks;
 use super::fits::{choose, refit};
 use super::judge::{INDEPENDENT, Judged};
-use super::outcome::Error;
+use super::outcome::{Departed, Error};
 use super::problem::{Fitted, Problem};
 use super::scan::Scanned;
 use super::subject::Subject;
@@ -26,6 +26,9 @@ const WORTH_A_FIT: f64 = 0.5;
 const FORETELLS_WORSE: f64 = 9.0;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
+/// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
+/// stand in for a cause go there.
+const FAR: f64 = 10.0;
 /// Causes that are fitted beside parts that differ.
 const BESIDE_PARTS: usize = 6;
 
@@ -110,8 +113,9 @@ impl Causes<'_> {
                 }
                 let judged = Judged::new(problem, blocks, fitted.clone());
                 // where names leave only noise as drawn, parts beyond their tolerances do not take their
-                // place
-                let believed = (self.unexplained || loud || built.beyond(&fitted).is_none())
+                // place; parts far beyond stand in for something else
+                let within = |p: Departed| (self.unexplained || loud) && p.times() < FAR;
+                let believed = built.beyond(&fitted).is_none_or(within)
                     && judged.foretold.mean_square()
                         <= FORETELLS_WORSE * self.best.foretold.mean_square();
                 // a cause beside parts has to outdo parts alone, which come first, by more than chance too

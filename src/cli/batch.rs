@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::progress::Progress;
 use super::resume::Run;
 use super::shard::{CAMPAIGN, Campaign, Part, Shard};
-use super::{Cli, Command, Failure, Talk, diagnose, fit, merge, stop};
+use super::{Cli, Command, Failure, Talk, diagnose, fit, load, merge, stop};
 use crate::recording::{Kind, Manifest, sha256, sha256_of};
 use crate::report::batch::{BatchJson, SetDiagnosis, SetJson};
 use crate::report::json::to_text;
@@ -409,20 +409,6 @@ fn sets(a: &Arguments) -> Result<Vec<Set>, Failure> {
     Ok(sets)
 }
 
-/// Folders in a folder that are seen, by name.
-fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;
-    let mut out: Vec<PathBuf> = list.filter_map(|e| e.ok().map(|e| e.path())).collect();
-    out.retain(|p| {
-        let hidden = p
-            .file_name()
-            .is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
-        p.is_dir() && !hidden
-    });
-    out.sort();
-    Ok(out)
-}
-
 /// A folder as a plan: each folder in it with its recordings.
 fn of_folder(a: &Arguments) -> Result<PlanFile, Failure> {
     let is_recording = |p: &PathBuf| p.join("recording.toml").is_file();
@@ -435,14 +421,14 @@ fn of_folder(a: &Arguments) -> Result<PlanFile, Failure> {
     }
     let inside = |p: &Path| -> Result<Vec<PathBuf>, Failure> {
         let mut list = match p.is_dir() {
-            true => folders(p)?,
+            true => load::folders(p)?,
             false => Vec::new(),
         };
         list.retain(is_recording);
         Ok(list)
     };
     let mut set = Vec::new();
-    for folder in folders(&a.plan)? {
+    for folder in load::folders(&a.plan)? {
         let (recordings, holdout) = if is_recording(&folder) {
             (vec![folder.clone()], Vec::new())
         } else if folder.join("train").is_dir() {

@@ -392,3 +392,17 @@ pub(super) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failu
     )
     .into())
 }
+
+/// The folders in a folder that are not hidden, by name.
+pub(super) fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;
+    let mut out: Vec<PathBuf> = list.filter_map(|e| e.ok().map(|e| e.path())).collect();
+    out.retain(|p| {
+        let hidden = p
+            .file_name()
+            .is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
+        p.is_dir() && !hidden
+    });
+    out.sort();
+    Ok(out)
+}

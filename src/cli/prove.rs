@@ -514,21 +514,10 @@ fn try_all<S: Sync + Clone, C>(
     Ok(Some((numbered.collect(), pieces)))
 }
 
-/// Folders in a folder, by name.
-fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;
-    let mut out: Vec<PathBuf> = list
-        .filter_map(|e| e.ok().map(|e| e.path()))
-        .filter(|p| p.is_dir())
-        .collect();
-    out.sort();
-    Ok(out)
-}
-
 /// The cases of a folder. Each has an answer that can be read: that is looked at now, hours before it is
 /// needed, and forgotten.
 fn cases_of(cases: &Path, answers: Option<&Path>) -> Result<Vec<PathBuf>, Failure> {
-    let list: Vec<PathBuf> = folders(cases)?
+    let list: Vec<PathBuf> = load::folders(cases)?
         .into_iter()
         .filter(|c| c.join("train").is_dir())
         .collect();
@@ -637,7 +626,12 @@ fn of_folder(list: &[PathBuf], share: &Share) -> Result<Option<(Numbered, Pieces
 
 /// How the true effects of a robot's case stand out in its recordings.
 fn likeness(case: &Path, truth: &Truth, progress: &Progress) -> Result<Vec<StandsOut>, Failure> {
-    let recordings = load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
+    let recordings = load::recordings(
+        &load::folders(&case.join("train"))?,
+        None,
+        Kind::Robot,
+        progress,
+    )?;
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, None, progress)?;
     let series = series::order(&recordings, &datasets)?;
@@ -654,10 +648,10 @@ fn likeness(case: &Path, truth: &Truth, progress: &Progress) -> Result<Vec<Stand
 
 /// Diagnoses a case from its recordings alone.
 fn blind(case: &Path, progress: &Progress) -> Result<Diagnosis, Failure> {
-    let train = folders(&case.join("train"))?;
+    let train = load::folders(&case.join("train"))?;
     let mut paths = train.clone();
     if case.join("holdout").is_dir() {
-        paths.extend(folders(&case.join("holdout"))?);
+        paths.extend(load::folders(&case.join("holdout"))?);
     }
     let recordings = load::recordings_of(&paths, None, &diagnose::KINDS, progress)?;
     let request = diagnosis::Request::default();

@@ -98,11 +98,7 @@ impl Odds {
             .collect();
         let ids = |j: &Judged| j.fitted.effects.iter().map(|a| a.effect.id()).collect();
         let causes: Vec<usize> = models.iter().map(|j| j.fitted.effects.len()).collect();
-        let forms = Forms::Peers {
-            causes: &causes,
-            matters: super::MATTERS,
-        };
-        let probabilities = odds(&told, forms, 1.0);
+        let probabilities = odds(&told, Forms::Peers(&causes), 1.0);
         Odds(models.iter().map(|j| ids(j)).zip(probabilities).collect())
     }
 

@@ -359,8 +359,7 @@ fn priors<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64 {
     let own = value_unknowns(&fitted.effects, &fitted.free);
     let nonlinear = problem.nonlinear.iter().chain(&own).zip(&fitted.state.eta);
     let linear = problem.linear.iter().zip(&fitted.state.beta);
-    let of = |(u, x): (&Unknown, &f64)| u.prior.map_or(0.0, |p| ((x - p.mean) / p.sd).powi(2));
-    nonlinear.chain(linear).map(of).sum()
+    nonlinear.chain(linear).map(|(u, x)| u.penalty(*x)).sum()
 }
 
 /// A fit carried on in a problem that has changed.

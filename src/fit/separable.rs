@@ -64,7 +64,8 @@ impl Unknown {
             .map_or((self.upper - self.lower) / 12.0, |p| p.sd)
     }
 
-    fn penalty(&self, x: f64) -> f64 {
+    /// What the prior adds to the sum of squares at x.
+    pub(crate) fn penalty(&self, x: f64) -> f64 {
         self.prior.map_or(0.0, |p| ((x - p.mean) / p.sd).powi(2))
     }
 

@@ -481,7 +481,7 @@ impl BatchJson {
             self.parameters.len(),
             100.0 * self.false_alarm_rate
         );
-        section("outliers", "What stands out", &text, table)
+        Section::table("outliers", "What stands out", &text, table)
     }
 
     fn across(&self) -> Section {
@@ -523,7 +523,7 @@ impl BatchJson {
             ]);
         }
         let text = "Only parameters that four of five sets determine, without the sets that stand out. A star: beyond what chance makes of one of all parameters (and batches) at the stated rate. A batch is held against the others together.";
-        section("across", "Across films, days and batches", text, table)
+        Section::table("across", "Across films, days and batches", text, table)
     }
 
     fn plots(&self, drawn: &[Drawn]) -> Section {
@@ -634,7 +634,7 @@ impl BatchJson {
             ]);
         }
         let text = "Each has a folder of its name with the report of its fit.";
-        section("sets", "Every set", text, table)
+        Section::table("sets", "Every set", text, table)
     }
 }
 
@@ -645,13 +645,4 @@ fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
         n if n > 10 => format!("{} and {} more", names[..10].join(", "), n - 10),
         _ => names.join(", "),
     }
-}
-
-fn section(anchor: &'static str, title: &'static str, text: &str, table: Table) -> Section {
-    Section::new(
-        anchor,
-        title,
-        "<p>{{ text }}</p>{{ table }}",
-        context! { text => text, table => table.html() },
-    )
 }

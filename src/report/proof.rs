@@ -1,7 +1,5 @@
 //! `proof.json` and the report of a proof.
 
-use minijinja::context;
-
 use super::html::number;
 use super::html::page::{self, Cell, Section, Status, Summary, Table};
 use crate::proof::{Count, Proof, Row, Trial};
@@ -62,15 +60,6 @@ fn words(c: &Count) -> String {
     format!("{} of {}", c.hits, c.of)
 }
 
-fn section(anchor: &'static str, title: &'static str, text: &str, table: Table) -> Section {
-    Section::new(
-        anchor,
-        title,
-        "<p>{{ text }}</p>{{ table }}",
-        context! { text => text, table => table.html() },
-    )
-}
-
 fn methods(proof: &Proof) -> Section {
     let mut table = Table::new(
         "The diagnosis and simpler methods on the same cases",
@@ -93,7 +82,7 @@ fn methods(proof: &Proof) -> Section {
             Cell::number(m.brier.map_or("-".into(), |b| format!("{b:.3}"))),
         ]);
     }
-    section(
+    Section::table(
         "methods",
         "Against simpler methods",
         "Counts with 95 % intervals (Wilson). Visible: a plain refit with all parameters free leaves 1.5 times the noise or more. A Brier score is the mean square of the probability of a name less 1 where it is right, less 0 where it is not; simpler methods know no doubt, so theirs is the share of wrong names.",
@@ -210,7 +199,7 @@ fn scores(proof: &Proof) -> Section {
         Cell::text("Brier score of it, and of the base rate"),
         Cell::number(format!("{:.3}, {:.3}", proof.brier[0], proof.brier[1])),
     ]);
-    section("scores", "Scores", "", table)
+    Section::table("scores", "Scores", "", table)
 }
 
 fn power(proof: &Proof) -> Section {
@@ -227,7 +216,7 @@ fn power(proof: &Proof) -> Section {
             share(count),
         ]);
     }
-    section("power", "Power against size", "", table)
+    Section::table("power", "Power against size", "", table)
 }
 
 fn confusion(proof: &Proof) -> Section {
@@ -241,7 +230,7 @@ fn confusion(proof: &Proof) -> Section {
         let text: Vec<String> = list.iter().map(|(s, n)| format!("{s} {n}")).collect();
         table.row(vec![Cell::text(truth.clone()), Cell::text(text.join(", "))]);
     }
-    section("confusion", "Confusion", "", table)
+    Section::table("confusion", "Confusion", "", table)
 }
 
 fn rows(anchor: &'static str, title: &'static str, text: &str, list: &[Row]) -> Section {
@@ -273,7 +262,7 @@ fn rows(anchor: &'static str, title: &'static str, text: &str, list: &[Row]) -> 
         cells.extend(counts.map(|n| Cell::number(n.to_string())));
         table.row(cells);
     }
-    section(anchor, title, text, table)
+    Section::table(anchor, title, text, table)
 }
 
 fn calibration(proof: &Proof) -> Section {
@@ -292,7 +281,7 @@ fn calibration(proof: &Proof) -> Section {
             share(count),
         ]);
     }
-    section("calibration", "Calibration of the odds", "", table)
+    Section::table("calibration", "Calibration of the odds", "", table)
 }
 
 /// The three that moved furthest.
@@ -341,7 +330,7 @@ fn concealed(trials: &[Trial]) -> Section {
             Cell::text(format!("{} {}", t.verdict, t.named.join(" + "))),
         ]);
     }
-    section(
+    Section::table(
         "cases",
         "The concealment, case by case",
         "Film moved to: the three parameters of the plain refit that are furthest from the true ones, over these. A ratio near 1 means that wrong moduli hide the effect in volts; the weighted torque residual still sees it.",

@@ -114,6 +114,13 @@ impl Section {
             html: fill(template, context),
         }
     }
+
+    /// A paragraph and a table.
+    pub fn table(anchor: &'static str, title: &'static str, text: &str, table: Table) -> Self {
+        let template = "<p>{{ text }}</p>{{ table }}";
+        let context = context! { text => text, table => table.html() };
+        Section::new(anchor, title, template, context)
+    }
 }
 
 /// Fills a template, escaping what the context holds.

@@ -71,6 +71,7 @@ fn file() -> ParameterFile {
                     sha256: "00ff".into(),
                 }],
             }],
+            ..Provenance::default()
         },
         ..ParameterFile::default()
     }

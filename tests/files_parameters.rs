@@ -99,6 +99,7 @@ prop_compose! {
                 rig: Some(FileSum { role: "rig".into(), file: "a \"rig\".toml".into(), sha256: "ab".into() }),
                 recordings: vec![RecordingSum { id: "day/one".into(), files: vec![
                     FileSum { role: "motion".into(), file: "m.csv".into(), sha256: "cd".into() }; 3] }],
+                ..Provenance::default()
             },
             series: Vec::new(),
             notes: Vec::new(),

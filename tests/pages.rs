@@ -1,5 +1,6 @@
 //! What README and `docs/` say is so: examples are read, commands are known and run, links lead somewhere,
-//! and the pages of studies are those that the program makes.
+//! and the pages of studies are those that the program makes. Reports are looked at in a browser, where there
+//! is one.
 
 mod common;
 
@@ -151,6 +152,80 @@ fn the_first_hour_runs() {
         serde_json::from_slice::<serde_json::Value>(&bytes).unwrap()
     };
     assert_eq!(read("diagnose/diagnosis.json")["verdict"], "adequate");
+    for job in ["film", "forearm", "validate", "diagnose"] {
+        look(&dir.path().join("out/hour").join(job).join("report.html"));
+    }
+}
+
+#[test]
+fn reports_are_whole_in_a_browser() {
+    for entry in std::fs::read_dir(root().join("reports")).unwrap() {
+        let file = entry.unwrap().path();
+        if file.extension().is_some_and(|e| e == "html") {
+            look(&file);
+        }
+    }
+}
+
+/// Width of a small phone, pixels of the style sheet.
+const PHONE: u32 = 390;
+
+/// Opens a report on a phone, where there is a browser: it is no wider than the screen and nothing is an
+/// error.
+fn look(page: &Path) {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::copy(page, dir.path().join("report.html")).unwrap();
+    let frame = format!(
+        "<!DOCTYPE html><iframe id=\"of\" style=\"width:{PHONE}px;height:844px;border:0\"></iframe><script>\
+         const of = document.getElementById('of');\
+         of.onload = () => {{ document.title = 'wide ' + of.contentDocument.documentElement.scrollWidth; }};\
+         of.src = 'report.html';</script>"
+    );
+    std::fs::write(dir.path().join("frame.html"), frame).unwrap();
+    let open = |browser: &&str| {
+        std::process::Command::new(browser)
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--dump-dom",
+            ])
+            .args(["--allow-file-access-from-files", "--enable-logging=stderr"])
+            .args(["--virtual-time-budget=10000", "--window-size=1280,1000"])
+            .arg(format!(
+                "--user-data-dir={}",
+                dir.path().join("user").display()
+            ))
+            .arg(format!(
+                "file://{}",
+                dir.path().join("frame.html").display()
+            ))
+            .output()
+            .ok()
+    };
+    let Some(done) = ["chromium", "chromium-browser", "google-chrome"]
+        .iter()
+        .find_map(open)
+    else {
+        eprintln!("skipped: no browser looks at {}", page.display());
+        return;
+    };
+    let dom = String::from_utf8_lossy(&done.stdout);
+    let wide = dom
+        .split("<title>wide ")
+        .nth(1)
+        .and_then(|t| t.split('<').next());
+    let wide: u32 = wide
+        .and_then(|w| w.parse().ok())
+        .unwrap_or_else(|| panic!("{}: {dom}", page.display()));
+    assert!(
+        wide <= PHONE,
+        "{}: {wide} pixels wide on a phone",
+        page.display()
+    );
+    let said = String::from_utf8_lossy(&done.stderr);
+    let errors: Vec<&str> = said.lines().filter(|l| l.contains("CONSOLE")).collect();
+    assert!(errors.is_empty(), "{}: {errors:?}", page.display());
 }
 
 /// Text of a page: tags taken out, entities as characters, digits without their narrow spaces.
@@ -162,6 +237,7 @@ fn text_of(page: &str) -> String {
             '<' => tag = true,
             '>' => tag = false,
             '\u{202f}' => {}
+            '\u{2212}' if !tag => out.push('-'),
             c if !tag => out.push(c),
             _ => {}
         }

@@ -7,16 +7,20 @@ use rayon::prelude::*;
 use super::progress::Progress;
 use super::resume::Lasting;
 use super::{Failure, Talk, load};
-use crate::calibration::{AgeingInput, AgeingOutcome, AgeingRequest, AgeingSubject, By, ageing};
+use crate::calibration::{
+    AgeingInput, AgeingOutcome, AgeingRequest, AgeingSubject, By, ElectrodeAgeing, LevelStroke,
+    ageing,
+};
 use crate::dataset::{Dataset, HangingDataset, cycles};
 use crate::model::{HangingSample, Robot};
 use crate::recording::{Kind, Recording, Rig};
 use crate::report::ageing_json::AgeingJson;
-use crate::report::html;
+use crate::report::html::{self, number::Quantity};
 use crate::report::json::to_text;
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::{FilmEntry, ForearmEntry, ParameterFile, ageing_effects};
 use crate::report::provenance::Provenance;
+use crate::report::terminal;
 
 /// What to compare.
 #[derive(clap::Args)]
@@ -44,6 +48,9 @@ pub(super) struct Arguments {
     /// Rig to use instead of the recordings' own
     #[arg(long)]
     rig: Option<PathBuf>,
+    /// In the report, beside the figures of the paper's electrodes
+    #[arg(long, value_name = "WITH", value_parser = ["paper"])]
+    compare: Option<String>,
     /// Folder for the results
     #[arg(short, long, default_value = "out/ageing")]
     output: PathBuf,
@@ -95,7 +102,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     outcome.remarks.extend(copies);
     let json = AgeingJson::new(&outcome, provenance.clone());
     let mut set = OutputSet::new(&a.output, talk.overwrite())?;
-    let page = html::render_ageing(&outcome, &inputs, &json, &provenance);
+    let page = html::render_ageing(&outcome, &inputs, &json, a.compare.is_some(), &provenance);
     set.write("report.html", page)?;
     set.write("ageing.json", to_text(&json))?;
     for (name, text) in parameter_files(&outcome, &provenance)? {
@@ -105,21 +112,42 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     lasting.done()?;
     drop(progress);
     talk.result(&json);
-    talk.say(&outcome.verdict);
-    for (_, trend) in &json.trend.0 {
-        talk.say(&trend.says);
-    }
-    if let Some(d) = &json.difference {
-        talk.say(&d.last.says);
-    }
-    for remark in &json.remarks {
-        talk.say(remark);
-    }
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
+    talk.tell(&outcome.verdict);
+    terminal::columns(&levels(&outcome))
+        .iter()
+        .for_each(|l| talk.say(l));
+    let trends = json.trend.0.iter().map(|(_, trend)| &trend.says);
+    let differ = json.difference.iter().map(|d| &d.last.says);
+    trends
+        .chain(differ)
+        .chain(&json.remarks)
+        .for_each(|r| talk.tell(r));
+    talk.report(&a.output);
     Ok(())
+}
+
+/// One row a day of an electrode: stroke and change with 95 % intervals.
+fn levels(outcome: &AgeingOutcome) -> Vec<[String; 4]> {
+    let what = match outcome.by {
+        By::Day => "day ",
+        By::Batch => "",
+    };
+    let row = |e: &ElectrodeAgeing, l: &LevelStroke| {
+        let stroke = Quantity::new(l.stroke_mm.value, l.stroke_ci95, "mm");
+        let change = Quantity::new(l.change_percent.value, l.percent_ci95, "%");
+        [
+            format!("{}, {what}{}", e.name, l.name),
+            format!("stroke {}", stroke.with_interval()),
+            match change.interval.as_str() {
+                "" => String::new(),
+                _ => format!("change {}", change.with_interval()),
+            },
+            String::new(),
+        ]
+    };
+    let each = outcome.electrodes.iter();
+    each.flat_map(|e| e.levels.iter().map(move |l| row(e, l)))
+        .collect()
 }
 
 /// A recording as ageing sees it: x of a sample, height of a robot.

@@ -250,14 +250,14 @@ pub(super) fn merge(dir: &Path, campaign: &Campaign, talk: Talk) -> Result<(), F
         .iter()
         .chain(json.outliers.iter().map(|o| &o.says))
     {
-        talk.say(line);
+        talk.tell(line);
     }
     for s in &json.sets {
         if let Some(why) = &s.failure {
             talk.say(&format!("{}: {why}", s.name));
         }
     }
-    talk.say(&format!("Report: {}", dir.join("report.html").display()));
+    talk.report(dir);
     Ok(())
 }
 

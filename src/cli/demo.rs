@@ -8,6 +8,7 @@ use super::{Failure, Talk, diagnose, load, series};
 use crate::calibration::{CouponRequest, Request, Stage, calibrate_coupons, calibrate_robot};
 use crate::dataset::Coupon;
 use crate::recording::Kind;
+use crate::report::answer::{self, Answer};
 use crate::report::html;
 use crate::report::json::{FitJson, ModelValidation, ValidationJson, results_to_text};
 use crate::report::output::OutputSet;
@@ -49,7 +50,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         ParameterFile::of_coupons(&outcome, provenance).to_toml()?,
     )?;
     set.commit()?;
-    talk.say(&format!("  {}", outcome.verdict));
+    talk.tell(&format!("  {}", Answer::of_coupons(&outcome).says));
 
     let twin = base.join("twin2026_delta");
     let folders = |names: &[&str]| names.iter().map(|n| twin.join(n)).collect::<Vec<_>>();
@@ -65,11 +66,12 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
 
     talk.say("\nThe film, from the symmetric drive");
     let film = calibrate_robot(&robot, &refs[..1], &Request::new(Stage::Film), &watch)?;
-    talk.say(&format!("  {}", film.verdict));
+    let answer = Answer::of_robot(&film, &robot);
+    talk.tell(&format!("  {}", answer.says));
     let provenance = Provenance::of("deacal demo", &all[..1]);
     write_fit(
         &output.join("film"),
-        &film,
+        (&film, &answer),
         &FitJson::new(&film, provenance.clone()),
         provenance,
         &[],
@@ -84,11 +86,12 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         ..Request::new(Stage::Forearm)
     };
     let forearm = calibrate_robot(&robot, &refs[1..], &request, &watch)?;
-    talk.say(&format!("  {}", forearm.verdict));
+    let answer = Answer::of_robot(&forearm, &robot);
+    talk.tell(&format!("  {}", answer.says));
     let provenance = Provenance::of("deacal demo", &all[1..]);
     write_fit(
         &output.join("forearm"),
-        &forearm,
+        (&forearm, &answer),
         &FitJson::new(&forearm, provenance.clone()),
         provenance,
         &[],
@@ -104,14 +107,17 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let joint = calibrate_robot(&robot, &refs, &request, &watch)?;
     let provenance = Provenance::of("deacal demo", &all);
     let fit = FitJson::new(&joint, provenance.clone());
-    write_fit(output, &joint, &fit, provenance, &[], talk.overwrite())?;
-    say_fit(&fit, talk);
+    let answer = Answer::of_robot(&joint, &robot);
+    let found = (&joint, &answer);
+    write_fit(output, found, &fit, provenance, &[], talk.overwrite())?;
+    say_fit(&answer, &fit, &answer::remarks(&joint), talk);
 
     talk.say("\nHeld against a circle that was not fitted");
     let held = load::recordings(&folders(&["circle-3s"]), None, Kind::Robot, &progress)?;
     let circle = load::datasets(&held, None, &progress)?;
     let validation = validate(&robot, &[&circle[0]], &joint.parameters, None, (&[], &[]))?;
-    talk.say(&format!("  {}", validation.outcome.verdict));
+    let answer = Answer::of_robot(&validation.outcome, &robot);
+    talk.tell(&format!("  {}", answer.says));
     for line in html::validation_words(&validation) {
         talk.say(&format!("  {line}"));
     }
@@ -134,7 +140,10 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         results_to_text("validation.json", &json)?,
     )?;
     let models = [(parameters.display().to_string(), validation)];
-    set.write("report.html", html::render_validation(&models, &provenance))?;
+    set.write(
+        "report.html",
+        html::render_validation(&models, &[answer], false, &provenance),
+    )?;
     set.commit()?;
 
     talk.say("\nWas any physics left out? The circle is held out again");
@@ -157,12 +166,10 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         provenance,
         talk.overwrite(),
     )?;
-    talk.say(&format!("  {}", diagnosis.says));
+    talk.tell(&format!("  {}", Answer::of_diagnosis(&diagnosis).says));
     drop(progress);
     talk.result(&json);
-    talk.say(&format!(
-        "\nReport: {}",
-        output.join("report.html").display()
-    ));
+    talk.say("");
+    talk.report(output);
     Ok(())
 }

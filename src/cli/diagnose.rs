@@ -12,15 +12,17 @@ use crate::diagnosis::{
     Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, Verdict,
     diagnose_lines, in_unit, next_drive,
 };
-use crate::effects::CATALOGUE;
+use crate::effects::{CATALOGUE, plain_name};
 use crate::model::Robot;
 use crate::recording::{Kind, Recording, suggestion};
+use crate::report::answer::{Answer, mistaken_for};
 use crate::report::diagnosis_json::DiagnosisJson;
-use crate::report::html;
+use crate::report::html::{self, number};
 use crate::report::json::{FindingJson, results_to_text};
 use crate::report::output::{OutputSet, Overwrite};
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
 use crate::report::provenance::Provenance;
+use crate::report::terminal;
 use crate::simulate::write::{VoltageLog, voltage_csv};
 use crate::simulate::{Hold, Sampled};
 
@@ -232,10 +234,7 @@ fn mend_first(
         talk.say(&load::finding_line(f));
     }
     talk.say(&says);
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
+    talk.report(&a.output);
     Ok(json)
 }
 
@@ -260,10 +259,7 @@ fn finish(
     drop(progress);
     talk.result(&json);
     say(diagnosis, talk);
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
+    talk.report(&a.output);
     Ok(json)
 }
 
@@ -408,49 +404,49 @@ pub(super) fn write(
     Ok(json)
 }
 
-/// The first screen of the report, in the terminal.
+/// The first screen of the report, in the terminal: the answer, sizes, why, where, what else it could be.
 pub(super) fn say(d: &Diagnosis, talk: Talk) {
-    talk.say(&d.says);
+    let answer = Answer::of_diagnosis(d);
+    talk.tell(&answer.says);
+    terminal::facts(&answer.facts)
+        .iter()
+        .for_each(|l| talk.say(l));
+    for c in d.candidates.iter().filter(|c| c.in_model) {
+        let id = c.acting.effect.id();
+        talk.tell(&format!(
+            "Why {}: {}.",
+            plain_name(id),
+            c.says.trim_end_matches('.')
+        ));
+        let others = mistaken_for(d, id);
+        if !others.is_empty() {
+            talk.say(&format!("Could also be: {}.", others.join(", ")));
+        }
+    }
+    if let Some(l) = &d.learnt {
+        talk.tell(&format!("Learnt: {}", l.says));
+    }
     let only_noise = d.verdict == Verdict::Adequate || d.beyond.is_some();
     if let Some(place) = d.places.first().filter(|_| !only_noise) {
-        talk.say(&format!("Where: {}", place.says));
-    }
-    for c in d.candidates.iter().filter(|c| c.in_model) {
-        talk.say(&format!(
-            "{} ({:.0} %): {}",
-            c.acting.effect.id(),
-            100.0 * c.probability,
-            c.says
-        ));
-    }
-    if let (Some(h), true) = (d.holdout, d.has_augmented()) {
-        talk.say(&format!(
-            "On the held-out recordings: {} rms{} before, {} after, noise {}.",
-            in_unit(h.before_v, &d.unit),
-            d.over,
-            in_unit(h.after_v, &d.unit),
-            in_unit(h.noise_floor_v, &d.unit)
-        ));
+        talk.tell(&format!("Where: {}.", place.says.trim_end_matches('.')));
     }
     for r in &d.rival_models {
         let error = r.holdout.unwrap_or(r.train).after_v;
+        let names: Vec<String> = r.effects.iter().map(|e| plain_name(e)).collect();
         talk.say(&format!(
             "{}: {} with {}.",
             r.method,
-            in_unit(error, &d.unit),
-            if r.effects.is_empty() {
-                "nothing".to_owned()
-            } else {
-                r.effects.join(", ")
+            number::sized(error, &d.unit, 3),
+            match names.is_empty() {
+                true => "nothing".to_owned(),
+                false => names.join(", "),
             }
         ));
     }
     if !d.next_experiment.is_empty() {
-        talk.say(&format!("Record next: {}", d.next_experiment));
+        talk.tell(&format!("Record next: {}", d.next_experiment));
     }
-    for remark in &d.remarks {
-        talk.say(remark);
-    }
+    d.remarks.iter().for_each(|r| talk.tell(r));
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use crate::calibration::{
 use crate::checks::Finding;
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
+use crate::report::answer::{self, Answer};
 use crate::report::html;
 use crate::report::json::{FindingJson, FitJson, results_to_text};
 use crate::report::output::{OutputSet, Overwrite};
@@ -183,12 +184,13 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<FitJson, 
     let mut outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
     outcome.remarks.extend(cut);
+    let answer = Answer::of_robot(&outcome, &robot);
     progress.step("writing");
     let mut fit = FitJson::new(&outcome, provenance.clone());
     fit.findings = FindingJson::of(&findings);
     write_fit(
         &a.common.output,
-        &outcome,
+        (&outcome, &answer),
         &fit,
         provenance,
         &findings,
@@ -197,11 +199,8 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<FitJson, 
     lasting.done()?;
     drop(progress);
     talk.result(&fit);
-    say_fit(&fit, talk);
-    talk.say(&format!(
-        "Report: {}",
-        a.common.output.join("report.html").display()
-    ));
+    say_fit(&answer, &fit, &answer::remarks(&outcome), talk);
+    talk.report(&a.common.output);
     Ok(fit)
 }
 
@@ -211,7 +210,7 @@ const FILES: [&str; 4] = ["report.html", "parameters.toml", "fit.json", "plan.to
 /// Parameters, numbers, choices and report of a fit, all or none.
 pub(super) fn write_fit(
     output: &Path,
-    outcome: &Outcome,
+    (outcome, answer): (&Outcome, &Answer),
     fit: &FitJson,
     provenance: Provenance,
     findings: &[Finding],
@@ -219,7 +218,7 @@ pub(super) fn write_fit(
 ) -> Result<(), Failure> {
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
     let mut set = OutputSet::new(output, overwrite)?;
-    let page = html::render(outcome, &provenance);
+    let page = html::render(outcome, answer, &provenance);
     set.write("report.html", html::with_findings(page, findings))?;
     set.write(
         "parameters.toml",
@@ -231,21 +230,28 @@ pub(super) fn write_fit(
     Ok(())
 }
 
-/// The first screen of the report, in the terminal: does it fit, the values, what weakens them.
-pub(super) fn say_fit(fit: &FitJson, talk: Talk) {
-    talk.say(&fit.verdict);
-    if !fit.reason.is_empty() {
-        talk.say(&format!("The fit {}.", fit.reason));
+/// The first screen of the report, in the terminal: the answer, its quantities, then the parameters and what
+/// is open.
+pub(super) fn say_fit(answer: &Answer, fit: &FitJson, remarks: &[String], talk: Talk) {
+    talk.tell(&answer.says);
+    let say_all = |lines: Vec<String>| lines.iter().for_each(|l| talk.say(l));
+    say_all(terminal::facts(&answer.facts));
+    if !fit.converged {
+        talk.tell(&format!(
+            "The fit did not converge ({}): take its numbers as provisional.",
+            fit.reason
+        ));
     }
-    if !fit.parameters.0.is_empty() {
-        talk.say("Values with 95 % intervals; what these recordings do not determine is open:");
+    let known = terminal::parameters(&fit.parameters);
+    if !known.is_empty() {
+        talk.say("Parameters that the recordings determine, with 95 % intervals:");
+        say_all(known);
     }
-    for line in terminal::parameters(&fit.parameters) {
-        talk.say(&line);
+    if !answer.open.is_empty() {
+        talk.say("Parameters that they leave open, and what to record for them:");
+        say_all(terminal::open(&answer.open));
     }
-    for remark in &fit.remarks {
-        talk.say(remark);
-    }
+    remarks.iter().for_each(|r| talk.tell(r));
 }
 
 fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
@@ -279,6 +285,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     outcome.remarks.extend(copies);
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
     let written = Written {
+        answer: Answer::of_samples(&outcome),
         report: html::render_samples(&outcome, &provenance),
         fit: FitJson::of_samples(&outcome, provenance.clone()),
         parameters: ParameterFile::of_samples(&outcome, provenance),
@@ -290,6 +297,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
 
 /// What a fit of samples, lines or coupons leaves.
 struct Written {
+    answer: Answer,
     report: String,
     fit: FitJson,
     parameters: ParameterFile,
@@ -318,8 +326,8 @@ fn finish(
     lasting.map_or(Ok(()), Lasting::done)?;
     drop(progress);
     talk.result(&w.fit);
-    say_fit(&w.fit, talk);
-    talk.say(&format!("Report: {}", output.join("report.html").display()));
+    say_fit(&w.answer, &w.fit, &w.fit.remarks, talk);
+    talk.report(output);
     Ok(w.fit)
 }
 
@@ -340,6 +348,7 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<FitJson, Fai
     let mut outcome = calibrate_lines(&lines, &request)?;
     outcome.remarks.extend(copies);
     let written = Written {
+        answer: Answer::of_lines(&outcome),
         report: html::render_lines(&outcome, &provenance),
         fit: FitJson::of_lines(&outcome, provenance.clone()),
         parameters: ParameterFile::of_lines(&outcome, provenance),
@@ -373,6 +382,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     let mut outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
     let written = Written {
+        answer: Answer::of_coupons(&outcome),
         report: html::render_coupons(&outcome, &provenance),
         fit: FitJson::of_coupons(&outcome, provenance.clone()),
         parameters: ParameterFile::of_coupons(&outcome, provenance),

@@ -11,12 +11,13 @@ use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
 use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, survey_file};
 use crate::report::arrays::{ArrayFormat, Arrays};
+use crate::report::html::number;
 use crate::report::json::{
-    AlignedJson, FindingJson, ImportFile, ImportJson, ImportRecording, to_text,
+    AlignedJson, ChannelJson, FindingJson, ImportFile, ImportJson, ImportRecording, to_text,
 };
 use crate::report::output::{OutputSet, Overwrite, write_atomic};
 use crate::report::provenance::Provenance;
-use crate::report::{csv, mcap, survey};
+use crate::report::{csv, mcap, survey, terminal};
 
 /// What to import.
 #[derive(clap::Args)]
@@ -51,14 +52,17 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
             load::whole(path)?;
             let recording = Recording::open(path)?;
             provenance.add(&recording);
-            recordings.push(one(
+            let first = lines.len();
+            let json = one(
                 &recording,
                 &a.also,
                 &mut set,
                 &provenance,
                 &progress,
                 &mut lines,
-            )?);
+            )?;
+            lines.insert(first, headline(&json));
+            recordings.push(json);
         } else {
             // to start from, a table without a header will do: its columns have numbers
             let options = ReadOptions {
@@ -88,9 +92,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     }
     drop(progress);
     talk.result(&json);
-    for line in lines {
-        talk.say(&line);
-    }
+    lines.iter().for_each(|line| talk.say(line));
     talk.say(&format!("Written to {}", a.output.display()));
     Ok(())
 }
@@ -168,7 +170,7 @@ fn one(
     lines: &mut Vec<String>,
 ) -> Result<ImportRecording, Failure> {
     let id = recording.manifest.id.clone();
-    lines.push(format!("{id}: kind {}", recording.manifest.kind.name()));
+    let first = lines.len();
     lines.extend(
         recording
             .notes
@@ -184,7 +186,9 @@ fn one(
         ..ImportRecording::new(recording, dataset)
     };
     if recording.manifest.kind != Kind::Robot {
-        return Ok(described(None));
+        let json = described(None);
+        lines.splice(first..first, terminal::columns(&columns(&json)));
+        return Ok(json);
     }
     progress.step(format!("smoothing and aligning {id}"));
     let mut dataset = match Dataset::from_recording(recording, None) {
@@ -223,15 +227,7 @@ fn one(
         error_s = outcome.recordings[0].offset_std_error_s;
         fitted = whole.then_some(outcome);
     }
-    let n = dataset.samples();
-    let gaps = dataset.gaps();
-    lines.push(format!(
-        "  {n} frames at {:.3} Hz, {:.2} s; {} gap(s), {} frames missing",
-        1.0 / dataset.step_s,
-        dataset.step_s * n as f64,
-        gaps.len(),
-        gaps.iter().map(|g| g.1).sum::<usize>()
-    ));
+    lines.splice(first..first, terminal::columns(&pictures(&dataset)));
     let noise = dataset
         .noise_m()
         .map(|s| format!("{:.3}", s * 1e3))
@@ -270,4 +266,77 @@ fn one(
     let mut json = described(Some(&dataset));
     json.aligned = Some(AlignedJson::new(&dataset, error_s));
     Ok(json)
+}
+
+/// What a recording is, how long, how whole, and whether anything looks wrong, in one line.
+fn headline(json: &ImportRecording) -> String {
+    let length = match (&json.aligned, &json.motion, &json.table) {
+        (Some(a), ..) => {
+            let missing: usize = a.gaps.iter().map(|g| g.frames).sum();
+            let whole = match missing {
+                0 => "no frame missing".to_owned(),
+                n => format!(
+                    "{n} of {} frames missing in {} gaps",
+                    a.frames,
+                    a.gaps.len()
+                ),
+            };
+            let rate = a.rate_hz.unwrap_or(f64::NAN);
+            let seconds = a.frames as f64 / rate;
+            format!(
+                "{seconds:.2} s at {} Hz, {whole}",
+                number::significant(rate, 4)
+            )
+        }
+        (_, Some(m), _) => format!("{} frames", m.frames),
+        (_, _, Some(t)) => format!("{} rows", t.rows),
+        _ => String::new(),
+    };
+    let warnings = json.notes.iter().filter(|n| n.level == "warning").count();
+    let doubts = match json.findings.len() + warnings {
+        0 => "nothing looks wrong".to_owned(),
+        1 => "one thing to look at".to_owned(),
+        n => format!("{n} things to look at"),
+    };
+    format!("{}: {}, {length}; {doubts}", json.id, json.kind)
+}
+
+/// Width of a curve in a terminal.
+const WIDTH: usize = 60;
+
+/// Motion and voltages of a robot on one clock, one row each: name, range, curve.
+fn pictures(d: &Dataset) -> Vec<[String; 3]> {
+    let mut rows = Vec::new();
+    let mut add = |name: String, values: &[f64], unit: &str| {
+        let range = terminal::range(values.iter().copied(), unit);
+        rows.push([name, range, terminal::curve(values, WIDTH)]);
+    };
+    for (k, axis) in ["x", "y", "z"].into_iter().enumerate().rev() {
+        let values: Vec<f64> = d.measured_m.iter().map(|p| p[k]).collect();
+        add(axis.to_owned(), &values, "m");
+    }
+    for k in 0..3 {
+        let values: Vec<f64> = (0..d.samples())
+            .map(|i| d.command_v(k, i, d.offset_s))
+            .collect();
+        add(format!("voltage {}", k + 1), &values, "V");
+    }
+    rows
+}
+
+/// The columns of other recordings, one row each: name, range, empty cells.
+fn columns(json: &ImportRecording) -> Vec<[String; 3]> {
+    let logs = [&json.table, &json.voltage, &json.monitor];
+    let channels = logs.into_iter().flatten().flat_map(|log| &log.channels);
+    let row = |c: &ChannelJson| {
+        let range = c.range.map_or_else(String::new, |ends| {
+            format!("{} {}", terminal::range(ends.into_iter(), ""), c.unit)
+        });
+        let missing = match c.missing {
+            0 => String::new(),
+            n => format!("{n} empty cells"),
+        };
+        [c.label.clone(), range, missing]
+    };
+    channels.map(row).collect()
 }

@@ -11,6 +11,7 @@ use crate::dataset::line::Line;
 use crate::dataset::{Dataset, HangingDataset, Plan, StretchPlan, stretches};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
+use crate::report::html::number;
 use crate::report::output::settle;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::read_plan;
@@ -127,7 +128,7 @@ pub(super) fn finding_line(finding: &Finding) -> String {
             Grade::Doubtful => "? doubtful:",
         },
         finding.recording,
-        finding.line()
+        number::words(&finding.line())
     )
 }
 

@@ -22,12 +22,13 @@ mod validate;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
+use crate::report::html::number;
 use crate::report::output::Overwrite;
 
 /// Anything that keeps a job from being done: one line that says what, where, and what to do.
@@ -108,8 +109,19 @@ impl Talk {
     /// A line for the reader, unless the output is JSON or nothing is wanted.
     fn say(self, text: &str) {
         if !self.json && !self.quiet {
-            print(&plain(text));
+            // terminals have one width of blank
+            print(&plain(text).replace(['\u{202f}', '\u{2009}'], " "));
         }
+    }
+
+    /// A sentence that another part of the program wrote, in the reader's words.
+    fn tell(self, sentence: &str) {
+        self.say(&number::words(sentence));
+    }
+
+    /// Where the report is.
+    fn report(self, folder: &Path) {
+        self.say(&format!("Report: {}", folder.join("report.html").display()));
     }
 
     /// A result as JSON, where that is wanted.
@@ -131,11 +143,13 @@ impl Talk {
 
 /// A line on standard output.
 fn print(text: &str) {
-    let mut out = io::stdout();
-    if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush()) {
-        // the first one counts
-        let _ = UNSAID.set(error);
-    }
+    progress::aside(|| {
+        let mut out = io::stdout();
+        if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush()) {
+            // the first one counts
+            let _ = UNSAID.set(error);
+        }
+    });
 }
 
 #[derive(Subcommand)]

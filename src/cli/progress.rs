@@ -26,6 +26,15 @@ pub(super) fn clear() {
     }
 }
 
+/// Writes with the bar out of the way, so that none stays behind a line.
+pub(super) fn aside(write: impl FnOnce()) {
+    let bar = SHOWN.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    match bar {
+        Some(bar) => bar.suspend(write),
+        None => write(),
+    }
+}
+
 /// What is going on.
 pub(super) struct Progress {
     bar: ProgressBar,

@@ -416,7 +416,7 @@ fn say(output: &Path, proof: &Proof, talk: Talk) {
     for f in &proof.failures {
         talk.say(f);
     }
-    talk.say(&format!("Report: {}", output.join("report.html").display()));
+    talk.report(output);
 }
 
 /// Leaves the cases in the folder of `--keep`, once in a run that is taken up again.

@@ -7,13 +7,14 @@ use super::{Failure, Talk, load, ranges, series};
 use crate::calibration::{validate_lines, validate_samples};
 use crate::checks::Finding;
 use crate::dataset::Dataset;
-use crate::diagnosis::in_unit;
 use crate::recording::{Kind, Recording};
-use crate::report::html;
+use crate::report::answer::Answer;
+use crate::report::html::{self, number};
 use crate::report::json::{FindingJson, ModelValidation, ValidationJson, results_to_text};
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
+use crate::report::terminal;
 use crate::validation::validate;
 
 /// What to hold against what.
@@ -35,6 +36,9 @@ pub(super) struct Arguments {
     /// is held against it instead of against the forward dynamics
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
+    /// In the report, beside what the paper reports of its own robot
+    #[arg(long, value_name = "WITH", value_parser = ["paper"])]
+    compare: Option<String>,
     /// Folder for the results
     #[arg(short, long, default_value = "out/validate")]
     output: PathBuf,
@@ -76,7 +80,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         return Err(text.into());
     }
     let plan = a.path.as_deref().map(load::path).transpose()?;
-    let (mut models, mut shown) = (Vec::new(), Vec::new());
+    let (mut models, mut shown, mut answers) = (Vec::new(), Vec::new(), Vec::new());
     for path in &a.params {
         progress.step(format!("predicting with {}", path.display()));
         let file = load::parameters(path)?;
@@ -100,31 +104,49 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
             sha256: crate::recording::sha256(path)?,
         };
         let outcome = &validation.outcome;
-        talk.say(&format!("{}: {}", path.display(), outcome.verdict));
-        for r in &outcome.recordings {
-            talk.say(&match r.total.samples {
-                0 => format!("  {:20} no sample above 1 kV that counts", r.id),
-                n => format!(
-                    "  {:20} {:8.2} V rms above 1 kV (noise alone {:.2} V), largest {:.1} V, {n} samples",
-                    r.id, r.total.rmse_v, r.total.noise_floor_v, r.total.max_error_v
-                ),
-            });
-        }
+        let answer = Answer::of_robot(outcome, &robot);
+        talk.say(&format!(
+            "{}: {}",
+            path.display(),
+            number::words(&answer.says)
+        ));
+        let volt = |v: f64| number::sized(v, "V", 3);
+        let rows: Vec<[String; 4]> = outcome
+            .recordings
+            .iter()
+            .map(|r| match r.total.samples {
+                0 => [
+                    r.id.clone(),
+                    "no sample above 1 kV that counts".into(),
+                    String::new(),
+                    String::new(),
+                ],
+                n => [
+                    r.id.clone(),
+                    format!("{} rms above 1 kV", volt(r.total.rmse_v)),
+                    format!("noise alone {}", volt(r.total.noise_floor_v)),
+                    format!("largest {}, {n} samples", volt(r.total.max_error_v)),
+                ],
+            })
+            .collect();
+        terminal::columns(&rows).iter().for_each(|l| talk.say(l));
         for line in html::validation_words(&validation).iter().chain(&outside) {
-            talk.say(&format!("  {line}"));
+            talk.tell(&format!("  {line}"));
         }
+        answers.push(answer);
         models.push(ModelValidation::new(&validation, sum));
         shown.push((path.display().to_string(), validation));
     }
     let head = models.remove(0);
     let json = ValidationJson::new(head, models, None, provenance.clone());
-    let report = html::render_validation(&shown, &provenance);
+    let report = html::render_validation(&shown, &answers, a.compare.is_some(), &provenance);
     leave(a, json, report, &findings, progress, talk)
 }
 
 /// A model that was held against recordings: its numbers, its report, and what to say of each recording.
 struct Held {
     model: ModelValidation,
+    answer: Answer,
     report: String,
     says: Vec<String>,
 }
@@ -147,14 +169,15 @@ fn samples(
             format!(
                 "{:20} {} rms above 1 kV (noise alone {}); stroke {:.3} mm, predicted {:.3} mm",
                 r.id,
-                in_unit(r.error.rmse_v, "V"),
-                in_unit(r.error.noise_floor_v, "V"),
+                number::sized(r.error.rmse_v, "V", 3),
+                number::sized(r.error.noise_floor_v, "V", 3),
                 r.stroke_m[0] * 1e3,
                 r.stroke_m[1] * 1e3
             )
         });
         Ok(Held {
             says: says.collect(),
+            answer: Answer::of_samples(&outcome),
             report: html::render_samples(&outcome, provenance),
             model: ModelValidation::of_samples(&outcome, sum),
         })
@@ -180,13 +203,14 @@ fn lines(
             format!(
                 "{:20} {} rms (noise alone {}), {} samples",
                 r.id,
-                in_unit(r.rmse, &outcome.unit),
-                in_unit(r.noise, &outcome.unit),
+                number::sized(r.rmse, &outcome.unit, 3),
+                number::sized(r.noise, &outcome.unit, 3),
                 r.n_samples
             )
         });
         Ok(Held {
             says: says.collect(),
+            answer: Answer::of_lines(&outcome),
             report: html::render_lines(&outcome, provenance),
             model: ModelValidation::of_lines(&outcome, sum),
         })
@@ -212,7 +236,11 @@ fn compare(
             sha256: crate::recording::sha256(path)?,
         };
         let held = hold(&load::parameters(path)?, sum)?;
-        talk.say(&format!("{}: {}", path.display(), held.model.verdict));
+        talk.say(&format!(
+            "{}: {}",
+            path.display(),
+            number::words(&held.answer.says)
+        ));
         for line in &held.says {
             talk.say(&format!("  {line}"));
         }
@@ -243,9 +271,6 @@ fn leave(
     set.commit()?;
     drop(progress);
     talk.result(&json);
-    talk.say(&format!(
-        "Report: {}",
-        a.output.join("report.html").display()
-    ));
+    talk.report(&a.output);
     Ok(())
 }

@@ -432,6 +432,8 @@ impl BatchJson {
 
     fn render(&self, drawn: &[Drawn]) -> String {
         let summary = Summary {
+            of: String::new(),
+            picture: String::new(),
             status: match (self.n_failed, self.outliers.is_empty()) {
                 (0, true) => Status::Good,
                 _ => Status::Fair,

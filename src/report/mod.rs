@@ -1,6 +1,7 @@
 //! The room `report`: shows and writes. A number that is not in the outcome it does not invent.
 
 pub mod ageing_json;
+pub mod answer;
 pub mod arrays;
 pub mod batch;
 pub mod controller;

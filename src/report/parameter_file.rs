@@ -1226,6 +1226,7 @@ fn read_provenance(t: &Keys<'_>) -> Result<Provenance, Error> {
         command: t.get("command")?.unwrap_or_default(),
         rig,
         recordings,
+        ..Provenance::default()
     })
 }
 

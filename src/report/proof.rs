@@ -41,6 +41,8 @@ pub fn render_proof(proof: &Proof, trials: &[Trial]) -> String {
         concealed(trials),
     ];
     let summary = Summary {
+        of: String::new(),
+        picture: String::new(),
         status: Status::Good,
         word: format!("{} cases", proof.n_cases),
         headline: number::words(&format!(

@@ -4,7 +4,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{Recording, Role, Source};
+use crate::recording::{Recording, Rig, Role, Source};
 
 /// What a result was made of.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -20,6 +20,12 @@ pub struct Provenance {
     /// The recordings, in the order of the command.
     #[serde(default, rename = "recording")]
     pub recordings: Vec<RecordingSum>,
+    /// The rig's id, for the head of a page.
+    #[serde(skip)]
+    pub rig_id: String,
+    /// Days on which the recordings began, as far as they state it, for the head of a page.
+    #[serde(skip)]
+    pub days: Vec<String>,
 }
 
 /// A recording and its files.
@@ -61,13 +67,23 @@ impl Provenance {
         Provenance {
             program: concat!("deacal ", env!("CARGO_PKG_VERSION")).to_owned(),
             command: command.into(),
-            rig: None,
-            recordings: Vec::new(),
+            ..Provenance::default()
         }
     }
 
     /// Adds a recording. Its rig becomes the rig of the whole, unless that is another file already.
     pub fn add(&mut self, recording: &Recording) {
+        match &recording.rig {
+            Some(Rig::Robot(rig)) => self.rig_id.clone_from(&rig.id),
+            Some(Rig::FilmSample(rig)) => self.rig_id.clone_from(&rig.id),
+            None => {}
+        }
+        if let Some(start) = &recording.manifest.start {
+            let day = start.text.split(['T', ' ']).next().unwrap_or_default();
+            if !self.days.iter().any(|d| d == day) {
+                self.days.push(day.to_owned());
+            }
+        }
         let mut files = Vec::new();
         for source in &recording.sources {
             let sum = FileSum::of(source);

@@ -1,97 +1,99 @@
 //! Numbers for a terminal: plain text in columns, the same on a screen and in a pipe.
 
-use super::html::number::{decimals, exponent};
+use super::answer::{Fact, Open};
+use super::html::number::{self, Quantity};
 use super::json::{Named, ParameterJson};
 
-/// Prefixes, a thousand times the one before, from 1e-9 on.
-const PREFIXES: [&str; 7] = ["n", "u", "m", "", "k", "M", "G"];
-/// Units that take a prefix.
-const PREFIXED: [&str; 12] = [
-    "Pa",
-    "s",
-    "m",
-    "V",
-    "Hz",
-    "N",
-    "N m",
-    "N/m",
-    "N s/m",
-    "N m/rad",
-    "N m s/rad",
-    "ohm",
+/// Heights of a picture of one line.
+const BLOCKS: [char; 8] = [
+    '\u{2581}', '\u{2582}', '\u{2583}', '\u{2584}', '\u{2585}', '\u{2586}', '\u{2587}', '\u{2588}',
 ];
-/// Significant digits of an interval's narrower half, and of a value without one.
-const OF_ERROR: usize = 2;
-const OF_VALUE: usize = 4;
 
-/// One line a parameter: name, value with its 95 % interval, what it is. Where the recordings do not
-/// determine it the line says so, with the interval that is left.
+/// Rows of cells as lines, their columns below each other, the last one as long as it is.
 #[must_use]
-pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
-    let rows: Vec<[String; 4]> = list
-        .0
-        .iter()
-        .map(|(name, p)| {
-            let [value, interval] = cells(p);
-            [name.clone(), value, interval, p.meaning.clone()]
-        })
-        .collect();
-    let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max();
-    let [name, value, interval] = [0, 1, 2].map(|c| width(c).unwrap_or(0));
-    let line = |r: &[String; 4]| {
-        let [n, v, i, meaning] = r;
-        let text = format!("  {n:name$}  {v:value$}  {i:interval$}  {meaning}");
+pub fn columns<const N: usize>(rows: &[[String; N]]) -> Vec<String> {
+    let width = |c: usize| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0);
+    let widths: [usize; N] = std::array::from_fn(width);
+    let line = |row: &[String; N]| {
+        let cells = row.iter().zip(widths);
+        let text: String = cells.map(|(cell, w)| format!("  {cell:w$}")).collect();
         text.trim_end().to_owned()
     };
     rows.iter().map(line).collect()
 }
 
-/// The value and its interval; "open" with what is left of the interval where the recordings do not tell.
-fn cells(p: &ParameterJson) -> [String; 2] {
-    let value = p.value.unwrap_or(f64::NAN);
-    let ends = p.ci95.map(|c| c.map(|v| v.unwrap_or(f64::NAN)));
-    let [low, high] = ends.unwrap_or([value; 2]);
-    if p.fixed || p.identifiable {
-        let (factor, unit) = scaled(value, &p.unit);
-        let error = factor * (value - low).min(high - value);
-        let places = match error > 0.0 {
-            true => decimals(error, OF_ERROR),
-            false => decimals(factor * value, OF_VALUE),
-        };
-        let number = |v: f64| format!("{:.places$}", factor * v);
-        let interval = match (p.fixed, ends) {
-            (true, _) => "held".into(),
-            (false, Some(_)) => format!("{} to {}", number(low), number(high)),
-            (false, None) => String::new(),
-        };
-        return [format!("{}{unit}", number(value)), interval];
-    }
-    let end = |v: f64| {
-        let (factor, unit) = scaled(v, &p.unit);
-        let places = decimals(factor * v, OF_ERROR);
-        (format!("{:.places$}", factor * v), unit)
+/// One line a quantity: name, value, 95 % interval, what it means.
+#[must_use]
+pub fn facts(list: &[Fact]) -> Vec<String> {
+    let row = |f: &Fact| {
+        [
+            f.what.clone(),
+            f.size.with_unit(),
+            f.size.interval.clone(),
+            f.means.clone(),
+        ]
     };
-    let ((low, low_unit), (high, unit)) = (end(low), end(high));
-    let between = match low == "0" || low_unit == unit {
-        true => format!("{low} to {high}{unit}"),
-        false => format!("{low}{low_unit} to {high}{unit}"),
-    };
-    ["open".into(), between]
+    columns(&list.iter().map(row).collect::<Vec<_>>())
 }
 
-/// The factor into a prefixed unit in which a value has one to three digits before the point, and that unit
-/// after a space.
-fn scaled(value: f64, unit: &str) -> (f64, String) {
-    let thousands = match exponent(value, OF_VALUE) {
-        Some(e) if PREFIXED.contains(&unit) => e.div_euclid(3).clamp(-3, 3),
-        _ => 0,
+/// One line a parameter that the recordings determine: name, value, 95 % interval, what it is.
+#[must_use]
+pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
+    let known = list.0.iter().filter(|(_, p)| p.identifiable && !p.fixed);
+    let rows: Vec<[String; 4]> = known
+        .map(|(name, p)| {
+            let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
+            let ends = p.ci95.map_or([f64::NAN; 2], |c| c.map(number));
+            let size = Quantity::new(number(p.value), ends, &p.unit);
+            [
+                name.clone(),
+                size.with_unit(),
+                size.interval,
+                p.meaning.clone(),
+            ]
+        })
+        .collect();
+    columns(&rows)
+}
+
+/// One line a thing to record: what it would determine.
+#[must_use]
+pub fn open(list: &[Open]) -> Vec<String> {
+    let line = |o: &Open| format!("  {}: {}", o.record, o.names.join(", "));
+    list.iter().map(line).collect()
+}
+
+/// A curve as one line of `width` blocks between its smallest and its largest value, each block the mean of
+/// its share of the values; a space where there is none.
+#[must_use]
+pub fn curve(values: &[f64], width: usize) -> String {
+    let finite = || values.iter().copied().filter(|v| v.is_finite());
+    let low = finite().fold(f64::INFINITY, f64::min);
+    let size = finite().fold(f64::NEG_INFINITY, f64::max) - low;
+    let blocks = width.min(values.len());
+    let block = |i: usize| {
+        let share = &values[i * values.len() / blocks..(i + 1) * values.len() / blocks];
+        let (sum, n) = share
+            .iter()
+            .filter(|v| v.is_finite())
+            .fold((0.0, 0), |(s, n), v| (s + v, n + 1));
+        if n == 0 {
+            return ' ';
+        }
+        let height = (sum / f64::from(n) - low) / size;
+        BLOCKS[(height * 7.0).round().clamp(0.0, 7.0) as usize]
     };
-    let factor = 10f64.powi(-3 * thousands);
-    let prefix = PREFIXES[(thousands + 3) as usize];
-    match unit {
-        "1" | "" => (factor, String::new()),
-        _ => (factor, format!(" {prefix}{unit}")),
-    }
+    (0..blocks).map(block).collect()
+}
+
+/// The ends of a range in one prefixed unit: `-77.3 to -40.9 mm`.
+#[must_use]
+pub fn range(values: impl Iterator<Item = f64>, unit: &str) -> String {
+    let [low, high] = super::html::plot::extent(values);
+    let (factor, unit) = number::scaled(low.abs().max(high.abs()), unit);
+    let places = number::decimals(factor * low.abs().max(high.abs()), 3);
+    let end = |v: f64| number::fixed(factor * v, places);
+    number::with_unit(&format!("{} to {}", end(low), end(high)), &unit)
 }
 
 #[cfg(test)]
@@ -137,10 +139,23 @@ mod tests {
         let lines = parameters(&list);
         let expected = [
             "  mu_1         1.112 MPa  1.080 to 1.144  what it is",
-            "  T_5          open       2.1 to 192 s    what it is",
-            "  torque_0deg  -300 uN m  -400 to -200    what it is",
-            "  J            80.00      held            what it is",
+            "  torque_0deg  \u{2212}300 \u{b5}N m  \u{2212}400 to \u{2212}200    what it is",
         ];
         assert_eq!(lines, expected);
+    }
+
+    #[test]
+    fn a_curve_is_drawn_in_one_line() {
+        let ramp: Vec<f64> = (0..16).map(f64::from).collect();
+        assert_eq!(
+            curve(&ramp, 8),
+            "\u{2581}\u{2582}\u{2583}\u{2584}\u{2585}\u{2586}\u{2587}\u{2588}"
+        );
+        assert_eq!(curve(&[f64::NAN, 1.0], 2).chars().next(), Some(' '));
+        assert_eq!(curve(&[], 8), "");
+        assert_eq!(
+            range([-0.0773, -0.0409].into_iter(), "m"),
+            "\u{2212}77.3 to \u{2212}40.9 mm"
+        );
     }
 }

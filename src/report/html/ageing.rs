@@ -3,14 +3,16 @@
 
 use minijinja::{Value, context};
 
+use super::number::Quantity;
 use super::page::{self, Cell, Section, Status, Summary, Table, Tile, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
-use super::summary::{self, item, note, tile};
+use super::summary::{self, capital, item, note};
 use super::{Provenance, number, provenance};
 use crate::calibration::{
     AgeingInput, AgeingOutcome, By, ElectrodeAgeing, doubtful, named, open, words,
 };
+use crate::effects::plain_name;
 use crate::report::ageing_json::{AgeingJson, Measured};
 
 const TEMPLATE: &str = include_str!("ageing.html");
@@ -23,29 +25,33 @@ const PAPER: [(&str, f64, f64, f64); 3] = [
     ("CGE", 14.0, 0.82, 64.3),
 ];
 
-/// The report of `outcome`; `inputs` are the recordings that it numbers, `json` the same numbers as written.
+/// The report of `outcome`; `inputs` are the recordings that it numbers, `json` the same numbers as written;
+/// with `paper`, beside the paper's Fig 9.
 pub fn render_ageing(
     outcome: &AgeingOutcome,
     inputs: &[AgeingInput],
     json: &AgeingJson,
-    provenance: &Provenance,
+    paper: bool,
+    made_of: &Provenance,
 ) -> String {
     let sections = [
-        strokes(outcome),
+        strokes(outcome, paper),
         Some(causes(outcome, json)),
         Some(loops(outcome, inputs)),
         difference(json),
-        Some(provenance::of(provenance)),
+        Some(provenance::of(made_of)),
     ];
     let sections: Vec<Section> = sections.into_iter().flatten().collect();
     let title = match outcome.by {
         By::Day => "Electrodes over days",
         By::Batch => "Electrodes over batches",
     };
-    page::page(title, &first_screen(outcome, json), &sections)
+    let mut summary = first_screen(outcome, json, made_of);
+    summary.picture = picture(outcome, paper);
+    page::page(title, &summary, &sections)
 }
 
-fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson) -> Summary {
+fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson, made_of: &Provenance) -> Summary {
     let any = |f: fn(&crate::calibration::LevelStroke) -> bool| {
         outcome.electrodes.iter().flat_map(|e| &e.levels).any(f)
     };
@@ -61,12 +67,13 @@ fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson) -> Summary {
         .iter()
         .filter_map(|e| {
             let l = e.levels.last()?;
-            let value = number::fixed(l.change_percent.value, 1);
-            Some(tile(
-                &format!("{}, change by {}", e.name, l.name),
-                value,
-                "%",
-            ))
+            let shown = Quantity::new(l.change_percent.value, l.percent_ci95, "%");
+            Some(Tile {
+                label: format!("{}, change by {}", e.name, l.name),
+                value: shown.value,
+                unit: shown.unit,
+                note: shown.interval,
+            })
         })
         .collect();
     let mut notes = vec![note(
@@ -81,26 +88,33 @@ fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson) -> Summary {
         let items = list
             .iter()
             .filter(|c| c.in_model || c.probability > 0.05)
-            .map(|c| item(format!("{}:", c.effect), number::words(&c.says)))
+            .map(|c| {
+                item(
+                    format!("{}:", capital(&plain_name(&c.effect))),
+                    number::words(&c.says),
+                )
+            })
             .collect();
         notes.push(note(&format!("What moved in {name}?"), "", items));
     }
     for (name, trend) in &json.trend.0 {
         notes.push(note(
             &format!("Trend of {name}"),
-            trend.says.clone(),
+            number::words(&trend.says),
             Vec::new(),
         ));
     }
     if let Some(d) = &json.difference {
         notes.push(note(
             "Do the electrodes differ?",
-            d.last.says.clone(),
+            number::words(&d.last.says),
             Vec::new(),
         ));
     }
     notes.extend(summary::remarks(&json.remarks));
     Summary {
+        of: provenance::head(made_of),
+        picture: String::new(),
         status,
         word: word.into(),
         headline: number::words(&outcome.verdict),
@@ -145,11 +159,16 @@ fn place(e: &ElectrodeAgeing, level: usize) -> f64 {
     e.levels[level].day.unwrap_or(level as f64 + 1.0)
 }
 
-fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
-    let what = match outcome.by {
+fn level(by: By) -> &'static str {
+    match by {
         By::Day => "day",
         By::Batch => "batch",
-    };
+    }
+}
+
+/// Strokes and their change over days.
+fn picture(outcome: &AgeingOutcome, paper: bool) -> String {
+    let what = level(outcome.by);
     let mut series = Vec::new();
     let mut losses = Vec::new();
     for (i, e) in outcome.electrodes.iter().enumerate() {
@@ -181,7 +200,8 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
             points(&|l| l.change_percent.value),
         ));
     }
-    if outcome.by == By::Day {
+    let paper = paper && outcome.by == By::Day;
+    if paper {
         let days = std::iter::once([1.0, 0.0]).chain(PAPER.iter().map(|p| [p.1, -p.3]));
         losses.push(curve(
             "CGE in the paper",
@@ -200,11 +220,17 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
         &panels,
         Width::Full,
     );
-    let figure = plot::figure(
-        &[drawing],
-        &plot::legend(&panels),
-        "Mean stroke of the averaged cycles, and its change against the first. Dots: the paper's Fig 9 for carbon grease; its DCPE changes by less than 6 %.",
-    );
+    let dots = match paper {
+        true => " Dots: the paper's Fig 9 for carbon grease; its DCPE changes by less than 6 %.",
+        false => "",
+    };
+    let caption =
+        format!("Mean stroke of the averaged cycles, and its change against the first.{dots}");
+    plot::figure(&[drawing], &plot::legend(&panels), &caption)
+}
+
+fn strokes(outcome: &AgeingOutcome, paper: bool) -> Option<Section> {
+    let what = level(outcome.by);
     let mut head = vec![Cell::text("electrode"), Cell::number(what)];
     let columns = [
         "stroke, mm (95 %)",
@@ -213,9 +239,11 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
         "significant",
         "relevant",
         "samples",
-        "paper: mm, %",
     ];
     head.extend(columns.map(Cell::number));
+    if paper {
+        head.push(Cell::number("paper: mm, %"));
+    }
     let mut table = Table::new("Strokes and their change.", head);
     let yes = |b: bool| Cell::text(if b { "yes" } else { "no" });
     for e in &outcome.electrodes {
@@ -229,10 +257,7 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
                     ends[1]
                 ))
             };
-            let paper = PAPER
-                .iter()
-                .find(|p| p.0.eq_ignore_ascii_case(&e.name) && Some(p.1) == l.day);
-            table.row(vec![
+            let mut cells = vec![
                 Cell::text(&e.name),
                 Cell::number(&l.name),
                 show(l.stroke_mm.value, l.stroke_ci95, 3),
@@ -241,13 +266,21 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
                 yes(l.significant),
                 yes(l.relevant),
                 Cell::number(number::count(l.samples)),
-                Cell::number(paper.map_or(String::new(), |p| format!("-{}, -{}", p.2, p.3))),
-            ]);
+            ];
+            if paper {
+                let same = |p: &&(&str, f64, f64, f64)| {
+                    p.0.eq_ignore_ascii_case(&e.name) && Some(p.1) == l.day
+                };
+                let shown = PAPER.iter().find(same);
+                let shown = shown.map(|p| format!("\u{2212}{}, \u{2212}{}", p.2, p.3));
+                cells.push(Cell::number(shown.unwrap_or_default()));
+            }
+            table.row(cells);
         }
     }
     let says = "The stroke of a cycle is largest minus smallest x of a curve through its frames, freed of what the noise adds; the mean is over the first cycles of each run, as many in each. Intervals are those of the capture's noise where an electrode has one sample.";
     let mut head = vec![Cell::text("electrode"), Cell::number(what)];
-    head.push(Cell::number("um a cycle (95 %)"));
+    head.push(Cell::number("\u{b5}m a cycle (95 %)"));
     let mut drift = Table::new(
         "Drift of the stroke within the runs, from cycle to cycle: no part of the change between days.",
         head,
@@ -264,7 +297,7 @@ fn strokes(outcome: &AgeingOutcome) -> Option<Section> {
         }
     }
     let parts = vec![
-        part("", Vec::new(), Some(table.html()), figure),
+        part("", Vec::new(), Some(table.html()), String::new()),
         part(
             "Within the runs",
             Vec::new(),
@@ -324,7 +357,11 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
                 number::significant(joint.unchanged_mean_square, 3)
             ));
             for [a, b] in &written.indistinguishable {
-                lines.push(format!("These recordings do not tell {a} from {b}."));
+                lines.push(format!(
+                    "These recordings do not tell {} from {}.",
+                    plain_name(a),
+                    plain_name(b)
+                ));
             }
             let lengths: Vec<f64> = joint
                 .levels
@@ -358,7 +395,7 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
             let mut panels = Vec::new();
             for c in &written.causes {
                 let first = [
-                    Cell::text(&c.effect),
+                    Cell::text(plain_name(&c.effect)),
                     Cell::number(number::fixed(c.probability, 2)),
                 ];
                 if c.by_day.is_empty() {
@@ -371,11 +408,14 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
                         0 => first.to_vec(),
                         _ => vec![Cell::text(""), Cell::number("")],
                     };
-                    let show = |v: Option<f64>| number::significant(v.unwrap_or(f64::NAN), 3);
-                    let [a, b] = d.ci95.map(show);
+                    let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
+                    let shown = Quantity::new(number(d.value), d.ci95.map(number), &d.unit);
                     cells.push(Cell::number(&e.levels[s.levels[i]].name));
-                    cells.push(Cell::number(format!("{} ({a} to {b})", show(d.value))));
-                    cells.push(Cell::text(&d.unit));
+                    cells.push(Cell::number(match shown.interval.as_str() {
+                        "" => shown.value,
+                        interval => format!("{} ({interval})", shown.value),
+                    }));
+                    cells.push(Cell::text(shown.unit));
                     table.row(cells);
                 }
                 if c.by_day.is_empty() {
@@ -387,13 +427,18 @@ fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
                         .collect()
                 };
                 let value = |i: usize| c.by_day[i].value.unwrap_or(f64::NAN);
-                let mut series = vec![curve(&c.effect, Role::One, Mark::Line, points(&value))];
+                let mut series = vec![curve(
+                    &plain_name(&c.effect),
+                    Role::One,
+                    Mark::Line,
+                    points(&value),
+                )];
                 for end in 0..2 {
                     let ends = points(&|i| c.by_day[i].ci95[end].unwrap_or(f64::NAN));
                     series.push(curve("95 %", Role::One, Mark::Dashed, ends));
                 }
                 panels.push(panel(
-                    &format!("{}, {}", c.parameter, c.by_day[0].unit),
+                    &format!("{}, {}", c.parameter.replace('_', " "), c.by_day[0].unit),
                     90.0,
                     series,
                 ));
@@ -494,7 +539,7 @@ fn difference(json: &AgeingJson) -> Option<Section> {
     }
     let parts = vec![part(
         "",
-        vec![d.last.says.clone()],
+        vec![number::words(&d.last.says)],
         Some(table.html()),
         String::new(),
     )];

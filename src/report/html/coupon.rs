@@ -8,9 +8,10 @@ use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, capital, item, note, tile};
 use super::{Provenance, number, parameters, provenance, quality, starts};
-use crate::calibration::{CouponFit, CouponOutcome, Estimate};
+use crate::calibration::{CouponFit, CouponOutcome};
 use crate::dataset::CouponMode;
 use crate::film::InitialState;
+use crate::report::answer::Answer;
 
 const COUPONS: &str = include_str!("coupons.html");
 const ERRORS: &str = include_str!("coupon_errors.html");
@@ -21,12 +22,14 @@ const DOTS: usize = 100;
 const LISTED: usize = 6;
 
 /// The report of a calibration on coupons, or of a film held against them.
-pub fn render_coupons(outcome: &CouponOutcome, provenance: &Provenance) -> String {
+pub fn render_coupons(outcome: &CouponOutcome, made_of: &Provenance) -> String {
     let sections = [
         coupons(outcome),
         starts::of(
             &outcome.starts,
             "squared error per row, in units of the noise of the coupon that its noise limits most, each coupon weighed by its stress range",
+            &(summary::end(outcome.converged, &outcome.reason)
+                + &summary::failed(outcome.failed_evaluations, outcome.evaluations)),
         ),
         parameters::of(&parameters::Shown {
             estimates: &outcome.estimates,
@@ -35,16 +38,16 @@ pub fn render_coupons(outcome: &CouponOutcome, provenance: &Provenance) -> Strin
             weak_directions: &outcome.weak_directions,
             eps_r: f64::NAN,
         }),
-        errors(outcome),
+        in_numbers(outcome),
         quality(outcome),
-        Some(provenance::of(provenance)),
+        Some(provenance::of(made_of)),
     ];
     let title = match outcome.job {
         "validate" => "Prediction against measurement",
         _ => "Calibration of the film on coupons",
     };
     let sections: Vec<Section> = sections.into_iter().flatten().collect();
-    page::page(title, &first_screen(outcome), &sections)
+    page::page(title, &first_screen(outcome, made_of), &sections)
 }
 
 /// Standard errors counting the misfit, where it exceeds the noise.
@@ -54,55 +57,46 @@ fn misfit(outcome: &CouponOutcome) -> Option<&[f64]> {
     (exceeds && all && !outcome.estimates.is_empty()).then_some(&outcome.misfit_std_error)
 }
 
-fn first_screen(outcome: &CouponOutcome) -> Summary {
+fn first_screen(outcome: &CouponOutcome, made_of: &Provenance) -> Summary {
     let (status, word) = summary::standing(outcome.standing());
+    let answer = Answer::of_coupons(outcome);
     let notes = [
+        summary::ended(outcome.evaluations, outcome.converged, &outcome.reason),
         against_noise(outcome),
         worst(outcome),
-        trusted(outcome),
-        ended(outcome),
-        doubted(outcome),
+        summary::open(&outcome.estimates, &answer),
         summary::remarks(&outcome.remarks),
     ];
+    let mut tiles = summary::facts(&answer);
+    tiles.extend(errors(outcome));
+    let worst = outcome
+        .coupons
+        .iter()
+        .max_by(|a, b| a.nrmse_percent.total_cmp(&b.nrmse_percent));
     Summary {
+        of: provenance::head(made_of),
         status,
         word: word.into(),
-        headline: number::words(&outcome.verdict),
-        tiles: tiles(outcome),
+        headline: number::words(&answer.says),
+        picture: worst.map_or_else(String::new, over_stretch),
+        tiles,
         notes: notes.into_iter().flatten().collect(),
     }
 }
 
-fn tiles(outcome: &CouponOutcome) -> Vec<page::Tile> {
+fn errors(outcome: &CouponOutcome) -> Vec<page::Tile> {
     let t = outcome.total();
-    let figure = |v: f64| number::significant(v, 3);
-    let worst = outcome.coupons.iter().map(|c| c.nrmse_percent);
-    let worst = worst.fold(f64::NAN, f64::max);
-    let largest = if t.n_samples > 0 {
-        t.max_error_pa
-    } else {
-        f64::NAN
-    };
-    let mut out = vec![
-        tile(
-            "Error over stress range",
-            figure(outcome.nrmse_percent),
-            "%",
-        ),
-        tile("Error of stress, rms", figure(t.rmse_pa), "Pa"),
-        tile("Noise of stress, rms", figure(t.noise_pa), "Pa"),
-        tile("Largest error", figure(largest), "Pa"),
-        tile("Coupons", number::count(outcome.coupons.len()), ""),
-        tile("Rows", number::count(t.n_samples), ""),
-    ];
-    if outcome.coupons.len() > 1 {
-        out.insert(1, tile("Worst coupon", figure(worst), "%"));
-    }
-    out
+    let error = number::significant(outcome.nrmse_percent, 3);
+    vec![
+        tile("Error over stress range", error, "%"),
+        summary::sized("Error of stress, rms", t.rmse_pa, "Pa"),
+        summary::sized("Noise alone makes", t.noise_pa, "Pa"),
+    ]
 }
 
+/// Each coupon's own, where there are several.
 fn against_noise(outcome: &CouponOutcome) -> Option<Note> {
-    if outcome.coupons.is_empty() {
+    if outcome.coupons.len() < 2 {
         return None;
     }
     let line = |c: &CouponFit| item(format!("{}:", c.id), number::words(&c.verdict));
@@ -113,12 +107,12 @@ fn against_noise(outcome: &CouponOutcome) -> Option<Note> {
 fn worst(outcome: &CouponOutcome) -> Option<Note> {
     let first = outcome.worst.first()?;
     let stands_out = outcome.coupons.iter().any(CouponFit::exceeds_noise);
-    let lead = if stands_out {
-        "The places with the largest excess over the noise of the stress:"
-    } else if first.ratio.is_finite() {
-        "Nowhere does the error stand out from the noise of the stress. The places with the largest error:"
-    } else {
-        "The places with the largest error; the noise of the stress is not known:"
+    if first.ratio.is_finite() && !stands_out {
+        return None;
+    }
+    let lead = match stands_out {
+        true => "The largest excess over the noise of the stress:",
+        false => "The largest error; the noise of the stress is not known:",
     };
     let line = |w: &crate::calibration::CouponPlace| {
         let mut text = format!("{} Pa rms", number::significant(w.rmse_pa, 3));
@@ -147,90 +141,6 @@ fn worst(outcome: &CouponOutcome) -> Option<Note> {
     };
     let items = outcome.worst.iter().map(line).collect();
     Some(note(summary::WHERE, lead, items))
-}
-
-fn usable(e: &Estimate) -> bool {
-    e.identifiable && e.at_bound.is_none()
-}
-
-fn trusted(outcome: &CouponOutcome) -> Option<Note> {
-    let free = outcome.estimates.iter().filter(|e| !e.fixed).count();
-    if free == 0 {
-        return None;
-    }
-    let misfit = misfit(outcome);
-    let items: Vec<Item> = outcome
-        .estimates
-        .iter()
-        .enumerate()
-        .filter(|(_, e)| !e.fixed && usable(e))
-        .map(|(i, e)| line_of(e, misfit.map(|m| m[i])))
-        .collect();
-    let lead = match (items.len(), misfit) {
-        (0, _) => format!("The coupons determine none of the {free} free parameters by itself."),
-        (n, None) => format!(
-            "The coupons determine {n} of {free} free parameters to a third of their value:"
-        ),
-        (n, Some(_)) => format!(
-            "Counting the misfit as noise, {n} of {free} free parameters are determined to a third of their value. Since the model leaves something out, a value may be wrong by more than its error:"
-        ),
-    };
-    Some(note(summary::TRUSTED, lead, items))
-}
-
-/// A parameter with its error by the noise, and counting the misfit.
-fn line_of(e: &Estimate, misfit: Option<f64>) -> Item {
-    let (unit, factor) = parameters::shown(e);
-    let value = number::significant(e.value * factor, 3);
-    let per_cent = |sd: f64| {
-        let share = 100.0 * sd / e.value.abs();
-        match share.is_finite() {
-            true => format!("{} %", number::significant(share, 2)),
-            false => number::MISSING.to_string(),
-        }
-    };
-    let mut text = value;
-    if !unit.is_empty() {
-        text += &format!(" {unit}");
-    }
-    text += &match misfit {
-        Some(m) => format!(
-            ", \u{b1} {} by the noise, \u{b1} {} counting the misfit",
-            per_cent(e.std_error),
-            per_cent(m)
-        ),
-        None => format!(", \u{b1} {}", per_cent(e.std_error)),
-    };
-    item(format!("{}:", e.name), text)
-}
-
-fn doubted(outcome: &CouponOutcome) -> Option<Note> {
-    let Some(misfit) = misfit(outcome) else {
-        return summary::doubted(&outcome.estimates, &outcome.weak_directions);
-    };
-    let bad = outcome
-        .estimates
-        .iter()
-        .zip(misfit)
-        .filter(|(e, _)| !e.fixed && !usable(e));
-    let mut items: Vec<Item> = bad
-        .map(|(e, m)| match e.at_bound.is_none() && m.is_finite() {
-            true if e.says.contains("misfit") => line_of(e, Some(*m)),
-            _ => item(format!("{}:", e.name), number::words(&e.says)),
-        })
-        .collect();
-    let weak = outcome.weak_directions.iter();
-    items.extend(weak.map(|w| item("Open together:", format!("{}.", number::words(&w.says)))));
-    (!items.is_empty()).then(|| note(summary::DOUBTED, "", items))
-}
-
-fn ended(outcome: &CouponOutcome) -> Option<Note> {
-    if outcome.evaluations == 0 {
-        return None;
-    }
-    let lead = summary::ended(outcome.converged, &outcome.reason)
-        + &summary::failed(outcome.failed_evaluations, outcome.evaluations);
-    Some(note(summary::HOW_IT_ENDED, lead, Vec::new()))
 }
 
 fn coupons(outcome: &CouponOutcome) -> Option<Section> {
@@ -429,7 +339,7 @@ fn over_time(c: &CouponFit) -> String {
     plot::figure(&[drawing], &plot::legend(&panels), caption)
 }
 
-fn errors(outcome: &CouponOutcome) -> Option<Section> {
+fn in_numbers(outcome: &CouponOutcome) -> Option<Section> {
     if outcome.coupons.is_empty() {
         return None;
     }
@@ -647,7 +557,7 @@ mod tests {
             "does not fit",
             "times the noise",
             "of the excess",
-            "counting the misfit",
+            "with misfit",
             "95 % by noise",
             "stretching from",
             "predicted minus measured, kPa",
@@ -669,9 +579,8 @@ mod tests {
         let outcome = fit(&[&c], 0);
         let html = render_coupons(&outcome, &provenance());
         look(&html);
-        assert!(html.contains(">fits<") && html.contains("Nowhere does the error stand out"));
-        assert!(!html.contains("counting the misfit"));
-        assert!(html.contains("free parameters to a third of their value"));
+        assert!(html.contains(">fits<") && html.contains("no more than its noise"));
+        assert!(!html.contains("with misfit") && !html.contains("Where does it err most?"));
     }
 
     #[test]

@@ -2,14 +2,15 @@
 
 use minijinja::{Value, context};
 
-use super::number::{self, MISSING};
+use super::number;
 use super::page::{self, Cell, Item, Note, Section, Status, Summary, Table, Tile, safe};
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
-use super::summary::{item, note, remarks, tile};
+use super::summary::{item, note, remarks, sized, tile};
 use super::{Provenance, learnt, provenance};
 use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, RigKind, Traces, Verdict};
 use crate::effects::{by_id, plain_name};
+use crate::report::answer::{Answer, mistaken_for, odds, sits_in, size};
 use crate::report::effect_entries::{actuators, named};
 
 /// Questions that the first screen answers.
@@ -48,77 +49,84 @@ pub fn render_diagnosis(d: &Diagnosis, made_of: &Provenance) -> String {
     .into_iter()
     .flatten()
     .collect();
-    page::page("Diagnosis of the model", &summary(d), &sections)
+    page::page("Diagnosis of the model", &summary(d, made_of), &sections)
 }
 
-fn summary(d: &Diagnosis) -> Summary {
+fn summary(d: &Diagnosis, made_of: &Provenance) -> Summary {
     let (status, word) = match d.verdict {
         Verdict::Adequate => (Status::Good, "adequate"),
         Verdict::MissingPhysics => (Status::Fair, "physics is missing"),
         Verdict::Unexplained => (Status::Poor, "unexplained"),
     };
+    let answer = Answer::of_diagnosis(d);
     let notes = [
-        fits(d),
-        places(d),
         missing(d),
+        places(d),
         changed(d),
         next(d),
         unseen(d),
+        fits(d),
         remarks(&d.remarks),
     ];
+    let mut tiles = super::summary::facts(&answer);
+    tiles.extend(errors(d));
     Summary {
+        of: provenance::head(made_of),
         status,
         word: word.into(),
-        headline: number::words(&d.says),
-        tiles: tiles(d),
+        headline: number::words(&answer.says),
+        picture: picture(d),
+        tiles,
         notes: notes.into_iter().flatten().collect(),
     }
+}
+
+/// The error before and after, and the noise.
+fn picture(d: &Diagnosis) -> String {
+    let bars = |g: &Gain| {
+        let mut list = vec![(Role::Two, g.before_v)];
+        if d.has_augmented() {
+            list.push((Role::Five, g.after_v));
+        }
+        list.push((Role::Base, g.noise_floor_v));
+        list
+    };
+    let mut groups = vec![("fitted".to_string(), bars(&d.train))];
+    if let Some(gain) = &d.holdout {
+        groups.insert(0, ("held out".to_string(), bars(gain)));
+    }
+    let mut names = vec![("plain model", Role::Two)];
+    if d.has_augmented() {
+        names.push(("augmented model", Role::Five));
+    }
+    names.push(("noise alone", Role::Base));
+    let title = format!("error{}, {} rms", d.over, d.unit);
+    let drawing = plot::bars("Error before and after, and the noise", &title, &groups);
+    plot::figure(&[drawing], &plot::colour_key(&names), "")
 }
 
 fn volt(v: f64) -> String {
     number::significant(v, 3)
 }
 
-/// A probability, without pretending to certainty.
-fn odds(p: f64) -> String {
-    match p {
-        p if !p.is_finite() => MISSING.into(),
-        p if p > 0.99 => "above 99 %".into(),
-        p => number::per_cent(p),
-    }
-}
-
-fn tiles(d: &Diagnosis) -> Vec<Tile> {
+fn errors(d: &Diagnosis) -> Vec<Tile> {
     let (gain, on) = judged_on(d);
-    let after = d.has_augmented();
     let mut out = vec![
         tile("Probability of this verdict", odds(d.confidence), ""),
-        tile(
+        sized(
             &format!("Plain model, {on}, rms{}", d.over),
-            volt(gain.before_v),
+            gain.before_v,
             &d.unit,
         ),
     ];
-    if after {
-        let label = format!("Augmented model, {on}");
-        out.push(tile(&label, volt(gain.after_v), &d.unit));
-    }
-    out.push(tile(
-        "Noise of the capture alone",
-        volt(gain.noise_floor_v),
-        &d.unit,
-    ));
-    let count = |held: bool| number::count(d.traces.iter().filter(|t| t.held_out == held).count());
-    if parts_held_out(d) {
-        out.push(tile(
-            "Recordings, their last part held out",
-            count(true),
-            "",
+    if d.has_augmented() {
+        out.push(sized(
+            &format!("Augmented model, {on}"),
+            gain.after_v,
+            &d.unit,
         ));
-    } else {
-        out.push(tile("Recordings fitted", count(false), ""));
-        out.push(tile("Recordings held out", count(true), ""));
     }
+    out.push(sized("Noise alone makes", gain.noise_floor_v, &d.unit));
     out
 }
 
@@ -251,46 +259,23 @@ fn place(p: &Place) -> String {
     out
 }
 
-/// `actuator 2`, `actuators 1 and 3`, `all actuators`.
-fn sits_in(list: &[usize]) -> String {
-    match list {
-        [a] => format!("actuator {a}"),
-        [a, b] => format!("actuators {a} and {b}"),
-        _ => "all actuators".into(),
-    }
-}
-
 /// Standard errors from which on it is said that the model keeps another value than the one freed of noise.
 const TELLING: f64 = 0.5;
 
-/// The values of a candidate with their intervals: `resistance 9.80e6 ohm (9.1e6 to 10.6e6)`.
+/// The values of a candidate with their intervals: `resistance 9.80 MΩ (9.10 to 10.60)`.
 fn values(c: &Candidate) -> String {
-    let one = |v: &crate::diagnosis::Value| {
-        if let Some(word) = &v.word {
-            return word.clone();
-        }
-        let digits = number::digits(v.value, v.std_error).max(3);
-        let shown = |x| number::significant(x, digits);
-        let mut text = shown(v.value);
-        let [low, high] = v.ci95.map(shown);
-        if low != MISSING && high != MISSING {
-            text += &format!(" ({low} to {high})");
-        }
-        if (v.value - v.fitted).abs() > TELLING * v.std_error {
-            text += &format!(", {} in the model", shown(v.fitted));
+    let one = |v: &&crate::diagnosis::Value| {
+        let mut text = size(v).with_interval();
+        if v.word.is_none() && (v.value - v.fitted).abs() > TELLING * v.std_error {
+            text += &format!(", {} in the model", number::sized(v.fitted, &v.unit, 3));
         }
         text + if v.at_bound { " at its bound" } else { "" }
     };
     named(c)
         .iter()
         .map(|n| {
-            let list: Vec<String> = n.values.iter().map(|v| one(v)).collect();
-            let first = n.values[0];
-            let unit = match (&first.word, first.unit.as_str()) {
-                (Some(_), _) | (_, "1") => String::new(),
-                (_, unit) => format!(" {unit}"),
-            };
-            format!("{} {}{unit}", n.name.replace('_', " "), list.join(", "))
+            let list: Vec<String> = n.values.iter().map(one).collect();
+            format!("{} {}", n.name.replace('_', " "), list.join(", "))
         })
         .collect::<Vec<_>>()
         .join("; ")
@@ -299,20 +284,6 @@ fn values(c: &Candidate) -> String {
 /// The id of an effect as a reader wants it.
 fn title(id: &str) -> String {
     super::summary::capital(&plain_name(id))
-}
-
-/// Other ids of the groups that an effect is in.
-fn mistaken_for(d: &Diagnosis, id: &str) -> Vec<String> {
-    let mut out: Vec<String> = Vec::new();
-    for group in d.groups.iter().filter(|g| g.contains(&id)) {
-        for other in group.iter().filter(|o| **o != id) {
-            let name = plain_name(other);
-            if !out.contains(&name) {
-                out.push(name);
-            }
-        }
-    }
-    out
 }
 
 fn missing(d: &Diagnosis) -> Option<Note> {
@@ -369,7 +340,7 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         .collect(),
         None => list,
     };
-    let lead = match (d.verdict, list.is_empty()) {
+    let also = match (d.verdict, list.is_empty()) {
         (Verdict::Adequate, true) => "Nothing that these recordings could show.",
         (Verdict::Adequate, false) => {
             "Nothing that these recordings could show; the nearest causes, none of which is needed:"
@@ -386,6 +357,11 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         (Verdict::Unexplained, false) => {
             "Something that is not in the catalogue. None of its causes accounts for the misfit; those that come nearest:"
         }
+    };
+    // what the first sentence says in short
+    let lead = match (d.verdict, &d.learnt) {
+        (Verdict::Adequate, _) | (_, Some(_)) => also.to_string(),
+        _ => format!("{} {also}", number::words(&d.says)),
     };
     Some(note(MISSING_IS, lead, list))
 }
@@ -812,11 +788,11 @@ fn candidates(d: &Diagnosis) -> Option<Section> {
             Cell::text(if d.rig == RigKind::Robot {
                 format!(
                     "{}, {}",
-                    c.acting.effect.id(),
+                    plain_name(c.acting.effect.id()),
                     sits_in(&actuators(c.acting.on))
                 )
             } else {
-                c.acting.effect.id().to_owned()
+                plain_name(c.acting.effect.id())
             }),
             Cell::number(odds(c.probability)),
             Cell::number(number::significant(c.delta_bic, 3)),
@@ -899,11 +875,11 @@ fn rivals(d: &Diagnosis) -> Option<Section> {
     );
     let figure = |v: f64| Cell::number(number::significant(v, 3));
     let holdout = |g: Option<&Gain>| figure(g.map_or(f64::NAN, |g| g.after_v));
-    let own: Vec<&str> = d
+    let own: Vec<String> = d
         .candidates
         .iter()
         .filter(|c| c.in_model)
-        .map(|c| c.acting.effect.id())
+        .map(|c| plain_name(c.acting.effect.id()))
         .collect();
     let before = d.holdout.map_or(f64::NAN, |h| h.before_v);
     table.row(vec![
@@ -924,7 +900,13 @@ fn rivals(d: &Diagnosis) -> Option<Section> {
     for r in &d.rival_models {
         table.row(vec![
             Cell::text(r.method),
-            Cell::text(r.effects.join(", ")),
+            Cell::text(
+                r.effects
+                    .iter()
+                    .map(|e| plain_name(e))
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            ),
             figure(r.train.after_v),
             holdout(r.holdout.as_ref()),
         ]);
@@ -1004,13 +986,12 @@ fn hidden(d: &Diagnosis) -> Option<Section> {
         .concat(),
     );
     for h in &d.hidden {
-        let unit = if h.unit == "1" { "" } else { &h.unit };
-        let size = number::significant(h.smallest_detectable, 2);
+        let size = number::sized(h.smallest_detectable, &h.unit, 2);
         table.row(vec![
             Cell::text(plain_name(h.effect)),
             // Three nines say more than 100 %.
             Cell::number(format!("{} %", number::fixed(100.0 * h.hidden_share, 1))),
-            Cell::number(format!("{} {size} {unit}", h.name.replace('_', " "))),
+            Cell::number(format!("{} {size}", h.name.replace('_', " "))),
             Cell::text(brought_out_by(d.rig, h.effect)),
         ]);
     }

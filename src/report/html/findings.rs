@@ -43,6 +43,8 @@ pub fn with_findings(page: String, findings: &[Finding]) -> String {
 #[must_use]
 pub fn render_recording(says: &str, findings: &[Finding], made_of: &Provenance) -> String {
     let summary = Summary {
+        of: provenance::head(made_of),
+        picture: String::new(),
         status: Status::Poor,
         word: "first mend the recording".into(),
         headline: says.into(),

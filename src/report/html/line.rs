@@ -5,10 +5,11 @@ use minijinja::{Value, context};
 use super::page::{self, Section, Summary, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Width};
 use super::recordings::curve;
-use super::summary::{self, remarks, tile};
+use super::summary::{self, remarks, sized};
 use super::{Provenance, number, parameters, provenance};
 use crate::calibration::{LineFit, LineOutcome};
 use crate::effects::line::Kind;
+use crate::report::answer::Answer;
 
 const TEMPLATE: &str = include_str!("samples.html");
 /// Points of a drawing.
@@ -17,20 +18,29 @@ const POINTS: usize = 2500;
 /// The report of a fit of hinge benches or axes, or of a model that is held against such recordings or
 /// coupons.
 pub fn render_lines(outcome: &LineOutcome, made_of: &Provenance) -> String {
-    let (rmse, largest, n, noise) = outcome.total();
-    let figure = |v: f64| number::significant(v, 3);
+    let (rmse, largest, _, noise) = outcome.total();
     let status = summary::standing(outcome.standing());
+    let answer = Answer::of_lines(outcome);
+    let mut tiles = summary::facts(&answer);
+    tiles.extend([
+        sized("Error, rms", rmse, &outcome.unit),
+        sized("Noise alone makes", noise, &outcome.unit),
+        sized("Largest error", largest, &outcome.unit),
+    ]);
+    let notes = [
+        summary::ended(outcome.evaluations, outcome.converged, &outcome.reason),
+        summary::open(&outcome.estimates, &answer),
+        remarks(&outcome.remarks),
+    ];
+    let first = outcome.recordings.first();
     let summary = Summary {
+        of: provenance::head(made_of),
         status: status.0,
         word: status.1.into(),
-        headline: number::words(&outcome.verdict),
-        tiles: vec![
-            tile("Error, rms", figure(rmse), &outcome.unit),
-            tile("Noise, rms", figure(noise), &outcome.unit),
-            tile("Largest error", figure(largest), &outcome.unit),
-            tile("Samples", number::count(n), ""),
-        ],
-        notes: remarks(&outcome.remarks).into_iter().collect(),
+        headline: number::words(&answer.says),
+        picture: first.map_or_else(String::new, |r| over_coordinate(outcome, r)),
+        tiles,
+        notes: notes.into_iter().flatten().collect(),
     };
     let sections: Vec<Section> = [
         Some(recordings(outcome)),
@@ -64,12 +74,10 @@ fn recordings(outcome: &LineOutcome) -> Section {
                 anchor => format!("recording-{}", i + 1),
                 id => r.id.clone(),
                 lead => format!(
-                    "{} {} rms over {} samples, noise {} {}.",
-                    number::significant(r.rmse, 3),
-                    outcome.unit,
+                    "{} rms over {} samples, noise {}.",
+                    number::sized(r.rmse, &outcome.unit, 3),
                     number::count(r.n_samples),
-                    number::significant(r.noise, 3),
-                    outcome.unit
+                    number::sized(r.noise, &outcome.unit, 3)
                 ),
                 time => safe(over_time(outcome, r)),
                 loops => safe(over_coordinate(outcome, r)),
@@ -151,11 +159,22 @@ fn over_coordinate(outcome: &LineOutcome, r: &LineFit) -> String {
             pairs(&r.coordinate, &r.predicted),
         ),
     ];
+    let key = plot::legend(&[Panel {
+        y: Axis::new(""),
+        height: 0.0,
+        shades: Vec::new(),
+        bands: Vec::new(),
+        series: series.clone(),
+    }]);
     let drawing = plot::loops(
         &format!("{driven} over {coordinate} in {}", r.id),
         &Axis::new(coordinate),
         &Axis::new(format!("{driven}, {}", outcome.unit)),
         series,
     );
-    plot::figure(&[drawing], "", "")
+    let caption = format!(
+        "{}: {driven} over {coordinate}, measured and predicted.",
+        r.id
+    );
+    plot::figure(&[drawing], &key, &caption)
 }

@@ -29,6 +29,7 @@ mod torque;
 mod validation;
 
 use crate::calibration::Outcome;
+use crate::report::answer::Answer;
 use crate::report::provenance::Provenance;
 use page::Section;
 
@@ -38,6 +39,7 @@ pub use diagnosis::render_diagnosis;
 pub use findings::{render_recording, with_findings};
 pub use line::render_lines;
 pub use sample::render_samples;
+pub(super) use summary::capital;
 pub use validation::{render_validation, words as validation_words};
 
 type MakeSection = fn(&Outcome, &Provenance) -> Option<Section>;
@@ -55,14 +57,18 @@ const SECTIONS: [MakeSection; 8] = [
     provenance::section,
 ];
 
-/// The report of a calibration or a validation.
-pub fn render(outcome: &Outcome, provenance: &Provenance) -> String {
+/// The report of a calibration of a robot.
+pub fn render(outcome: &Outcome, answer: &Answer, provenance: &Provenance) -> String {
     let sections: Vec<Section> = SECTIONS
         .iter()
         .filter_map(|make| make(outcome, provenance))
         .collect();
     let title = summary::title(outcome);
-    page::page(title, &summary::summary(outcome), &sections)
+    page::page(
+        title,
+        &summary::summary(outcome, answer, provenance),
+        &sections,
+    )
 }
 
 /// The colours of actuators 1 to 3, wherever they are told apart by colour.

@@ -1,4 +1,7 @@
-//! Numbers as a reader wants them: few digits, a real minus sign, groups of three, never the word NaN.
+//! Numbers as a reader wants them: digits by the interval, SI prefixes, a real minus sign, groups of three,
+//! never the word NaN.
+
+use crate::effects::{by_id, line, plain_name};
 
 /// What stands where there is no number.
 pub const MISSING: &str = "n/a";
@@ -97,6 +100,107 @@ pub fn with_error(value: f64, error: f64) -> (String, Option<String>) {
     (fixed(value, places), Some(fixed(error, places)))
 }
 
+/// Prefixes, a thousand times the one before, from 1e-9 on.
+const PREFIXES: [&str; 7] = ["n", "\u{b5}", "m", "", "k", "M", "G"];
+/// Units that take a prefix.
+const PREFIXED: [&str; 14] = [
+    "Pa",
+    "s",
+    "m",
+    "g",
+    "V",
+    "Hz",
+    "N",
+    "N m",
+    "N/m",
+    "N s/m",
+    "N m/rad",
+    "N m/deg",
+    "N m s/rad",
+    "\u{3a9}",
+];
+
+/// The factor into a prefixed unit in which `value` has one to three digits before the point, and that unit;
+/// empty for a plain number.
+pub fn scaled(value: f64, unit: &str) -> (f64, String) {
+    let (of, unit) = match unit {
+        "1" => (1.0, ""),
+        "kg" => (1e3, "g"),
+        "ohm" => (1.0, "\u{3a9}"),
+        unit => (1.0, unit),
+    };
+    let thousands = match exponent(of * value, 4) {
+        Some(e) if PREFIXED.contains(&unit) => e.div_euclid(3).clamp(-3, 3),
+        _ => 0,
+    };
+    let prefix = PREFIXES[(thousands + 3) as usize];
+    (of * 10f64.powi(-3 * thousands), format!("{prefix}{unit}"))
+}
+
+/// A value in its prefixed unit, with its 95 % interval: `value` and the ends to the digit in which the
+/// narrower half of the interval has two.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Quantity {
+    /// The value.
+    pub value: String,
+    /// `1.08 to 1.14`; empty where there is no interval.
+    pub interval: String,
+    /// The unit; empty for a plain number.
+    pub unit: String,
+}
+
+impl Quantity {
+    /// Of a value and the ends of its interval (no number, or the value itself, where there is none).
+    pub fn new(value: f64, [low, high]: [f64; 2], unit: &str) -> Self {
+        let half = (value - low).min(high - value);
+        let known = half > 0.0 && half.is_finite();
+        let size = if known { half.max(value.abs()) } else { value };
+        let (factor, unit) = scaled(size, unit);
+        let shown = |v: f64| match known {
+            true => fixed(factor * v, decimals(factor * half, 2)),
+            false => significant(factor * v, 4),
+        };
+        Quantity {
+            value: shown(value),
+            interval: match known {
+                true => format!("{} to {}", shown(low), shown(high)),
+                false => String::new(),
+            },
+            unit,
+        }
+    }
+
+    /// The value with its unit.
+    pub fn with_unit(&self) -> String {
+        with_unit(&self.value, &self.unit)
+    }
+
+    /// `9.80 MΩ (9.1 to 10.6)`.
+    pub fn with_interval(&self) -> String {
+        match self.interval.as_str() {
+            "" => self.with_unit(),
+            interval => format!("{} ({interval})", self.with_unit()),
+        }
+    }
+}
+
+/// A number and its unit; alone where it has none.
+pub fn with_unit(number: &str, unit: &str) -> String {
+    match unit {
+        "" => number.into(),
+        unit => format!("{number} {unit}"),
+    }
+}
+
+/// `value` of `unit` with its prefix, to `digits` significant digits.
+pub fn sized(value: f64, unit: &str, digits: usize) -> String {
+    let (factor, unit) = scaled(value, unit);
+    match significant(factor * value, digits) {
+        number if number == MISSING => number,
+        number => with_unit(&number, &unit),
+    }
+}
+
 /// A number of things.
 pub fn count(n: usize) -> String {
     dress(&n.to_string())
@@ -132,27 +236,57 @@ pub fn tick_labels(values: &[f64]) -> Vec<String> {
     values.iter().map(label).collect()
 }
 
-/// A sentence that another part of the program wrote, without NaN, inf and phi^2 for a reader to stumble
-/// over.
+/// A sentence that another part of the program wrote, as a reader wants it: no NaN, inf or phi^2 to stumble
+/// over, causes by their names, a real minus, chance without powers of ten.
 pub fn words(sentence: &str) -> String {
     let sentence = sentence.replace("phi^2", "\u{3c6}\u{b2}");
     let mut out = String::with_capacity(sentence.len());
-    let mut word = String::new();
-    for c in sentence.chars().chain(['\0']) {
-        if c.is_alphanumeric() || c == '_' {
-            word.push(c);
+    let mut rest = sentence.as_str();
+    let mut before = ' ';
+    while let Some(c) = rest.chars().next() {
+        let is_word = |c: char| c.is_alphanumeric() || c == '_';
+        let end = rest.find(|c| !is_word(c)).unwrap_or(rest.len());
+        let begins = matches!(before, ' ' | '(' | '`' | '\n');
+        if end > 0 {
+            let (word, after) = rest.split_at(end);
+            let ends = !after.starts_with(['-', '/', '\\']);
+            match word {
+                "NaN" | "inf" => out.push_str(MISSING),
+                "um" if begins && ends => out.push_str("\u{b5}m"),
+                id if begins && ends && id.contains('_') && is_cause(id) => {
+                    out.push_str(&plain_name(id));
+                }
+                other => out.push_str(other),
+            }
+            (before, rest) = ('w', after);
             continue;
         }
-        out.push_str(match word.as_str() {
-            "NaN" | "inf" => MISSING,
-            other => other,
-        });
-        word.clear();
-        if c != '\0' {
-            out.push(c);
+        rest = &rest[c.len_utf8()..];
+        match c {
+            '-' if begins && rest.starts_with(|c: char| c.is_ascii_digit()) => {
+                out.push('\u{2212}');
+            }
+            c => out.push(c),
         }
+        before = c;
     }
-    out
+    without_powers(out)
+}
+
+fn is_cause(id: &str) -> bool {
+    by_id(id).is_some() || line::by_id(id).is_some()
+}
+
+/// `p < 1e-15` as `p < 0.001`.
+fn without_powers(mut sentence: String) -> String {
+    const CHANCE: &str = "p < 1e-";
+    while let Some(at) = sentence.find(CHANCE) {
+        let digits = sentence[at + CHANCE.len()..]
+            .find(|c: char| !c.is_ascii_digit())
+            .map_or(sentence.len(), |n| at + CHANCE.len() + n);
+        sentence.replace_range(at..digits, "p < 0.001");
+    }
+    sentence
 }
 
 #[cfg(test)]
@@ -189,6 +323,38 @@ mod tests {
     fn sentences_lose_nan_but_no_name() {
         assert_eq!(words("error NaN % of it"), "error n/a % of it");
         assert_eq!(words("NaNtes and info: inf"), "NaNtes and info: n/a");
+        let says =
+            "off by 3 um from -1.1 to -0.07 rad in sym-01 (p < 1e-15): joint_friction, x_stribeck.";
+        let words_ = "off by 3 \u{b5}m from \u{2212}1.1 to \u{2212}0.07 rad in sym-01 (p < 0.001): joint friction, stribeck.";
+        assert_eq!(words(says), words_);
+        let id = "out/joint_friction/report.html, joint_friction-01";
+        assert_eq!(words(id), id);
+    }
+
+    #[test]
+    fn a_quantity_has_the_digits_of_its_interval() {
+        let q = |v, ends, unit| {
+            let q = Quantity::new(v, ends, unit);
+            (q.with_unit(), q.interval)
+        };
+        let same = |v: &str, i: &str| (v.to_string(), i.to_string());
+        assert_eq!(
+            q(1_111_799.0, [1_080_068.0, 1_143_529.0], "Pa"),
+            same("1.112 MPa", "1.080 to 1.144")
+        );
+        assert_eq!(q(1.3973, [0.4, 2.4], "1"), same("1.40", "0.40 to 2.40"));
+        assert_eq!(
+            q(-3e-4, [-4e-4, -2e-4], "N m"),
+            same("\u{2212}300 \u{b5}N m", "\u{2212}400 to \u{2212}200")
+        );
+        assert_eq!(
+            q(1e-9, [-5e-3, 5e-3], "N m"),
+            same("0.0 mN m", "\u{2212}5.0 to 5.0")
+        );
+        assert_eq!(q(5.338e-6, [f64::NAN; 2], "kg"), same("5.338 mg", ""));
+        assert_eq!(q(9.8e6, [9.8e6; 2], "ohm"), same("9.800 M\u{3a9}", ""));
+        assert_eq!(sized(1.669e-3, "V", 3), "1.67 mV");
+        assert_eq!(sized(f64::NAN, "V", 3), "n/a");
     }
 
     #[test]

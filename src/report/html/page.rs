@@ -28,6 +28,8 @@ pub struct Tile {
     pub value: String,
     /// Its unit; empty for a count.
     pub unit: String,
+    /// Its 95 % interval, or what else belongs to it; may be empty.
+    pub note: String,
 }
 
 /// One line of a note: what stands out, and the rest of the sentence.
@@ -50,15 +52,19 @@ pub struct Note {
     pub items: Vec<Item>,
 }
 
-/// The first screen: words first, then key numbers, then answers.
+/// The first screen: the answer in a sentence and a picture, then key numbers, then doubts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
+    /// What it is of: rig, recordings, day; may be empty.
+    pub of: String,
     /// Colour of the status word.
     pub status: Status,
     /// The status word.
     pub word: String,
-    /// The first sentence.
+    /// The answer.
     pub headline: String,
+    /// A figure that shows it; safe HTML, may be empty.
+    pub picture: String,
     /// Key numbers.
     pub tiles: Vec<Tile>,
     /// Answers to what a reader asks next.
@@ -74,7 +80,12 @@ impl Summary {
             Status::Unknown => "unknown",
         };
         let tile = |t: &Tile| {
-            context! { label => t.label.clone(), value => t.value.clone(), unit => t.unit.clone() }
+            context! {
+                label => t.label.clone(),
+                value => t.value.clone(),
+                unit => t.unit.clone(),
+                note => t.note.clone(),
+            }
         };
         let item = |i: &Item| context! { strong => i.strong.clone(), text => i.text.clone() };
         let note = |n: &Note| {
@@ -85,6 +96,8 @@ impl Summary {
             }
         };
         context! {
+            of => self.of.clone(),
+            picture => safe(self.picture.clone()),
             status => status,
             word => self.word.clone(),
             headline => self.headline.clone(),

@@ -11,15 +11,14 @@ const TEMPLATE: &str = include_str!("parameters.html");
 /// Behind value and standard error.
 const MISFIT_COLUMN: usize = 4;
 
-/// The unit in which a value reads well, and the factor to it.
-pub fn shown(e: &Estimate) -> (&'static str, f64) {
-    match e.unit {
-        "Pa" => ("kPa", 1e-3),
-        "N m" => ("mN m", 1e3),
-        "s" if e.value.abs() < 1.0 => ("ms", 1e3),
-        "1" => ("", 1.0),
-        unit => (unit, 1.0),
-    }
+/// The factor into the unit in which a value and its error read well, and that unit.
+fn shown(e: &Estimate) -> (f64, String) {
+    let error = if e.std_error.is_finite() {
+        e.std_error
+    } else {
+        0.0
+    };
+    number::scaled(error.max(e.value.abs()), e.unit)
 }
 
 fn trust(e: &Estimate) -> Cell {
@@ -64,7 +63,7 @@ pub struct Shown<'a> {
 }
 
 fn row(e: &Estimate, misfit: Option<f64>) -> Vec<Cell> {
-    let (unit, factor) = shown(e);
+    let (factor, unit) = shown(e);
     let (value, error) = number::with_error(e.value * factor, e.std_error * factor);
     let error = match error {
         Some(error) => format!("\u{b1} {error}"),

@@ -13,10 +13,37 @@ pub fn section(_: &Outcome, provenance: &Provenance) -> Option<Section> {
     Some(of(provenance))
 }
 
+/// Recordings that the head of a page names.
+const NAMED: usize = 4;
+
+/// What a page is of: rig, recordings, days.
+pub fn head(provenance: &Provenance) -> String {
+    let mut ids: Vec<&str> = provenance
+        .recordings
+        .iter()
+        .map(|r| r.id.as_str())
+        .collect();
+    let more = match ids.len() {
+        n if n > NAMED + 1 => format!(" and {} more", n - NAMED),
+        _ => String::new(),
+    };
+    if !more.is_empty() {
+        ids.truncate(NAMED);
+    }
+    let days = match provenance.days.as_slice() {
+        [] => String::new(),
+        [day] => format!("recorded {day}"),
+        [first, .., last] => format!("recorded {first} to {last}"),
+    };
+    let parts = [provenance.rig_id.clone(), ids.join(", ") + &more, days];
+    let parts: Vec<String> = parts.into_iter().filter(|p| !p.is_empty()).collect();
+    parts.join(" \u{b7} ")
+}
+
 /// The section of any job.
 pub fn of(provenance: &Provenance) -> Section {
     let head = ["of", "file", "role", "SHA-256"].map(Cell::text);
-    let mut table = Table::new("Files read, and the SHA-256 of their bytes.", head.to_vec());
+    let mut table = Table::new("Paths as they were opened.", head.to_vec());
     let mut add = |of: &str, file: &FileSum| {
         table.row(vec![
             Cell::text(of),

@@ -67,111 +67,151 @@ pub fn curve(name: &str, role: Role, mark: Mark, points: Vec<[f64; 2]>) -> Serie
     }
 }
 
-fn over_time(r: &RecordingOutcome) -> String {
-    let at = |flags: &[bool], i: usize| flags.get(i).copied();
-    let gap = reduce::spans(&r.time_s, |i| at(&r.gap, i) == Some(true));
-    let skip = reduce::spans(&r.time_s, |i| {
-        at(&r.counts, i) == Some(false) && at(&r.gap, i) != Some(true)
-    });
-    let shade = |name: &str, role, spans: &Vec<[f64; 2]>| Shade {
-        name: name.into(),
-        role,
-        spans: spans.clone(),
+/// One actuator of one recording, for the first screen: the one with the most samples that count.
+pub fn picture(outcome: &Outcome) -> String {
+    let each = outcome
+        .recordings
+        .iter()
+        .flat_map(|r| (0..3).map(move |k| (r, k)));
+    let most = each
+        .filter(|(r, k)| r.chains[*k].samples > 0)
+        .max_by_key(|(r, k)| (r.chains[*k].samples, std::cmp::Reverse(*k)));
+    let Some((r, k)) = most else {
+        return String::new();
     };
-    let shades = vec![
-        shade("does not count", Role::Skip, &skip),
-        shade("gap in the capture", Role::Gap, &gap),
-    ];
-    // All actuators on one scale, so that they can be compared.
-    let kilo = r.command_v.iter().chain(&r.predicted_v).flatten();
-    let volts = plot::padded(plot::extent(kilo.map(|v| v * 1e-3).chain([0.0])));
-    let reach = [r.total.max_error_v, 3.0 * r.total.noise_floor_v];
-    let mut reach = 1.15
-        * reach
-            .into_iter()
-            .filter(|v| v.is_finite())
-            .fold(0.0, f64::max);
-    if reach == 0.0 && r.total.rmse_all_v > 0.0 {
-        reach = 3.0 * r.total.rmse_all_v;
-    } else if reach == 0.0 {
-        reach = 100.0;
+    let (drawing, legend) = actuator(r, k, &Scale::of(r));
+    let caption = format!(
+        "{}, actuator {}: the voltage that the measured motion needs, over the commanded one; below, their difference and what noise makes.",
+        r.id,
+        k + 1
+    );
+    plot::figure(&[drawing], &legend, &caption)
+}
+
+/// What the drawings of a recording share, so that actuators can be compared.
+struct Scale {
+    shades: Vec<Shade>,
+    kilovolt: [f64; 2],
+    reach_v: f64,
+}
+
+impl Scale {
+    fn of(r: &RecordingOutcome) -> Self {
+        let at = |flags: &[bool], i: usize| flags.get(i).copied();
+        let gap = reduce::spans(&r.time_s, |i| at(&r.gap, i) == Some(true));
+        let skip = reduce::spans(&r.time_s, |i| {
+            at(&r.counts, i) == Some(false) && at(&r.gap, i) != Some(true)
+        });
+        let shade = |name: &str, role, spans| Shade {
+            name: name.into(),
+            role,
+            spans,
+        };
+        let kilo = r.command_v.iter().chain(&r.predicted_v).flatten();
+        let reach = [r.total.max_error_v, 3.0 * r.total.noise_floor_v];
+        let reach = reach.into_iter().filter(|v| v.is_finite());
+        let reach = 1.15 * reach.fold(0.0, f64::max);
+        Scale {
+            shades: vec![
+                shade("does not count", Role::Skip, skip),
+                shade("gap in the capture", Role::Gap, gap),
+            ],
+            kilovolt: plot::padded(plot::extent(kilo.map(|v| v * 1e-3).chain([0.0]))),
+            reach_v: match reach {
+                0.0 if r.total.rmse_all_v > 0.0 => 3.0 * r.total.rmse_all_v,
+                0.0 => 100.0,
+                reach => reach,
+            },
+        }
     }
-    let x = Axis::new("time, s");
+}
+
+fn over_time(r: &RecordingOutcome) -> String {
+    let scale = Scale::of(r);
     let mut legend = String::new();
     let drawings: Vec<String> = (0..3)
         .map(|k| {
-            let sd = |i: usize| r.sd_v.get(i).map_or(f64::NAN, |s| s[k]);
-            let predicted = column(r, &r.predicted_v, k, 1e-3);
-            let band = predicted.iter().enumerate().map(|(i, p)| {
-                let half = 2e-3 * sd(i);
-                [p[0], p[1] - half, p[1] + half]
-            });
-            let mut series = vec![curve(
-                "command",
-                Role::Base,
-                Mark::Broad,
-                column(r, &r.command_v, k, 1e-3),
-            )];
-            if let Some(m) = &r.monitor_v {
-                let points = column(r, m, k, 1e-3);
-                series.push(curve("monitor", Role::Three, Mark::Dashed, points));
-            }
-            let band = Band {
-                name: "\u{b1}2 sd of the capture noise".into(),
-                role: Role::One,
-                rows: band.collect(),
-            };
-            let error = |above: bool| -> Vec<[f64; 2]> {
-                let rows = r.predicted_v.iter().zip(&r.command_v);
-                let point = |(t, (p, c)): (&f64, (&[f64; 3], &[f64; 3]))| {
-                    let here = (c[k].abs() > 1000.0) == above;
-                    [*t, if here { p[k] - c[k] } else { f64::NAN }]
-                };
-                r.time_s.iter().zip(rows).map(point).collect()
-            };
-            let above = "difference where the command exceeds 1 kV";
-            let below = "difference below";
-            let errors = vec![
-                curve(below, Role::Base, Mark::Line, error(false)),
-                curve(above, Role::Two, Mark::Line, error(true)),
-            ];
-            let noise = (0..r.time_s.len()).map(|i| [r.time_s[i], -2.0 * sd(i), 2.0 * sd(i)]);
-            let noise = Band {
-                name: String::new(),
-                role: Role::One,
-                rows: noise.collect(),
-            };
-            series.push(curve("predicted", Role::One, Mark::Line, predicted));
-            let driven = driven(r, k);
-            let mut panels = vec![Panel {
-                y: Axis::over(format!("Actuator {}: voltage, kV", k + 1), volts),
-                height: if driven { 130.0 } else { 70.0 },
-                shades: shades.clone(),
-                bands: vec![band],
-                series,
-            }];
-            if driven {
-                panels.push(Panel {
-                    y: Axis::over("predicted minus command, V", [-reach, reach]),
-                    height: 82.0,
-                    shades: shades.clone(),
-                    bands: vec![noise],
-                    series: errors,
-                });
-            }
-            let key = plot::legend(&panels);
+            let (drawing, key) = actuator(r, k, &scale);
             if key.len() > legend.len() {
                 legend = key;
             }
-            let label = format!(
-                "Command and predicted voltage of actuator {} over time, and their difference",
-                k + 1
-            );
-            plot::line_plot(&label, &x, &panels, Width::Full)
+            drawing
         })
         .collect();
     let caption = "Look for a difference that leaves the blue band for long, or that repeats with the drive: noise does neither. Near 0 V the noise of the capture alone is worth hundreds of volts; what lies beyond a panel is drawn at its edge.";
     plot::figure(&drawings, &legend, caption)
+}
+
+/// Command and prediction of actuator `k`, and the legend.
+fn actuator(r: &RecordingOutcome, k: usize, scale: &Scale) -> (String, String) {
+    let sd = |i: usize| r.sd_v.get(i).map_or(f64::NAN, |s| s[k]);
+    let predicted = column(r, &r.predicted_v, k, 1e-3);
+    let band = predicted.iter().enumerate().map(|(i, p)| {
+        let half = 2e-3 * sd(i);
+        [p[0], p[1] - half, p[1] + half]
+    });
+    let mut series = vec![curve(
+        "command",
+        Role::Base,
+        Mark::Broad,
+        column(r, &r.command_v, k, 1e-3),
+    )];
+    if let Some(m) = &r.monitor_v {
+        let points = column(r, m, k, 1e-3);
+        series.push(curve("monitor", Role::Three, Mark::Dashed, points));
+    }
+    let band = Band {
+        name: "\u{b1}2 sd of the capture noise".into(),
+        role: Role::One,
+        rows: band.collect(),
+    };
+    let error = |above: bool| -> Vec<[f64; 2]> {
+        let rows = r.predicted_v.iter().zip(&r.command_v);
+        let point = |(t, (p, c)): (&f64, (&[f64; 3], &[f64; 3]))| {
+            let here = (c[k].abs() > 1000.0) == above;
+            [*t, if here { p[k] - c[k] } else { f64::NAN }]
+        };
+        r.time_s.iter().zip(rows).map(point).collect()
+    };
+    let above = "difference where the command exceeds 1 kV";
+    let below = "difference below";
+    let errors = vec![
+        curve(below, Role::Base, Mark::Line, error(false)),
+        curve(above, Role::Two, Mark::Line, error(true)),
+    ];
+    let noise = (0..r.time_s.len()).map(|i| [r.time_s[i], -2.0 * sd(i), 2.0 * sd(i)]);
+    let noise = Band {
+        name: String::new(),
+        role: Role::One,
+        rows: noise.collect(),
+    };
+    series.push(curve("predicted", Role::One, Mark::Line, predicted));
+    let driven = driven(r, k);
+    let mut panels = vec![Panel {
+        y: Axis::over(format!("Actuator {}: voltage, kV", k + 1), scale.kilovolt),
+        height: if driven { 130.0 } else { 70.0 },
+        shades: scale.shades.clone(),
+        bands: vec![band],
+        series,
+    }];
+    if driven {
+        panels.push(Panel {
+            y: Axis::over(
+                "predicted minus command, V",
+                [-scale.reach_v, scale.reach_v],
+            ),
+            height: 82.0,
+            shades: scale.shades.clone(),
+            bands: vec![noise],
+            series: errors,
+        });
+    }
+    let label = format!(
+        "Command and predicted voltage of actuator {} over time, and their difference",
+        k + 1
+    );
+    let drawing = plot::line_plot(&label, &Axis::new("time, s"), &panels, Width::Full);
+    (drawing, plot::legend(&panels))
 }
 
 /// Whether actuator `k` is to be judged: its command exceeds 1 kV, or no command of the recording does.

@@ -6,20 +6,22 @@ use minijinja::{Value, context};
 use super::page::{self, Cell, Section, Summary, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
-use super::summary::{self, note, tile};
+use super::summary;
 use super::{Provenance, number, parameters, provenance, reduce, starts};
 use crate::calibration::{SampleFit, SampleOutcome, Standing};
+use crate::report::answer::Answer;
 
 const TEMPLATE: &str = include_str!("samples.html");
 const ERRORS: &str = include_str!("coupon_errors.html");
 
 /// The report of a calibration on hanging samples, or of a film held against them.
-pub fn render_samples(outcome: &SampleOutcome, provenance: &Provenance) -> String {
+pub fn render_samples(outcome: &SampleOutcome, made_of: &Provenance) -> String {
     let sections = [
         recordings(outcome),
         starts::of(
             &outcome.starts,
             "squared (predicted minus captured x)/noise per row, priors included",
+            &summary::end(outcome.converged, &outcome.reason),
         ),
         parameters::of(&parameters::Shown {
             estimates: &outcome.estimates,
@@ -29,66 +31,40 @@ pub fn render_samples(outcome: &SampleOutcome, provenance: &Provenance) -> Strin
             eps_r: outcome.eps_r,
         }),
         errors(outcome),
-        Some(provenance::of(provenance)),
+        Some(provenance::of(made_of)),
     ];
     let title = match outcome.job {
         "validate" => "Prediction against measurement",
         _ => "Calibration of the film on hanging samples",
     };
     let sections: Vec<Section> = sections.into_iter().flatten().collect();
-    page::page(title, &first_screen(outcome), &sections)
+    page::page(title, &first_screen(outcome, made_of), &sections)
 }
 
-fn first_screen(outcome: &SampleOutcome) -> Summary {
+fn first_screen(outcome: &SampleOutcome, made_of: &Provenance) -> Summary {
     let worst = |f: fn(&SampleFit) -> f64| outcome.recordings.iter().map(f).fold(0.0, f64::max);
     let (status, word) = summary::standing(Standing::of(outcome.ratio()));
-    let figure = |v: f64| number::significant(v, 3);
-    let tiles = vec![
-        tile(
-            "Error of x, worst recording",
-            figure(worst(|r| r.rmse_m) * 1e6),
-            "um",
-        ),
-        tile(
-            "Its noise floor",
-            figure(worst(|r| r.noise_rmse_m) * 1e6),
-            "um",
-        ),
-        tile("Error above 1 kV, rms", figure(outcome.total.rmse_v), "V"),
-        tile("Noise floor, rms", figure(outcome.total.noise_floor_v), "V"),
-        tile("Recordings", number::count(outcome.recordings.len()), ""),
-    ];
-    let free = outcome.estimates.iter().filter(|e| !e.fixed);
-    let known: Vec<&str> = free
-        .clone()
-        .filter(|e| e.identifiable && e.at_bound.is_none())
-        .map(|e| e.name.as_str())
-        .collect();
-    let trusted = (free.clone().count() > 0).then(|| {
-        let lead = match known.len() {
-            0 => "The recordings determine no parameter by itself.".to_string(),
-            n => format!(
-                "The recordings determine {n} of {} free parameters to a third of their value: {}.",
-                free.count(),
-                known.join(", ")
-            ),
-        };
-        note(summary::TRUSTED, lead, Vec::new())
-    });
-    let ended = (outcome.evaluations > 0).then(|| {
-        let lead = summary::ended(outcome.converged, &outcome.reason);
-        note(summary::HOW_IT_ENDED, lead, Vec::new())
-    });
+    let answer = Answer::of_samples(outcome);
+    let mut tiles = summary::facts(&answer);
+    tiles.extend([
+        summary::sized("Error of length, rms", worst(|r| r.rmse_m), "m"),
+        summary::sized("Noise alone makes", worst(|r| r.noise_rmse_m), "m"),
+        summary::sized("Error above 1 kV, rms", outcome.total.rmse_v, "V"),
+    ]);
     let notes = [
-        trusted,
-        summary::doubted(&outcome.estimates, &outcome.weak_directions),
-        ended,
+        summary::ended(outcome.evaluations, outcome.converged, &outcome.reason),
+        summary::open(&outcome.estimates, &answer),
         summary::remarks(&outcome.remarks),
     ];
     Summary {
+        of: provenance::head(made_of),
         status,
         word: word.into(),
-        headline: number::words(&outcome.verdict),
+        headline: number::words(&answer.says),
+        picture: outcome
+            .recordings
+            .first()
+            .map_or_else(String::new, over_time),
         tiles,
         notes: notes.into_iter().flatten().collect(),
     }
@@ -125,7 +101,7 @@ fn recordings(outcome: &SampleOutcome) -> Option<Section> {
 fn lead(r: &SampleFit) -> String {
     let figure = |v: f64| number::significant(v, 3);
     format!(
-        "Length at rest by the model {} mm; largest minus smallest x {} mm measured, {} mm predicted. Error of x {} um rms where the noise makes {} um; error of the voltage above 1 kV {} V rms where the noise makes {} V.",
+        "Length at rest by the model {} mm; largest minus smallest x {} mm measured, {} mm predicted. Error of x {} \u{b5}m rms where the noise makes {} \u{b5}m; error of the voltage above 1 kV {} V rms where the noise makes {} V.",
         number::fixed(r.rest_length_m * 1e3, 2),
         number::fixed(r.stroke_m[0] * 1e3, 3),
         number::fixed(r.stroke_m[1] * 1e3, 3),
@@ -176,7 +152,7 @@ fn over_time(r: &SampleFit) -> String {
             ],
         ),
         panel(
-            "predicted minus smoothed x, um",
+            "predicted minus smoothed x, \u{b5}m",
             80.0,
             vec![curve(
                 "difference",
@@ -256,16 +232,16 @@ fn loops(r: &SampleFit) -> String {
 fn errors(outcome: &SampleOutcome) -> Option<Section> {
     let mut head = vec![Cell::text("recording")];
     let columns = [
-        "x, um rms",
-        "noise, um rms",
+        "x, \u{b5}m rms",
+        "noise, \u{b5}m rms",
         "over noise",
-        "largest, um",
+        "largest, \u{b5}m",
         "above 1 kV, V rms",
         "noise floor, V rms",
         "largest, V",
         "samples above 1 kV",
         "all, V rms",
-        "phi^2 < 0",
+        "\u{3c6}\u{b2} < 0",
         "step, ms",
     ];
     head.extend(columns.map(Cell::number));

@@ -3,7 +3,7 @@
 use minijinja::context;
 
 use super::page::{Cell, Section, Table, safe};
-use super::{Provenance, number, plot};
+use super::{Provenance, number, plot, summary};
 use crate::calibration::{Outcome, StartOutcome};
 
 const TEMPLATE: &str = include_str!("starts.html");
@@ -12,14 +12,24 @@ const SAME: f64 = 1e-3;
 
 /// See the module.
 pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
+    let mut ended = summary::end(outcome.converged, &outcome.reason);
+    if outcome.weighted_mean_square.is_finite() && outcome.noise_mean_square.is_finite() {
+        ended += &format!(
+            " The weighted mean square residual is {}, where the noise alone makes {}.",
+            number::significant(outcome.weighted_mean_square, 3),
+            number::significant(outcome.noise_mean_square, 3)
+        );
+    }
+    ended += &summary::failed(outcome.failed_evaluations, outcome.evaluations);
     of(
         &outcome.starts,
         "sum of squares per residual with equal weights",
+        &ended,
     )
 }
 
-/// The section of any job; `cost` says what the cost is.
-pub fn of(starts: &[StartOutcome], cost: &str) -> Option<Section> {
+/// The section of any job; `cost` says what the cost is, `ended` how the fit ended.
+pub fn of(starts: &[StartOutcome], cost: &str, ended: &str) -> Option<Section> {
     let costs: Vec<f64> = starts.iter().map(|s| s.cost).collect();
     let best = costs.iter().copied().filter(|c| c.is_finite());
     let best = best.fold(f64::INFINITY, f64::min);
@@ -81,7 +91,7 @@ pub fn of(starts: &[StartOutcome], cost: &str) -> Option<Section> {
     } else {
         String::new()
     };
-    let context = context! { says => says, figure => safe(figure), table => table.html() };
+    let context = context! { says => format!("{ended} {says}"), figure => safe(figure), table => table.html() };
     Some(Section::new(
         "starts",
         "Starts of the fit",

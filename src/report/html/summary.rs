@@ -1,15 +1,14 @@
-//! The first screen: does it fit, where not, which parameters to trust.
+//! The first screen: the answer, a picture of it, its numbers; then what weakens it.
 
-use super::number;
 use super::page::{Item, Note, Status, Summary, Tile};
-use crate::calibration::{Estimate, Outcome, Standing, WeakDirection};
+use super::{Provenance, number, provenance, recordings, torque};
+use crate::calibration::{Estimate, Outcome, Standing, WorstPlace};
+use crate::report::answer::{self, Answer, Fact, Open};
 
 /// Questions that every report of a fit answers.
 pub const WHERE: &str = "Where does it err most?";
 /// See [`WHERE`].
-pub const TRUSTED: &str = "Which parameters to trust?";
-/// See [`WHERE`].
-pub const DOUBTED: &str = "Which not to trust, and why?";
+pub const OPEN: &str = "What do the recordings leave open?";
 /// See [`WHERE`].
 pub const HOW_IT_ENDED: &str = "How did the fit end?";
 
@@ -35,24 +34,29 @@ pub fn standing(of: Standing) -> (Status, &'static str) {
 }
 
 /// The first screen.
-pub fn summary(outcome: &Outcome) -> Summary {
+pub fn summary(outcome: &Outcome, answer: &Answer, made_of: &Provenance) -> Summary {
     let (status, word) = standing(match outcome.total.samples {
         0 => Standing::CannotBeJudged,
         _ => Standing::of(outcome.total.rmse_v / outcome.total.noise_floor_v),
     });
     let notes = [
+        ended(outcome.evaluations, outcome.converged, &outcome.reason),
         worst(outcome),
-        trusted(outcome),
-        covered(outcome),
-        how_it_ended(outcome),
-        doubted(&outcome.estimates, &outcome.weak_directions),
-        remarks(&outcome.remarks),
+        open(&outcome.estimates, answer),
+        remarks(&answer::remarks(outcome)),
     ];
+    let mut tiles = facts(answer);
+    tiles.extend(errors(outcome));
     Summary {
+        of: provenance::head(made_of),
         status,
         word: word.into(),
-        headline: number::words(&outcome.verdict),
-        tiles: tiles(outcome),
+        headline: number::words(&answer.says),
+        picture: match outcome.job {
+            torque::ON_FIRST_SCREEN => torque::picture(outcome),
+            _ => recordings::picture(outcome),
+        },
+        tiles,
         notes: notes.into_iter().flatten().collect(),
     }
 }
@@ -63,25 +67,37 @@ pub fn tile(label: &str, value: String, unit: &str) -> Tile {
         label: label.into(),
         unit: if value == number::MISSING { "" } else { unit }.into(),
         value,
+        note: String::new(),
     }
 }
 
-fn tiles(outcome: &Outcome) -> Vec<Tile> {
-    let t = &outcome.total;
-    let volt = |v: f64| number::significant(v, 3);
-    let largest = if t.samples == 0 {
-        f64::NAN
-    } else {
-        t.max_error_v
+/// A size as a key number.
+pub fn sized(label: &str, value: f64, unit: &str) -> Tile {
+    let (factor, unit) = number::scaled(value, unit);
+    tile(label, number::significant(factor * value, 3), &unit)
+}
+
+/// The quantities of an answer as key numbers.
+pub fn facts(answer: &Answer) -> Vec<Tile> {
+    let fact = |f: &Fact| Tile {
+        label: capital(&f.what),
+        value: f.size.value.clone(),
+        unit: f.size.unit.clone(),
+        note: f.size.interval.clone(),
     };
-    let out = vec![
-        tile("Error above 1 kV, rms", volt(t.rmse_v), "V"),
-        tile("Noise floor, rms", volt(t.noise_floor_v), "V"),
-        tile("Largest error above 1 kV", volt(largest), "V"),
-        tile("Samples above 1 kV", number::count(t.samples), ""),
-        tile("Recordings", number::count(outcome.recordings.len()), ""),
-    ];
-    out
+    answer.facts.iter().map(fact).collect()
+}
+
+fn errors(outcome: &Outcome) -> Vec<Tile> {
+    let t = &outcome.total;
+    if t.samples == 0 {
+        return Vec::new();
+    }
+    vec![
+        sized("Error above 1 kV, rms", t.rmse_v, "V"),
+        sized("Noise alone makes", t.noise_floor_v, "V"),
+        sized("Largest error above 1 kV", t.max_error_v, "V"),
+    ]
 }
 
 /// A question and its answer.
@@ -101,40 +117,24 @@ pub fn item(strong: impl Into<String>, text: impl Into<String>) -> Item {
     }
 }
 
+/// The places with the largest error, where one stands out.
 fn worst(outcome: &Outcome) -> Option<Note> {
-    if outcome.total.samples == 0 {
+    let stands_out = |w: &WorstPlace| w.ratio >= Standing::RATIOS[0];
+    if !outcome.worst.first().is_some_and(stands_out) {
         return None;
     }
-    let lead = match outcome.worst.first() {
-        None => "No place has enough samples above 1 kV to be judged by itself.",
-        Some(w) if w.ratio < Standing::RATIOS[0] => {
-            "Nowhere does the error stand out from the noise. The places with the largest error, against what the noise makes there:"
+    let items = outcome.worst.iter().filter(|w| stands_out(w)).map(|w| {
+        let mut text = format!(
+            "{} V rms, {} times the noise",
+            number::significant(w.rmse_v, 3),
+            number::significant(w.ratio, 3)
+        );
+        if w.share >= 0.005 {
+            text += &format!("; {} of the excess over it", number::per_cent(w.share));
         }
-        Some(_) => {
-            "The places with the largest error, against what the noise of the capture makes there:"
-        }
-    };
-    // Where nothing stands out, shares of an excess mean nothing.
-    let stands_out = outcome
-        .worst
-        .first()
-        .is_some_and(|w| w.ratio >= Standing::RATIOS[0]);
-    let items = outcome
-        .worst
-        .iter()
-        .map(|w| {
-            let mut text = format!(
-                "{} V rms, {} times the noise",
-                number::significant(w.rmse_v, 3),
-                number::significant(w.ratio, 3)
-            );
-            if stands_out && w.share >= 0.005 {
-                text += &format!("; {} of the excess over it", number::per_cent(w.share));
-            }
-            item(format!("{}:", number::words(&w.place)), text)
-        })
-        .collect();
-    Some(note(WHERE, lead, items))
+        item(format!("{}:", capital(&number::words(&w.place))), text)
+    });
+    Some(note(WHERE, "", items.collect()))
 }
 
 /// A sentence with its first letter large.
@@ -144,87 +144,29 @@ pub fn capital(sentence: &str) -> String {
     first.unwrap_or_default() + letters.as_str()
 }
 
-/// What is said of the estimates, each saying once with the names of which it is said. A saying is taken
-/// apart where its figures begin, so that `determined to 0.9 %` and `determined to 3 %` are one saying with
-/// two names.
-fn grouped<'a>(estimates: impl Iterator<Item = &'a Estimate>) -> Vec<Item> {
-    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
-    for e in estimates {
-        let says = number::words(&e.says);
-        let (says, figure) = if let Some(figure) = says.strip_prefix("determined to ") {
-            ("determined", format!(" to {figure}"))
-        } else if let Some((says, figure)) = says.split_once(" (") {
-            (says, format!(" ({figure}"))
-        } else {
-            (says.as_str(), String::new())
-        };
-        let name = format!("{}{figure}", e.name);
-        match groups.iter_mut().find(|g| g.0 == says) {
-            Some(group) => group.1.push(name),
-            None => groups.push((says.to_string(), vec![name])),
-        }
-    }
-    let line = |(says, names): (String, Vec<String>)| {
-        item(
-            format!("{}:", capital(&says)),
-            format!("{}.", names.join(", ")),
-        )
-    };
-    groups.into_iter().map(line).collect()
-}
-
-fn trusted(outcome: &Outcome) -> Option<Note> {
-    let free = outcome.estimates.iter().filter(|e| !e.fixed);
-    let number = free.clone().count();
-    if number == 0 {
-        return None;
-    }
-    let good = free.filter(|e| e.identifiable && e.at_bound.is_none());
-    let count = good.clone().count();
-    let lead = if count == 0 {
-        format!("The recordings determine none of the {number} free parameters by itself.")
-    } else {
-        format!(
-            "The recordings determine {count} of {number} free parameters (to a third of the value; torques to 0.2 mN m; clock offsets to 10 ms)."
-        )
-    };
-    Some(note(TRUSTED, lead, grouped(good)))
-}
-
-/// Parameters that are not determined, and why.
-pub fn doubted(estimates: &[Estimate], weak_directions: &[WeakDirection]) -> Option<Note> {
-    let bad = estimates
+/// What is open, said once as what to record.
+pub fn open(estimates: &[Estimate], answer: &Answer) -> Option<Note> {
+    let free = estimates.iter().filter(|e| !e.fixed).count();
+    let known = estimates
         .iter()
-        .filter(|e| !e.fixed && (!e.identifiable || e.at_bound.is_some()));
-    let mut items = grouped(bad);
-    let weak = weak_directions.iter();
-    items.extend(weak.map(|w| item("Open together:", format!("{}.", number::words(&w.says)))));
-    if items.is_empty() {
-        return None;
-    }
-    let lead = if weak_directions.is_empty() {
-        ""
-    } else {
-        "Parameters that are open together may move jointly while the prediction hardly changes."
-    };
-    Some(note(DOUBTED, lead, items))
+        .filter(|e| !e.fixed && e.identifiable && e.at_bound.is_none());
+    let lead = format!(
+        "{} of {free} free parameters are determined, to a third of the value or better. What would determine the others:",
+        known.count(),
+    );
+    let line = |o: &Open| item(format!("{}:", capital(&o.record)), o.names.join(", "));
+    let items: Vec<Item> = answer.open.iter().map(line).collect();
+    (!items.is_empty()).then(|| note(OPEN, lead, items))
 }
 
-fn covered(outcome: &Outcome) -> Option<Note> {
-    let [low, high] = outcome.swing_range_deg;
-    if !(low.is_finite() && high.is_finite()) {
-        return None;
-    }
-    let lead = format!(
-        "The recordings swing the forearms from {} to {} degrees. Outside that range the torque curve is not supported by data.",
-        number::fixed(low, 1),
-        number::fixed(high, 1)
-    );
-    Some(note("What do the recordings cover?", lead, Vec::new()))
+/// How a fit ended that did not converge.
+pub fn ended(evaluations: usize, converged: bool, reason: &str) -> Option<Note> {
+    let lead = end(converged, reason);
+    (evaluations > 0 && !converged).then(|| note(HOW_IT_ENDED, lead, Vec::new()))
 }
 
 /// How the fit ended, in a sentence.
-pub fn ended(converged: bool, reason: &str) -> String {
+pub fn end(converged: bool, reason: &str) -> String {
     let how = if converged {
         "The fit converged"
     } else {
@@ -240,22 +182,6 @@ pub fn ended(converged: bool, reason: &str) -> String {
     } else {
         format!("{how}: {reason}.")
     }
-}
-
-fn how_it_ended(outcome: &Outcome) -> Option<Note> {
-    if outcome.evaluations == 0 {
-        return None;
-    }
-    let mut lead = ended(outcome.converged, &outcome.reason);
-    if outcome.weighted_mean_square.is_finite() && outcome.noise_mean_square.is_finite() {
-        lead += &format!(
-            " The weighted mean square residual is {}, where the noise alone makes {}.",
-            number::significant(outcome.weighted_mean_square, 3),
-            number::significant(outcome.noise_mean_square, 3)
-        );
-    }
-    lead += &failed(outcome.failed_evaluations, outcome.evaluations);
-    Some(note(HOW_IT_ENDED, lead, Vec::new()))
 }
 
 /// What is said of evaluations that failed; nothing where none did.

@@ -1,6 +1,6 @@
 //! The whole report, of outcomes made up for the purpose.
 
-use super::{Provenance, render};
+use super::Provenance;
 use crate::calibration::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, StartOutcome, WeakDirection,
     WorstPlace,
@@ -8,6 +8,7 @@ use crate::calibration::{
 use crate::dataset::{Plan, SmoothingPlan};
 use crate::film::Film;
 use crate::model::{Contribution, ForearmTorque, Parameters};
+use crate::report::answer::Answer;
 use crate::report::provenance::{FileSum, RecordingSum};
 
 const HOSTILE: &str = "run <b>7</b> & \"x\" 'y'";
@@ -222,7 +223,17 @@ fn provenance() -> Provenance {
             id: HOSTILE.into(),
             files: vec![file("a&b/motion.csv", "motion")],
         }],
+        rig_id: "delta-01".into(),
+        days: vec!["2026-03-02".into()],
     }
+}
+
+fn render(outcome: &Outcome, provenance: &Provenance) -> String {
+    let answer = Answer {
+        says: outcome.verdict.clone(),
+        ..Answer::default()
+    };
+    super::render(outcome, &answer, provenance)
 }
 
 /// Opens and closes its tags in order, as far as a plain count can tell.
@@ -301,6 +312,8 @@ fn a_full_outcome_has_every_section_and_needs_nothing_else() {
         "1 gap in the capture, 10 frames",
         "4 of 99 evaluations failed",
         &"00ff".repeat(16),
+        "delta-01 \u{b7} run",
+        "recorded 2026-03-02",
     ] {
         assert!(html.contains(words), "{words}");
     }
@@ -328,7 +341,7 @@ fn an_empty_outcome_says_so() {
     let html = render(&empty(), &Provenance::default());
     assert_self_contained(&html);
     assert_balanced(&html);
-    assert!(html.contains("cannot be judged") && html.contains("n&#x2f;a"));
+    assert!(html.contains("cannot be judged"));
     for anchor in ["recordings", "starts", "parameters", "errors", "quality"] {
         assert!(!html.contains(&format!("id=\"{anchor}\"")), "{anchor}");
     }

@@ -9,14 +9,42 @@ use crate::calibration::Outcome;
 
 const TEMPLATE: &str = include_str!("torque.html");
 
-/// See the module.
+/// Whether a torque was fitted.
+fn free(outcome: &Outcome) -> bool {
+    let mut torques = outcome.estimates.iter().filter(|e| e.unit == "N m");
+    torques.any(|e| !e.fixed)
+}
+
+/// See the module. Nothing where there is no torque, and where the first screen shows the curve.
 pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
+    let zero = outcome
+        .parameters
+        .forearm
+        .torque_n_m()
+        .iter()
+        .all(|t| *t == 0.0);
+    if outcome.job == ON_FIRST_SCREEN || (zero && !free(outcome)) {
+        return None;
+    }
+    let says = match free(outcome) {
+        false => "The curve was held here; it comes from the parameters that were given.",
+        true => "The torque with which a forearm springs back, as fitted.",
+    };
+    let context = context! { says => says, figure => safe(picture(outcome)) };
+    Some(Section::new("torque", "Forearm torque", TEMPLATE, context))
+}
+
+/// The job whose first screen shows the curve.
+pub const ON_FIRST_SCREEN: &str = "forearm";
+
+/// The curve with its band, as a figure.
+pub fn picture(outcome: &Outcome) -> String {
     let forearm = &outcome.parameters.forearm;
     let nodes = forearm.nodes_rad();
-    let (first, last) = (*nodes.first()?, *nodes.last()?);
-    let torques = || outcome.estimates.iter().filter(|e| e.unit == "N m");
-    let free = torques().any(|e| !e.fixed);
-    let zero = forearm.torque_n_m().iter().all(|t| *t == 0.0);
+    let (Some(&first), Some(&last)) = (nodes.first(), nodes.last()) else {
+        return String::new();
+    };
+    let free = free(outcome);
     // Without a band the curve is drawn as it is.
     let curve: Vec<[f64; 3]> = if outcome.torque_band.is_empty() {
         let at = |i: i32| first + (last - first) * f64::from(i) / 120.0;
@@ -26,24 +54,8 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
     } else {
         outcome.torque_band.clone()
     };
-    let says = if !free && zero {
-        "The forearms were held at no torque here."
-    } else if !free {
-        "The curve was held here; it comes from the parameters that were given."
-    } else {
-        "The torque with which a forearm springs back, as fitted."
-    };
     let [low, high] = outcome.swing_range_deg;
     let covered = low.is_finite() && high.is_finite();
-    let range = if covered {
-        format!(
-            "The recordings swing the forearms from {} to {} degrees.",
-            number::fixed(low, 1),
-            number::fixed(high, 1)
-        )
-    } else {
-        "The recordings cover no range of swing.".into()
-    };
     let line = Series {
         name: "torque".into(),
         role: Role::One,
@@ -90,12 +102,19 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
     let x = Axis::over("forearm swing, deg", [ends[0] - 1.0, ends[1] + 1.0]);
     let panels = [panel];
     let drawing = plot::line_plot("Torque curve of the forearms", &x, &panels, Width::Full);
-    let caption = if free {
-        "The data speak where the shade is; outside it only smoothness and the prior hold the curve. Where the band is wide even inside the shade, the level of the curve is not determined."
-    } else {
-        "The curve as it was used. It matters where the shade is; no recording here tests it elsewhere."
+    let range = match covered {
+        true => format!(
+            "The recordings swing the forearms from {} to {} degrees.",
+            number::fixed(low, 1),
+            number::fixed(high, 1)
+        ),
+        false => "The recordings cover no range of swing.".into(),
     };
-    let figure = plot::figure(&[drawing], &plot::legend(&panels), caption);
-    let context = context! { says => says, range => range, figure => safe(figure) };
-    Some(Section::new("torque", "Forearm torque", TEMPLATE, context))
+    let caption = if free {
+        "Outside the shade only smoothness and the prior hold the curve. Where the band is wide even inside it, the level of the curve is not determined."
+    } else {
+        "The curve as it was used; no recording here tests it outside the shade."
+    };
+    let caption = format!("{range} {caption}");
+    plot::figure(&[drawing], &plot::legend(&panels), &caption)
 }

@@ -1,11 +1,12 @@
 //! Prediction against measurement: voltage, path, force and stroke of several parameter files side by side,
-//! with the numbers that the paper reports of its own robot.
+//! and, where that is asked for, the numbers that the paper reports of its own robot.
 
 use minijinja::{Value, context};
 
 use super::page::{self, Cell, Item, Section, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::{Provenance, SECTIONS, number, recordings, summary};
+use crate::report::answer::Answer;
 use crate::validation::{Phase, RecordingCheck, Validation};
 
 const FIGURES: &str = include_str!("validation.html");
@@ -86,17 +87,22 @@ pub fn words(validation: &Validation) -> Vec<String> {
     out
 }
 
-/// The report of a validation: `models` beside each other, details of voltage from the first.
-pub fn render_validation(models: &[Model], provenance: &Provenance) -> String {
-    let Some((_, first)) = models.first() else {
-        return page::page("Prediction against measurement", &empty(), &[]);
-    };
+/// The report of a validation: `models` with their answers beside each other, details of voltage from the
+/// first; with `paper`, beside the paper's robot.
+pub fn render_validation(
+    models: &[Model],
+    answers: &[Answer],
+    paper: bool,
+    provenance: &Provenance,
+) -> String {
+    let (_, first) = &models[0];
     let outcome = &first.outcome;
-    let mut sections = vec![figures(models)];
+    let mut sections = vec![figures(models, paper)];
     sections.extend(path(models));
     sections.extend(force(models));
     sections.extend(SECTIONS.iter().filter_map(|make| make(outcome, provenance)));
-    let mut summary = summary::summary(outcome);
+    let mut summary = summary::summary(outcome, &answers[0], provenance);
+    summary.tiles.extend(strokes(first));
     let items: Vec<Item> = models
         .iter()
         .flat_map(|(name, v)| {
@@ -110,9 +116,23 @@ pub fn render_validation(models: &[Model], provenance: &Provenance) -> String {
                 .map(move |text| summary::item(name.clone(), text))
         })
         .collect();
-    let lead = "The paper's robot: path to 2.5 % rms of the diameter in x and y and 3.0 % of the stroke in z; vertical force to 6 mN rms (12.4 % of 0.05 N) while holding.";
+    let lead = match paper {
+        true => {
+            "The paper's robot: path to 2.5 % rms of the diameter in x and y and 3.0 % of the stroke in z; vertical force to 6 mN rms (12.4 % of 0.05 N) while holding."
+        }
+        false => "",
+    };
     let heading = "How well are path, force and stroke predicted?";
     summary.notes.insert(0, summary::note(heading, lead, items));
+    if models.len() > 1 {
+        let each = models.iter().zip(answers);
+        let items =
+            each.map(|((name, _), a)| summary::item(format!("{name}:"), number::words(&a.says)));
+        let heading = "How do the parameter files compare?";
+        summary
+            .notes
+            .insert(0, summary::note(heading, "", items.collect()));
+    }
     let remarks: Vec<String> = models
         .iter()
         .flat_map(|(_, v)| v.checks.iter().flat_map(|c| c.remarks.clone()))
@@ -121,14 +141,27 @@ pub fn render_validation(models: &[Model], provenance: &Provenance) -> String {
     page::page(summary::title(outcome), &summary, &sections)
 }
 
-fn empty() -> page::Summary {
-    page::Summary {
-        status: page::Status::Unknown,
-        word: "nothing was held against anything".into(),
-        headline: String::new(),
-        tiles: Vec::new(),
-        notes: Vec::new(),
+/// Path and stroke of the first recording, as key numbers.
+fn strokes(validation: &Validation) -> Vec<page::Tile> {
+    let mut out = Vec::new();
+    let Some(check) = validation.checks.first() else {
+        return out;
+    };
+    if let Some(path) = &check.path {
+        let worst = path.rmse_mm.into_iter().fold(0.0, f64::max);
+        out.push(summary::sized(
+            "Path off by, rms, worst axis",
+            worst * 1e-3,
+            "m",
+        ));
     }
+    let [measured, predicted] = check.stroke_mm.map(|v| number::fixed(v, 2));
+    let mut tile = summary::tile("Stroke", measured, "mm");
+    if predicted != number::MISSING {
+        tile.note = format!("predicted {predicted}");
+    }
+    out.push(tile);
+    out
 }
 
 /// A share as the paper writes it: to a tenth of a per cent.
@@ -146,10 +179,12 @@ fn with_share(value: f64, whole: f64) -> String {
     }
 }
 
-fn figures(models: &[Model]) -> Section {
+fn figures(models: &[Model], compare: bool) -> Section {
     let mut head = vec![Cell::text("recording, figure")];
     head.extend(models.iter().map(|(name, _)| Cell::number(name)));
-    head.push(Cell::number("paper"));
+    if compare {
+        head.push(Cell::number("paper"));
+    }
     let caption = "Measured against predicted, a column a parameter file.";
     let mut table = Table::new(caption, head);
     let count = models[0].1.checks.len();
@@ -158,7 +193,9 @@ fn figures(models: &[Model]) -> Section {
         let mut row = |name: String, value: &dyn Fn(&Validation) -> String, paper: String| {
             let mut cells = vec![Cell::of("quiet", name)];
             cells.extend(models.iter().map(|(_, v)| Cell::number(value(v))));
-            cells.push(Cell::number(paper));
+            if compare {
+                cells.push(Cell::number(paper));
+            }
             table.row(cells);
         };
         let none = || number::MISSING.to_string();
@@ -242,13 +279,12 @@ fn figures(models: &[Model]) -> Section {
             none(),
         );
     }
-    let context = context! { table => table.html() };
-    Section::new(
-        "figures",
-        "Path, force and stroke beside the paper's",
-        FIGURES,
-        context,
-    )
+    let context = context! { table => table.html(), paper => compare };
+    let title = match compare {
+        true => "Voltage, path, force and stroke beside the paper's",
+        false => "Voltage, path, force and stroke in numbers",
+    };
+    Section::new("figures", title, FIGURES, context)
 }
 
 /// Colours of the parameter files, in turn.

@@ -134,7 +134,7 @@ fn the_report_of_a_real_film() {
         "does not fit",
         "miles2015-vhb4910",
         "1275 rows, no row masked",
-        "counting the misfit",
+        "with misfit",
         "slack",
     ] {
         assert!(html.contains(words), "{words}");

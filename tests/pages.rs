@@ -167,6 +167,38 @@ fn reports_are_whole_in_a_browser() {
     }
 }
 
+/// Opens a page in a browser, where there is one.
+fn browse(page: &Path, what: &str) -> Option<std::process::Output> {
+    let user = tempfile::tempdir().unwrap();
+    let open = |browser: &&str| {
+        std::process::Command::new(browser)
+            .args(["--headless=new", "--no-sandbox", "--disable-gpu", what])
+            .args(["--allow-file-access-from-files", "--enable-logging=stderr"])
+            .args(["--virtual-time-budget=10000", "--window-size=1280,1000"])
+            .arg(format!("--user-data-dir={}", user.path().display()))
+            .arg(format!("file://{}", page.display()))
+            .output()
+            .ok()
+    };
+    let browsers = ["chromium", "chromium-browser", "google-chrome"];
+    browsers.iter().find_map(open)
+}
+
+#[test]
+fn the_demo_is_printed_on_eight_pages() {
+    let dir = tempfile::tempdir().unwrap();
+    let pdf = dir.path().join("demo.pdf");
+    let print = format!("--print-to-pdf={}", pdf.display());
+    if browse(&root().join("reports/demo.html"), &print).is_none() {
+        eprintln!("skipped: no browser prints the demo");
+        return;
+    }
+    let bytes = std::fs::read(&pdf).unwrap();
+    let text = String::from_utf8_lossy(&bytes);
+    let sheets = text.matches("/Type /Page\n").count();
+    assert!((1..=8).contains(&sheets), "{sheets}");
+}
+
 /// Width of a small phone, pixels of the style sheet.
 const PHONE: u32 = 390;
 
@@ -182,31 +214,7 @@ fn look(page: &Path) {
          of.src = 'report.html';</script>"
     );
     std::fs::write(dir.path().join("frame.html"), frame).unwrap();
-    let open = |browser: &&str| {
-        std::process::Command::new(browser)
-            .args([
-                "--headless=new",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--dump-dom",
-            ])
-            .args(["--allow-file-access-from-files", "--enable-logging=stderr"])
-            .args(["--virtual-time-budget=10000", "--window-size=1280,1000"])
-            .arg(format!(
-                "--user-data-dir={}",
-                dir.path().join("user").display()
-            ))
-            .arg(format!(
-                "file://{}",
-                dir.path().join("frame.html").display()
-            ))
-            .output()
-            .ok()
-    };
-    let Some(done) = ["chromium", "chromium-browser", "google-chrome"]
-        .iter()
-        .find_map(open)
-    else {
+    let Some(done) = browse(&dir.path().join("frame.html"), "--dump-dom") else {
         eprintln!("skipped: no browser looks at {}", page.display());
         return;
     };

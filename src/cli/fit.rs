@@ -242,7 +242,7 @@ pub(super) fn say_fit(answer: &Answer, fit: &FitJson, remarks: &[String], talk: 
             fit.reason
         ));
     }
-    let known = terminal::parameters(&fit.parameters);
+    let known = terminal::parameters(&fit.parameters, &answer.facts);
     if !known.is_empty() {
         talk.say("Parameters that the recordings determine, with 95 % intervals:");
         say_all(known);

@@ -70,7 +70,12 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 ..ReadOptions::default()
             };
             let survey = survey_file(path, None, &options)?;
-            lines.extend(survey::lines(path, &survey));
+            let says = survey::lines(path, &survey).into_iter().enumerate();
+            lines.extend(says.map(|(i, line)| match i {
+                // a path stays as it is
+                0 => line,
+                _ => number::words(&line),
+            }));
             files.push(ImportFile::new(path, &survey));
             surveys.push((path, survey));
         }
@@ -301,15 +306,12 @@ fn headline(json: &ImportRecording) -> String {
     format!("{}: {}, {length}; {doubts}", json.id, json.kind)
 }
 
-/// Width of a curve in a terminal.
-const WIDTH: usize = 60;
-
 /// Motion and voltages of a robot on one clock, one row each: name, range, curve.
 fn pictures(d: &Dataset) -> Vec<[String; 3]> {
     let mut rows = Vec::new();
     let mut add = |name: String, values: &[f64], unit: &str| {
         let range = terminal::range(values.iter().copied(), unit);
-        rows.push([name, range, terminal::curve(values, WIDTH)]);
+        rows.push([name, range, terminal::curve(values, terminal::WIDTH)]);
     };
     for (k, axis) in ["x", "y", "z"].into_iter().enumerate().rev() {
         let values: Vec<f64> = d.measured_m.iter().map(|p| p[k]).collect();

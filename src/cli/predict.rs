@@ -18,6 +18,7 @@ use crate::diagnosis::in_unit;
 use crate::effects::Site;
 use crate::model::{Parameters, Robot};
 use crate::recording::{Kind, Recording};
+use crate::report::answer::Answer;
 use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::csv::{self, Missing};
 use crate::report::json::PredictionJson;
@@ -25,6 +26,7 @@ use crate::report::mcap;
 use crate::report::output::write_atomic_with;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::Provenance;
+use crate::report::terminal;
 use crate::residual::command_for_v;
 use crate::simulate::predict_motion;
 
@@ -142,6 +144,8 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         &told_v,
     ));
     drop(progress);
+    let mut shown = r.predicted_v.clone();
+    let (mut names, mut unit) = (["voltage 1", "voltage 2", "voltage 3"], "V");
     if matches!(predict, Predict::Force(_)) {
         let force = predict_force(&robot, &datasets[0], &parameters, r.offset_s, effects, when)?;
         for (flag, f) in flags.iter_mut().zip(&force) {
@@ -156,6 +160,8 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         write(a.output.as_deref(), talk, |out| {
             csv::predicted_force(out, &r.time_s, &force, &flags)
         })?;
+        shown.clone_from(&force);
+        (names, unit) = (["force x", "force y", "force z"], "N");
     } else if is_whole(a) {
         let path = a.output.as_deref().unwrap_or(Path::new(""));
         let provenance = Provenance::of(command, &recordings);
@@ -174,10 +180,29 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let json = PredictionJson::new(&r.id, a.output.as_deref(), &flags);
     talk.result(&json.with_remarks(&remarks));
     if a.output.is_some() {
-        talk.say(&outcome.verdict);
+        talk.tell(&Answer::of_robot(&outcome, &robot).says);
+        let axis = |k: usize| shown.iter().map(move |v| v[k]);
+        let rows = (0..3).map(|k| (names[k].to_owned(), axis(k)));
+        say_ranges(rows, unit, talk);
     }
     remark(a, talk, &remarks);
     Ok(())
+}
+
+/// What was predicted, one line a channel: its range and its course.
+fn say_ranges<I: Iterator<Item = f64>>(
+    channels: impl Iterator<Item = (String, I)>,
+    unit: &str,
+    talk: Talk,
+) {
+    let rows: Vec<[String; 3]> = channels
+        .map(|(name, values)| {
+            let values: Vec<f64> = values.collect();
+            let range = terminal::range(values.iter().copied(), unit);
+            [name, range, terminal::curve(&values, terminal::WIDTH)]
+        })
+        .collect();
+    terminal::columns(&rows).iter().for_each(|l| talk.say(l));
 }
 
 /// Says what a reader should know: beside the prediction where that is in a file, else beside the table on
@@ -239,9 +264,12 @@ fn motion(
     talk.result(&json.with_remarks(&remarks));
     if a.output.is_some() {
         talk.say(&match &forward.ended {
-            None => format!("{n} frames predicted."),
+            None => format!("{n} frames predicted, from rest:"),
             Some((end, why)) => format!("{end} of {n} frames predicted: {why}."),
         });
+        let axis = |k: usize| forward.position_m.iter().map(move |p| p[k]);
+        let rows = ["z", "y", "x"].into_iter().zip([2, 1, 0]);
+        say_ranges(rows.map(|(name, k)| (name.to_owned(), axis(k))), "m", talk);
     }
     remark(a, talk, &remarks);
     Ok(())

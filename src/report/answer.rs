@@ -81,7 +81,7 @@ impl Answer {
                 t.rmse_v / t.noise_floor_v,
             ),
         });
-        let open = open(&outcome.estimates, Some(outcome.swing_range_deg));
+        let open = open(&outcome.estimates, Some(outcome.swing_range_deg), HELD);
         Answer::of(&parts, facts, open)
     }
 
@@ -106,7 +106,7 @@ impl Answer {
                 number::significant(total.rmse_pa / total.noise_pa, 2)
             ),
         };
-        let open = open(&outcome.estimates, None);
+        let open = open(&outcome.estimates, None, "a stretch");
         Answer::of(&[film.says, fit], film.facts, open)
     }
 
@@ -126,7 +126,7 @@ impl Answer {
             ],
             outcome.ratio(),
         );
-        let open = open(&outcome.estimates, None);
+        let open = open(&outcome.estimates, None, HELD);
         Answer::of(&[film.says, fit], film.facts, open)
     }
 
@@ -189,7 +189,7 @@ impl Answer {
             [&size(rmse), &size(noise)],
             rmse / noise,
         );
-        Answer::of(&[says, fit], facts, open(&outcome.estimates, None))
+        Answer::of(&[says, fit], facts, open(&outcome.estimates, None, HELD))
     }
 
     /// Of a diagnosis.
@@ -222,14 +222,9 @@ impl Answer {
             Verdict::MissingPhysics => {
                 let list: Vec<String> = named
                     .iter()
-                    .map(|c| format!("{} ({})", cause(c), odds(c.probability)))
+                    .map(|c| format!("{} (probability {})", cause(c), odds(c.probability)))
                     .collect();
-                let are = if list.len() == 1 { "is" } else { "are" };
-                format!(
-                    "{} {are} missing: {}.",
-                    capital(&list.join(" and ")),
-                    falls()
-                )
+                format!("Physics is missing: {}; {}.", list.join(" and "), falls())
             }
             Verdict::Unexplained if d.learnt.is_some() => {
                 format!(
@@ -344,7 +339,7 @@ fn sizes(d: &Diagnosis, c: &Candidate) -> Vec<Fact> {
 fn against(standing: Standing, what: &str, [error, noise]: [&str; 2], ratio: f64) -> String {
     match standing {
         Standing::CannotBeJudged => {
-            format!("{what} within {error} rms; there is no noise to hold that against")
+            format!("{what} within {error} rms; there is no noise to hold it against")
         }
         Standing::Fits => format!("{what} within {error} rms, noise makes {noise}"),
         _ => format!(
@@ -390,10 +385,12 @@ impl<'a> Known<'a> {
                 .iter()
                 .position(|n| *n == self.list[i].name)
         };
+        // J is searched as 1/J, and the correlations are those of the search
+        let sign = |i: usize| if self.list[i].name == "J" { -1.0 } else { 1.0 };
         let loose: Vec<(usize, f64)> = parts
             .iter()
             .filter(|&&(i, _)| self.errors[i].is_finite() && !self.list[i].fixed)
-            .map(|&(i, w)| (i, w * self.errors[i]))
+            .map(|&(i, w)| (i, sign(i) * w * self.errors[i]))
             .collect();
         let mut variance = 0.0;
         for &(i, a) in &loose {
@@ -620,9 +617,12 @@ const FAST_S: f64 = 1.0;
 /// A hold shows a relaxation time that it is so many times as long as.
 const HOLDS: f64 = 3.0;
 
+/// What is held to show a slow relaxation, of all but coupons.
+const HELD: &str = "a voltage";
+
 /// What would determine the parameters that are free and open. `swing` is the range of the forearms, of a
-/// robot.
-fn open(list: &[Estimate], swing: Option<[f64; 2]>) -> Vec<Open> {
+/// robot; `held` is what a long hold holds.
+fn open(list: &[Estimate], swing: Option<[f64; 2]>, held: &str) -> Vec<Open> {
     let value = |name: &str| list.iter().find(|e| e.name == name).map(|e| e.value);
     let is_open = |e: &&Estimate| !e.fixed && (!e.identifiable || e.at_bound.is_some());
     let slowest = list.iter().filter(is_open).filter(|e| e.unit == "s");
@@ -645,7 +645,7 @@ fn open(list: &[Estimate], swing: Option<[f64; 2]>) -> Vec<Open> {
             }
             (Some(t), ..) if t < FAST_S => "steps, and faster drives".into(),
             (Some(_), ..) => format!(
-                "a voltage held for {} or longer",
+                "{held} held for {} or longer",
                 minutes(HOLDS * slowest.max(FAST_S))
             ),
             (_, Some(angle), Some([low, high])) if (low - 1.0..=high + 1.0).contains(&angle) => {
@@ -756,7 +756,7 @@ mod tests {
             "the film: 1.100 MPa \u{b1} 1.8 % once relaxed, relaxing over 120 ms to 40 s"
         );
         assert_eq!(film.facts[1].size.value, "200");
-        let record: Vec<(String, String)> = open(&list, None)
+        let record: Vec<(String, String)> = open(&list, None, HELD)
             .into_iter()
             .map(|o| (o.record, o.names.join(" ")))
             .collect();

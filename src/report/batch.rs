@@ -11,6 +11,7 @@ use super::html::page::{self, Cell, Section, Status, Summary, Table, safe};
 use super::html::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::json::{FitJson, Named, Number, ParameterJson, finite};
 use crate::calibration::{Across, Estimated, across};
+use crate::effects::plain_name;
 
 /// Share of comparisons in which something is said to stand out, drift or differ though nothing does: over
 /// all sets and parameters together, for each of the three.
@@ -607,10 +608,14 @@ impl BatchJson {
                 })
             };
             let diagnosis = s.diagnosis.as_ref().map_or(String::new(), |d| {
-                let verdict = d.failure.as_ref().unwrap_or(&d.verdict);
-                match d.causes.is_empty() {
-                    true => verdict.clone(),
-                    false => format!("{verdict}: {}", d.causes.join(", ")),
+                let verdict = match &d.failure {
+                    Some(why) => why.clone(),
+                    None => d.verdict.replace('_', " "),
+                };
+                let causes: Vec<String> = d.causes.iter().map(|c| plain_name(c)).collect();
+                match causes.is_empty() {
+                    true => verdict,
+                    false => format!("{verdict}: {}", causes.join(", ")),
                 }
             });
             let determined = s

@@ -229,8 +229,14 @@ fn confusion(proof: &Proof) -> Section {
     for (truth, said) in &proof.confusion {
         let mut list: Vec<(&String, &usize)> = said.iter().collect();
         list.sort_by(|a, b| b.1.cmp(a.1));
-        let text: Vec<String> = list.iter().map(|(s, n)| format!("{s} {n}")).collect();
-        table.row(vec![Cell::text(truth.clone()), Cell::text(text.join(", "))]);
+        let text: Vec<String> = list
+            .iter()
+            .map(|(s, n)| format!("{} {n}", number::words(s)))
+            .collect();
+        table.row(vec![
+            Cell::text(number::words(truth)),
+            Cell::text(text.join(", ")),
+        ]);
     }
     Section::table("confusion", "Confusion", "", table)
 }
@@ -251,7 +257,10 @@ fn rows(anchor: &'static str, title: &'static str, text: &str, list: &[Row]) -> 
         ],
     );
     for r in list {
-        let mut cells = vec![Cell::text(r.rig.clone()), Cell::text(r.what.clone())];
+        let mut cells = vec![
+            Cell::text(r.rig.clone()),
+            Cell::text(number::words(&r.what)),
+        ];
         let counts = [
             r.cases,
             r.visible,
@@ -323,13 +332,17 @@ fn concealed(trials: &[Trial]) -> Section {
         };
         table.row(vec![
             Cell::of("file", t.case.clone()),
-            Cell::text(or(&t.truth, "none")),
+            Cell::text(number::words(&or(&t.truth, "none"))),
             Cell::number(format!("{:.2}", t.detectability)),
             Cell::number(format!("{:.2}", t.concealment.held_out_over_floor)),
             Cell::text(moved(&t.concealment.moved)),
             Cell::number(number::significant(t.mean_squares[0], 3)),
             Cell::number(number::significant(t.mean_squares[1], 3)),
-            Cell::text(format!("{} {}", t.verdict, t.named.join(" + "))),
+            Cell::text(number::words(&format!(
+                "{} {}",
+                t.verdict.replace('_', " "),
+                t.named.join(" + ")
+            ))),
         ]);
     }
     Section::table(

@@ -20,9 +20,9 @@ pub struct Provenance {
     /// The recordings, in the order of the command.
     #[serde(default, rename = "recording")]
     pub recordings: Vec<RecordingSum>,
-    /// The rig's id, for the head of a page.
+    /// Ids of the rigs, for the head of a page.
     #[serde(skip)]
-    pub rig_id: String,
+    pub rig_ids: Vec<String>,
     /// Days on which the recordings began, as far as they state it, for the head of a page.
     #[serde(skip)]
     pub days: Vec<String>,
@@ -46,6 +46,13 @@ pub struct FileSum {
     pub file: String,
     /// SHA-256 of its bytes, hexadecimal.
     pub sha256: String,
+}
+
+/// Adds what is not there yet.
+fn once(list: &mut Vec<String>, item: &str) {
+    if !list.iter().any(|i| i == item) {
+        list.push(item.to_owned());
+    }
 }
 
 impl FileSum {
@@ -74,15 +81,13 @@ impl Provenance {
     /// Adds a recording. Its rig becomes the rig of the whole, unless that is another file already.
     pub fn add(&mut self, recording: &Recording) {
         match &recording.rig {
-            Some(Rig::Robot(rig)) => self.rig_id.clone_from(&rig.id),
-            Some(Rig::FilmSample(rig)) => self.rig_id.clone_from(&rig.id),
+            Some(Rig::Robot(rig)) => once(&mut self.rig_ids, &rig.id),
+            Some(Rig::FilmSample(rig)) => once(&mut self.rig_ids, &rig.id),
             None => {}
         }
         if let Some(start) = &recording.manifest.start {
-            let day = start.text.split(['T', ' ']).next().unwrap_or_default();
-            if !self.days.iter().any(|d| d == day) {
-                self.days.push(day.to_owned());
-            }
+            let day = start.text.split(['T', ' ']).next();
+            once(&mut self.days, day.unwrap_or_default());
         }
         let mut files = Vec::new();
         for source in &recording.sources {

@@ -4,7 +4,9 @@ use super::answer::{Fact, Open};
 use super::html::number::{self, Quantity};
 use super::json::{Named, ParameterJson};
 
-/// Heights of a picture of one line.
+/// Width of a curve.
+pub const WIDTH: usize = 60;
+/// Heights of a curve.
 const BLOCKS: [char; 8] = [
     '\u{2581}', '\u{2582}', '\u{2583}', '\u{2584}', '\u{2585}', '\u{2586}', '\u{2587}', '\u{2588}',
 ];
@@ -36,10 +38,15 @@ pub fn facts(list: &[Fact]) -> Vec<String> {
     columns(&list.iter().map(row).collect::<Vec<_>>())
 }
 
-/// One line a parameter that the recordings determine: name, value, 95 % interval, what it is.
+/// One line a parameter that the recordings determine and that is not among `told`: name, value, 95 %
+/// interval, what it is.
 #[must_use]
-pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
-    let known = list.0.iter().filter(|(_, p)| p.identifiable && !p.fixed);
+pub fn parameters(list: &Named<ParameterJson>, told: &[Fact]) -> Vec<String> {
+    let is_told = |name: &String| told.iter().any(|f| f.what == *name);
+    let known = list
+        .0
+        .iter()
+        .filter(|(name, p)| p.identifiable && !p.fixed && !is_told(name));
     let rows: Vec<[String; 4]> = known
         .map(|(name, p)| {
             let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
@@ -49,7 +56,7 @@ pub fn parameters(list: &Named<ParameterJson>) -> Vec<String> {
                 name.clone(),
                 size.with_unit(),
                 size.interval,
-                p.meaning.clone(),
+                number::words(&p.meaning),
             ]
         })
         .collect();
@@ -136,7 +143,7 @@ mod tests {
                 },
             ),
         ]);
-        let lines = parameters(&list);
+        let lines = parameters(&list, &[]);
         let expected = [
             "  mu_1         1.112 MPa  1.080 to 1.144  what it is",
             "  torque_0deg  \u{2212}300 \u{b5}N m  \u{2212}400 to \u{2212}200    what it is",

@@ -13,7 +13,7 @@ use crate::calibration::{
     AgeingInput, AgeingOutcome, By, ElectrodeAgeing, doubtful, named, open, words,
 };
 use crate::effects::plain_name;
-use crate::report::ageing_json::{AgeingJson, Measured};
+use crate::report::ageing_json::{AgeingJson, CauseJson, Measured};
 
 const TEMPLATE: &str = include_str!("ageing.html");
 /// Colours of electrodes, and of days.
@@ -69,7 +69,7 @@ fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson, made_of: &Provenance
             let l = e.levels.last()?;
             let shown = Quantity::new(l.change_percent.value, l.percent_ci95, "%");
             Some(Tile {
-                label: format!("{}, change by {}", e.name, l.name),
+                label: format!("{}, change by {} {}", e.name, level(outcome.by), l.name),
                 value: shown.value,
                 unit: shown.unit,
                 note: shown.interval,
@@ -88,12 +88,7 @@ fn first_screen(outcome: &AgeingOutcome, json: &AgeingJson, made_of: &Provenance
         let items = list
             .iter()
             .filter(|c| c.in_model || c.probability > 0.05)
-            .map(|c| {
-                item(
-                    format!("{}:", capital(&plain_name(&c.effect))),
-                    number::words(&c.says),
-                )
-            })
+            .map(|c| item(format!("{}:", capital(&plain_name(&c.effect))), changed(c)))
             .collect();
         notes.push(note(&format!("What moved in {name}?"), "", items));
     }
@@ -164,6 +159,24 @@ fn level(by: By) -> &'static str {
         By::Day => "day",
         By::Batch => "batch",
     }
+}
+
+/// What is said of a cause, by how much it changed in its unit.
+fn changed(c: &CauseJson) -> String {
+    let (Some(first), Some(last)) = (c.by_day.first(), c.by_day.last()) else {
+        return number::words(&c.says);
+    };
+    let Some((says, _)) = c.says.split_once(": changed by ") else {
+        return number::words(&c.says);
+    };
+    let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
+    let Measured { value, ci95 } = last.change;
+    let size = Quantity::new(number(value), ci95.map(number), &last.unit).with_interval();
+    let [from, to] = [first, last].map(|d| match (&d.batch, d.day) {
+        (Some(batch), _) => batch.clone(),
+        (None, day) => format!("day {}", number::significant(day.unwrap_or(f64::NAN), 3)),
+    });
+    format!("{says}: changed by {size} from {from} to {to}.")
 }
 
 /// Strokes and their change over days.

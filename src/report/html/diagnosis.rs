@@ -340,7 +340,7 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         .collect(),
         None => list,
     };
-    let also = match (d.verdict, list.is_empty()) {
+    let lead = match (d.verdict, list.is_empty()) {
         (Verdict::Adequate, true) => "Nothing that these recordings could show.",
         (Verdict::Adequate, false) => {
             "Nothing that these recordings could show; the nearest causes, none of which is needed:"
@@ -357,11 +357,6 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         (Verdict::Unexplained, false) => {
             "Something that is not in the catalogue. None of its causes accounts for the misfit; those that come nearest:"
         }
-    };
-    // what the first sentence says in short
-    let lead = match (d.verdict, &d.learnt) {
-        (Verdict::Adequate, _) | (_, Some(_)) => also.to_string(),
-        _ => format!("{} {also}", number::words(&d.says)),
     };
     Some(note(MISSING_IS, lead, list))
 }
@@ -512,7 +507,7 @@ fn voltages(d: &Diagnosis) -> Option<Section> {
             context
         })
         .collect();
-    let context = context! { recordings => recordings };
+    let context = context! { says => number::words(&d.says), recordings => recordings };
     let template = include_str!("diagnosis_voltages.html");
     Some(Section::new(
         "voltages",

@@ -3,7 +3,7 @@
 use minijinja::{Value, context};
 
 use super::page::{self, Section, Summary, safe};
-use super::plot::{self, Axis, Mark, Panel, Role, Width};
+use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{self, remarks, sized};
 use super::{Provenance, number, parameters, provenance};
@@ -107,13 +107,6 @@ fn words(outcome: &LineOutcome) -> (&'static str, &'static str, &'static str) {
 
 fn over_time(outcome: &LineOutcome, r: &LineFit) -> String {
     let (coordinate, driven, time) = words(outcome);
-    let panel = |title: String, series| Panel {
-        y: Axis::new(title),
-        height: 120.0,
-        shades: Vec::new(),
-        bands: Vec::new(),
-        series,
-    };
     let line = |name: &str, role, y: &[f64]| curve(name, role, Mark::Line, pairs(&r.time_s, y));
     let error: Vec<f64> = r
         .predicted
@@ -159,22 +152,50 @@ fn over_coordinate(outcome: &LineOutcome, r: &LineFit) -> String {
             pairs(&r.coordinate, &r.predicted),
         ),
     ];
-    let key = plot::legend(&[Panel {
-        y: Axis::new(""),
-        height: 0.0,
+    let error: Vec<f64> = r
+        .predicted
+        .iter()
+        .zip(&r.measured)
+        .map(|(p, m)| p - m)
+        .collect();
+    let error = vec![curve(
+        "difference",
+        Role::Four,
+        Mark::Line,
+        pairs(&r.coordinate, &error),
+    )];
+    let key = plot::legend(&[
+        panel(String::new(), series.clone()),
+        panel(String::new(), error.clone()),
+    ]);
+    let x = Axis::new(coordinate);
+    let drawings = [
+        plot::loops(
+            &format!("{driven} over {coordinate} in {}", r.id),
+            &x,
+            &Axis::new(format!("{driven}, {}", outcome.unit)),
+            series,
+        ),
+        plot::loops(
+            &format!(
+                "predicted minus measured {driven} over {coordinate} in {}",
+                r.id
+            ),
+            &x,
+            &Axis::new(format!("predicted minus measured, {}", outcome.unit)),
+            error,
+        ),
+    ];
+    let caption = format!("{}: {driven} over {coordinate}, and the difference.", r.id);
+    plot::figure(&drawings, &key, &caption)
+}
+
+fn panel(title: String, series: Vec<Series>) -> Panel {
+    Panel {
+        y: Axis::new(title),
+        height: 120.0,
         shades: Vec::new(),
         bands: Vec::new(),
-        series: series.clone(),
-    }]);
-    let drawing = plot::loops(
-        &format!("{driven} over {coordinate} in {}", r.id),
-        &Axis::new(coordinate),
-        &Axis::new(format!("{driven}, {}", outcome.unit)),
         series,
-    );
-    let caption = format!(
-        "{}: {driven} over {coordinate}, measured and predicted.",
-        r.id
-    );
-    plot::figure(&[drawing], &key, &caption)
+    }
 }

@@ -33,9 +33,13 @@ pub fn head(provenance: &Provenance) -> String {
     let days = match provenance.days.as_slice() {
         [] => String::new(),
         [day] => format!("recorded {day}"),
-        [first, .., last] => format!("recorded {first} to {last}"),
+        several => {
+            let ends = [several.iter().min(), several.iter().max()];
+            let [first, last] = ends.map(|d| d.map_or("", String::as_str));
+            format!("recorded {first} to {last}")
+        }
     };
-    let parts = [provenance.rig_id.clone(), ids.join(", ") + &more, days];
+    let parts = [provenance.rig_ids.join(", "), ids.join(", ") + &more, days];
     let parts: Vec<String> = parts.into_iter().filter(|p| !p.is_empty()).collect();
     parts.join(" \u{b7} ")
 }

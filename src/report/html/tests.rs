@@ -223,7 +223,7 @@ fn provenance() -> Provenance {
             id: HOSTILE.into(),
             files: vec![file("a&b/motion.csv", "motion")],
         }],
-        rig_id: "delta-01".into(),
+        rig_ids: vec!["delta-01".into()],
         days: vec!["2026-03-02".into()],
     }
 }

@@ -262,7 +262,7 @@ fn place(p: &Place) -> String {
 /// Standard errors from which on it is said that the model keeps another value than the one freed of noise.
 const TELLING: f64 = 0.5;
 
-/// The values of a candidate with their intervals: `resistance 9.80 MΩ (9.10 to 10.60)`.
+/// The values of a candidate with their intervals: `resistance 9.8 MΩ (9.1 to 10.5)`.
 fn values(c: &Candidate) -> String {
     let one = |v: &&crate::diagnosis::Value| {
         let mut text = size(v).with_interval();

@@ -175,7 +175,7 @@ impl Quantity {
         with_unit(&self.value, &self.unit)
     }
 
-    /// `9.80 MΩ (9.1 to 10.6)`.
+    /// `9.8 MΩ (9.1 to 10.5)`.
     pub fn with_interval(&self) -> String {
         match self.interval.as_str() {
             "" => self.with_unit(),
@@ -342,7 +342,7 @@ mod tests {
             q(1_111_799.0, [1_080_068.0, 1_143_529.0], "Pa"),
             same("1.112 MPa", "1.080 to 1.144")
         );
-        assert_eq!(q(1.3973, [0.4, 2.4], "1"), same("1.40", "0.40 to 2.40"));
+        assert_eq!(q(1.3973, [0.4, 2.4], "1"), same("1.4", "0.4 to 2.4"));
         assert_eq!(
             q(-3e-4, [-4e-4, -2e-4], "N m"),
             same("\u{2212}300 \u{b5}N m", "\u{2212}400 to \u{2212}200")

@@ -119,8 +119,8 @@ fn points(x: &[f64], y: impl Fn(usize) -> f64) -> Vec<[f64; 2]> {
 fn over_time(r: &SampleFit) -> String {
     let t = &r.time_s;
     let shades = vec![plot::Shade {
-        name: "not counted".into(),
-        role: Role::Base,
+        name: "does not count".into(),
+        role: Role::Skip,
         spans: reduce::spans(t, |i| !r.counts[i]),
     }];
     let panel = |title: &str, height: f64, series: Vec<Series>| Panel {

@@ -629,7 +629,7 @@ fn a_start_has_the_clock_of_the_file() {
         "X,CH1,CH2,CH3,Start,Increment,\nSequence,Volt,Volt,Volt,-3e-7,5e-10\n0,1,2,30,\n1,3,4,50,\n2,3,4,60,\n",
     );
     assert!(
-        said.contains("3 rows at 2.000e9 Hz, \u{2212}300.0 to \u{2212}299.0 ns"),
+        said.contains("3 rows at 2.000e9 Hz, -300.0 to -299.0 ns"),
         "{said}"
     );
     assert!(

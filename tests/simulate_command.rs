@@ -313,7 +313,7 @@ fn validation_of_path_stroke_and_force() {
     let bench = Bench::new();
     bench.simulate(&["--drive", CIRCLE, "--noise", "0.03", "-q"]);
     fs::write(bench.path("stiff.toml"), film(1.1)).unwrap();
-    let v = bench.validation(&["--params", "stiff.toml"]);
+    let v = bench.validation(&["--params", "stiff.toml", "--compare", "paper"]);
     let right = &v["recordings"][0];
     let wrong = &v["compared"][0]["recordings"][0];
     for axis in 0..3 {
@@ -331,7 +331,7 @@ fn validation_of_path_stroke_and_force() {
     let of = |s: &Value, key: &str| s[key].as_f64().unwrap();
     assert!((of(stroke, "recorded") - of(stroke, "predicted")).abs() < 0.1);
     assert!((of(stroke, "recorded") - of(&wrong["stroke_mm"], "predicted")).abs() > 0.5);
-    // The report shows both beside the paper, words first.
+    // The report shows both, beside the paper where that is asked for, words before sections.
     let report = bench.read("val/report.html");
     assert_says(
         &report,
@@ -343,12 +343,14 @@ fn validation_of_path_stroke_and_force() {
             "How well are path, force and stroke predicted?",
         ],
     );
-    assert!(report.find("path off by").unwrap() < report.find("<svg").unwrap());
+    assert!(report.find("path off by").unwrap() < report.find("<nav").unwrap());
     // Against the plan: the simulated robot followed it, so the noise is left again, with any parameters.
     let v = bench.validation(&["--path", "rec/planned.csv"]);
     let path = &v["recordings"][0]["path"];
     assert_eq!(path["basis"], "planned");
     assert!(path["rmse_mm"][0].as_f64().unwrap() < 0.035);
+    // No paper where nobody asks for it.
+    assert!(!bench.read("val/report.html").contains("the paper"));
 }
 
 #[test]

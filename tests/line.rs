@@ -8,7 +8,7 @@ use std::path::Path;
 use deacal::calibration::{LineModel, LineRequest, calibrate_lines, predict_line, validate_lines};
 use deacal::dataset::line::Line;
 use deacal::diagnosis::{Diagnosis, LineEntry, Request, RigKind, Verdict, diagnose_lines};
-use deacal::effects::line::{CATALOGUE, Terms, View};
+use deacal::effects::line::{Terms, View, every};
 use deacal::effects::{Acting, When};
 use deacal::recording::Recording;
 use rand::SeedableRng;
@@ -396,7 +396,7 @@ fn all(t: &Terms) -> Vec<u64> {
 #[test]
 fn a_cause_on_one_coordinate_does_something_where_a_scan_looks_and_nothing_when_off() {
     with_view(|view| {
-        for effect in CATALOGUE {
+        for effect in every() {
             let before = terms(view);
             for values in effect.near(view).iter().flatten() {
                 let mut after = terms(view);
@@ -620,7 +620,7 @@ fn a_prediction_reads_nothing_of_what_it_predicts() {
     let own = line(dir.path(), "own", "axis", &table, &SLIDE.csv());
     let other = line(dir.path(), "tone", "axis", &table, &with_tone);
     let fit = calibrate_lines(std::slice::from_ref(&own), &LineRequest::default()).unwrap();
-    for effect in CATALOGUE {
+    for effect in every() {
         let start: Option<Vec<f64>> =
             with_view(|view| effect.near(view).into_iter().flatten().next());
         let (Some(mut values), true) = (
@@ -638,7 +638,7 @@ fn a_prediction_reads_nothing_of_what_it_predicts() {
         let model = LineModel {
             values: fit.values.clone(),
             effects: vec![Acting {
-                effect: *effect,
+                effect,
                 values,
                 on: [true; 3],
             }],
@@ -876,5 +876,75 @@ fn what_leaves_much_of_a_loud_error_is_unexplained() {
         let t = deacal::proof::trial_lines(&generate(&spec).unwrap());
         assert_eq!(t.verdict, "unexplained", "{what}: {t:?}");
         assert!(t.mean_squares[0] > 4.0, "{what}: {t:?}");
+    }
+}
+
+/// Nor do those of benches and coupons, to the bit: the torque and the stress are theirs to predict.
+#[test]
+fn torque_and_stress_are_predicted_without_being_read() {
+    use deacal::dataset::line::Measured;
+    use deacal::film::Film;
+    let dir = tempfile::tempdir().unwrap();
+    let mut torques = String::from("angle,torque\n");
+    let mut stresses = String::from("t,l,s\n");
+    for i in 0..300 {
+        let t = f64::from(i);
+        let x = 0.4 * (0.06 * t).sin();
+        writeln!(torques, "{x:.6},{:.8}", 0.02 * x + 0.05 * x.powi(3)).unwrap();
+        let stretch = 1.2 + 0.2 * (0.06 * t).sin();
+        writeln!(
+            stresses,
+            "{:.2},{stretch:.6},{:.3}",
+            0.1 * t,
+            4e4 * (stretch - 1.0)
+        )
+        .unwrap();
+    }
+    let bench = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let coupon = "[coupon]\nfile = \"data.csv\"\ntime = \"t\"\nstretch = \"l\"\nnominal_stress = \"s\"\nmode = \"uniaxial\"\nunits = { time = \"s\", nominal_stress = \"Pa\" }\n";
+    let hinge = line(dir.path(), "hinge", "hinge-bench", bench, &torques);
+    let strip = line(dir.path(), "strip", "film-coupon", coupon, &stresses);
+    let curve = calibrate_lines(std::slice::from_ref(&hinge), &LineRequest::default())
+        .unwrap()
+        .curve;
+    let film = Film {
+        mu_pa: vec![2e4, 1e4],
+        relaxation_time_s: vec![3.0],
+        locking: 80.0,
+    };
+    for own in [hinge, strip] {
+        let mut other = own.clone();
+        match &mut other.measured {
+            Measured::Torque(t) => t.iter_mut().for_each(|t| *t = 0.3 - 1.7 * *t),
+            Measured::Coupon(c) => c.stress_pa.iter_mut().for_each(|s| *s = 3e3 - 1.7 * *s),
+            Measured::Axis(_) => {}
+        }
+        let model = LineModel {
+            film: Some(film.clone()),
+            curve: curve.clone(),
+            values: [
+                ("rest", if own.mode().is_some() { 1.0 } else { 0.0 }),
+                ("largest_coordinate", 0.4),
+                ("largest_force", 1.0),
+                ("largest_input", 1.0),
+            ]
+            .map(|(n, v)| (n.to_owned(), v))
+            .to_vec(),
+            ..LineModel::default()
+        };
+        let [a, b] = [&own, &other].map(|l| predict_line(l, &model).unwrap().0);
+        let same = a.predicted.iter().zip(&b.predicted);
+        assert!(
+            same.clone().all(|(x, y)| x.to_bits() == y.to_bits()),
+            "{}",
+            own.id
+        );
+        assert!(
+            same.filter(|(x, _)| x.is_finite()).count() > 200,
+            "{}",
+            own.id
+        );
+        let moved = a.measured.iter().zip(&b.measured);
+        assert!(moved.filter(|(x, y)| x != y).count() > 200, "{}", own.id);
     }
 }

@@ -29,9 +29,36 @@ pub struct LineRequest {
     pub bound: Vec<(String, [f64; 2])>,
 }
 
+/// A cause that was fitted with the plain model of an axis.
+#[derive(Debug, Clone)]
+pub struct AxisCause {
+    /// The cause, its values in the units of the recordings.
+    pub acting: Acting,
+    /// Its values with their errors, named `id.value`.
+    pub estimates: Vec<Estimate>,
+}
+
+/// What a model makes of the motion of a recording, from the input alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Forward {
+    /// Root mean square error over the samples after those that told where it began.
+    pub rmse: f64,
+    /// Largest magnitude of the error.
+    pub max_error: f64,
+    /// Samples that count.
+    pub n_samples: usize,
+    /// Range of what was measured.
+    pub range: f64,
+    /// Unit of them.
+    pub unit: &'static str,
+}
+
 /// One recording against the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineFit {
+    /// The motion that the model makes of the input, where a model was held against an axis that it can run
+    /// forward.
+    pub forward: Option<Forward>,
     /// Identity.
     pub id: String,
     /// Root mean square error: of the torque, or of the input.
@@ -63,8 +90,12 @@ pub struct LineOutcome {
     pub kind: Kind,
     /// Does it fit, in one sentence.
     pub verdict: String,
+    /// What the errors are errors of: the torque, the input, the stress, or the motion.
+    pub driven: &'static str,
     /// Unit of the errors.
     pub unit: String,
+    /// Causes that were fitted as well.
+    pub causes: Vec<AxisCause>,
     /// Every parameter.
     pub estimates: Vec<Estimate>,
     /// The recordings.
@@ -139,8 +170,33 @@ pub fn calibrate_lines(lines: &[Line], request: &LineRequest) -> Result<LineOutc
         hold(&mut lines, &request.fix)?;
     }
     let refs: Vec<&Line> = lines.iter().collect();
-    let scales = scales(&refs);
-    let mut residual = LineResidual::new(&refs, plain(&refs, 0), scales);
+    let Plainly {
+        residual,
+        state,
+        linear,
+        names,
+    } = plainly(&refs, request)?;
+    let design = residual.design(&state.eta, &state.beta)?;
+    let covariance = covariance(&design, state.eta.len(), &linear);
+    let mut out = against(&residual, &state.eta, &state.beta)?;
+    out.weighted_mean_square = mean_square(&design);
+    say(&mut out, &residual, &state, &linear, &names, &covariance);
+    Ok(out)
+}
+
+/// The plain model at its best on recordings.
+pub(super) struct Plainly<'a> {
+    pub(super) residual: LineResidual<'a>,
+    pub(super) state: State,
+    pub(super) linear: Vec<Unknown>,
+    pub(super) names: Vec<String>,
+}
+
+/// Fits the plain model by its balance: linear but for clock offsets.
+pub(super) fn plainly<'a>(refs: &[&'a Line], request: &LineRequest) -> Result<Plainly<'a>, Error> {
+    let bench = matches!(refs[0].measured, Measured::Torque(_));
+    let scales = scales(refs);
+    let mut residual = LineResidual::new(refs, plain(refs, 0), scales);
     let names = names(residual.plain());
     let unknown = |name: &String| Error::UnknownParameter {
         name: name.clone(),
@@ -229,9 +285,14 @@ pub fn calibrate_lines(lines: &[Line], request: &LineRequest) -> Result<LineOutc
     for (u, b) in linear.iter_mut().zip(&first.beta) {
         u.start = *b;
     }
-    let state = minimise(&residual, &nonlinear, &linear, &first.eta, &options, go);
-    evaluations += state.evaluations;
-    outcome(&residual, &state, &linear, &names, evaluations)
+    let mut state = minimise(&residual, &nonlinear, &linear, &first.eta, &options, go);
+    state.evaluations += evaluations;
+    Ok(Plainly {
+        residual,
+        state,
+        linear,
+        names,
+    })
 }
 
 /// A model held against its recordings: errors, curve, values, and whether it fits, in one sentence.
@@ -253,6 +314,7 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
                 .collect();
             let n = errors.len();
             Ok(LineFit {
+                forward: None,
                 id: line.id.clone(),
                 rmse: (errors.iter().map(|e| e * e).sum::<f64>() / n.max(1) as f64).sqrt(),
                 max_error: errors.iter().fold(0.0, |m: f64, e| m.max(e.abs())),
@@ -279,6 +341,12 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
         },
         kind,
         verdict: String::new(),
+        driven: match kind {
+            Kind::Bench => "torque",
+            Kind::Axis => "input",
+            Kind::Coupon => "stress",
+        },
+        causes: Vec::new(),
         unit: residual.lines().next().map_or_else(String::new, Line::unit),
         estimates: Vec::new(),
         recordings,
@@ -290,12 +358,18 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
         weighted_mean_square: f64::NAN,
         remarks: Vec::new(),
     };
+    judge(&mut out)?;
+    for r in &out.recordings {
+        out.remarks
+            .extend(r.notes.iter().map(|n| format!("{}: {n}.", r.id)));
+    }
+    Ok(out)
+}
+
+/// Whether a model fits its recordings, in one sentence.
+pub(super) fn judge(out: &mut LineOutcome) -> Result<(), Error> {
     let (rmse, _, n, noise) = out.total();
-    let what = match kind {
-        Kind::Bench => "torque",
-        Kind::Axis => "input",
-        Kind::Coupon => "stress",
-    };
+    let what = out.driven;
     if !rmse.is_finite() || !noise.is_finite() {
         return Err(Error::NothingToFit(format!(
             "the error of the {what} comes out as {rmse:e} {} rms, and as {noise:e} from noise alone: nothing can be judged; check the \
@@ -320,11 +394,7 @@ fn against(residual: &LineResidual, eta: &[f64], beta: &[f64]) -> Result<LineOut
             out.unit
         )
     };
-    for r in &out.recordings {
-        out.remarks
-            .extend(r.notes.iter().map(|n| format!("{}: {n}.", r.id)));
-    }
-    Ok(out)
+    Ok(())
 }
 
 /// Finished parameters of one coordinate, as a parameter file has them.
@@ -342,7 +412,7 @@ pub struct LineModel {
 
 impl LineModel {
     /// The recordings at this model; `every` row kept, or only nearly independent ones.
-    fn at<'a>(
+    pub(super) fn at<'a>(
         &self,
         lines: &[&'a Line],
         every: bool,
@@ -384,7 +454,11 @@ impl LineModel {
 pub fn validate_lines(lines: &[Line], model: &LineModel) -> Result<LineOutcome, Error> {
     let refs: Vec<&Line> = lines.iter().collect();
     let (residual, eta, beta) = model.at(&refs, false)?;
-    against(&residual, &eta, &beta)
+    let mut out = against(&residual, &eta, &beta)?;
+    for (r, line) in out.recordings.iter_mut().zip(lines) {
+        r.forward = super::motion::of_forward(line, model);
+    }
+    Ok(out)
 }
 
 /// What a model asks for at every sample of a recording: input of an axis (through the low-pass of its band),
@@ -424,7 +498,7 @@ pub fn predict_line(line: &Line, model: &LineModel) -> Result<(LineFit, String),
 }
 
 /// `--fix` of an axis: what is held is known.
-fn hold(lines: &mut [Line], fix: &[(String, f64)]) -> Result<(), Error> {
+pub(super) fn hold(lines: &mut [Line], fix: &[(String, f64)]) -> Result<(), Error> {
     for (name, value) in fix {
         for line in lines.iter_mut() {
             let Measured::Axis(a) = &mut line.measured else {
@@ -493,26 +567,22 @@ fn meaning(name: &str, turns: bool) -> (&'static str, &'static str) {
     }
 }
 
-#[allow(clippy::too_many_lines)]
-fn outcome(
-    residual: &LineResidual,
-    state: &State,
-    linear: &[Unknown],
-    names: &[String],
-    evaluations: usize,
-) -> Result<LineOutcome, Error> {
-    let (eta, beta) = (&state.eta, &state.beta);
-    let design = residual.design(eta, beta)?;
+/// Mean square of a whitened residual, the last column of a design.
+fn mean_square(design: &DMatrix<f64>) -> f64 {
+    let errors = design.column(design.ncols() - 1);
+    errors.norm_squared() / errors.len() as f64
+}
+
+/// Covariance of eta and beta from a whitened design: what is left is wider than the noise and follows itself.
+fn covariance(design: &DMatrix<f64>, nonlinear: usize, linear: &[Unknown]) -> DMatrix<f64> {
     let width = design.ncols() - 1;
     let errors = design.column(width);
-    let rows = errors.len() as f64;
-    let mean_square = errors.norm_squared() / rows;
-    let widen = mean_square.max(1.0) * correlation_length(errors.as_slice());
+    let widen = mean_square(design).max(1.0) * correlation_length(errors.as_slice());
     let x = design.columns(0, width);
     let scale: Vec<f64> = (0..width)
         .map(|i| 1.0 / x.column(i).norm().max(f64::MIN_POSITIVE))
         .collect();
-    let held = |i: usize| i >= eta.len() && linear[i - eta.len()].is_fixed();
+    let held = |i: usize| i >= nonlinear && linear[i - nonlinear].is_fixed();
     let gram = DMatrix::from_fn(width, width, |i, j| {
         let g = scale[i] * scale[j] * x.column(i).dot(&x.column(j));
         if i == j {
@@ -525,9 +595,22 @@ fn outcome(
         || DMatrix::from_element(width, width, f64::NAN),
         |c| c.inverse(),
     );
-    let covariance = DMatrix::from_fn(width, width, |i, j| {
+    DMatrix::from_fn(width, width, |i, j| {
         widen * scale[i] * scale[j] * inverse[(i, j)]
-    });
+    })
+}
+
+/// Puts what a fit found into an outcome: estimates of eta and beta with their covariance, and how it ended.
+#[allow(clippy::too_many_lines)]
+pub(super) fn say(
+    out: &mut LineOutcome,
+    residual: &LineResidual,
+    state: &State,
+    linear: &[Unknown],
+    names: &[String],
+    covariance: &DMatrix<f64>,
+) {
+    let (eta, beta) = (&state.eta, &state.beta);
     let (over_gain, known, turns) = match (residual.plain(), residual.lines().next()) {
         (
             Plain::Axis {
@@ -575,7 +658,7 @@ fn outcome(
         estimates.push(Estimate {
             name: name.to_owned(),
             meaning: meaning.to_owned(),
-            unit,
+            unit: unit.into(),
             value,
             std_error: if fixed { f64::NAN } else { std_error },
             ci95: if fixed {
@@ -626,7 +709,7 @@ fn outcome(
             }
         }
     }
-    if !eta.is_empty() {
+    if !residual.free_offsets().is_empty() {
         push(
             "clock_offset",
             eta[0],
@@ -635,14 +718,12 @@ fn outcome(
             None,
         );
     }
-    let mut out = against(residual, state.eta.as_slice(), beta)?;
     out.estimates = estimates;
     out.converged = state
         .ended
         .is_some_and(crate::fit::separable::Ended::converged);
     out.reason = state.ended.map_or("", |e| e.words()).to_owned();
-    out.evaluations = evaluations;
-    out.weighted_mean_square = mean_square;
+    out.evaluations = state.evaluations;
     if let Plain::Axis {
         known,
         over_gain: false,
@@ -655,5 +736,4 @@ fn outcome(
     {
         out.remarks.push("Nothing sets the scale of the force (no load, no known mass, damping or stiffness): the gain is taken as 1, and the others are per unit of input.".into());
     }
-    Ok(out)
 }

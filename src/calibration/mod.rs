@@ -12,6 +12,7 @@ mod ageing;
 mod coupon;
 mod joint;
 mod line;
+mod motion;
 mod outcome;
 mod robot;
 mod sample;
@@ -33,8 +34,10 @@ pub use coupon::{
 };
 pub use joint::{CauseFound, Joint};
 pub use line::{
-    LineFit, LineModel, LineOutcome, LineRequest, calibrate_lines, predict_line, validate_lines,
+    AxisCause, Forward, LineFit, LineModel, LineOutcome, LineRequest, calibrate_lines,
+    predict_line, validate_lines,
 };
+pub use motion::{AxisMotion, Causes, MotionRequest, calibrate_motion, predict_line_motion};
 pub use outcome::{
     AtBound, ChainError, Estimate, Outcome, RecordingOutcome, Standing, StartOutcome,
     WeakDirection, WorstPlace,
@@ -97,4 +100,7 @@ pub enum Error {
     /// The film locks at the parameters that were given.
     #[error("{0}")]
     Locked(#[from] crate::film::Locked),
+    /// An axis that cannot be run forward.
+    #[error("{0}")]
+    Forward(#[from] crate::residual::motion::Trouble),
 }

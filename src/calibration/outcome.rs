@@ -1,6 +1,8 @@
 //! What a calibration found: plain data, for reports and files. Nothing here is computed again when it is
 //! shown.
 
+use std::borrow::Cow;
+
 use crate::dataset::Plan;
 use crate::model::Parameters;
 
@@ -52,7 +54,7 @@ pub struct Estimate {
     /// What it is.
     pub meaning: String,
     /// Unit of all values here.
-    pub unit: &'static str,
+    pub unit: Cow<'static, str>,
     /// Value.
     pub value: f64,
     /// Standard error; NaN where it was fixed or rests on a bound.

@@ -806,7 +806,7 @@ pub(super) fn estimates(
             Estimate {
                 name: named.name.clone(),
                 meaning: named.meaning.clone(),
-                unit: p.unit,
+                unit: p.unit.into(),
                 value,
                 std_error,
                 ci95: ends,

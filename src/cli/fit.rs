@@ -9,10 +9,12 @@ use super::progress::Progress;
 use super::resume::Lasting;
 use super::{Failure, Talk, load};
 use crate::calibration::{
-    CouponRequest, LineRequest, Outcome, Request, SampleRequest, Stage, calibrate_coupons,
-    calibrate_lines, calibrate_robot, calibrate_samples,
+    self, Causes, CouponRequest, LineOutcome, LineRequest, MotionRequest, Outcome, Request,
+    SampleRequest, Stage, calibrate_coupons, calibrate_lines, calibrate_motion, calibrate_robot,
+    calibrate_samples,
 };
 use crate::checks::Finding;
+use crate::dataset::line::Line;
 use crate::dataset::{Coupon, Plan};
 use crate::recording::Kind;
 use crate::report::answer::{self, Answer};
@@ -23,6 +25,7 @@ use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::plan_to_toml;
 use crate::report::provenance::Provenance;
 use crate::report::terminal;
+use crate::residual::motion::Between;
 
 /// What to fit.
 #[derive(Subcommand)]
@@ -39,8 +42,8 @@ pub(super) enum Fit {
     Coupon(Coupons),
     /// The torque curve of a flexure hinge from its bench, usable as the forearm's
     Hinge(Lines),
-    /// Mass, damping, stiffness, gain of a single axis
-    Axis(Lines),
+    /// Mass, damping, stiffness, gain of a single axis; with --objective motion also causes of the catalogue
+    Axis(AxisFit),
 }
 
 /// Options that every fit takes.
@@ -125,6 +128,55 @@ pub(super) struct Lines {
     bound: Vec<(String, [f64; 2])>,
 }
 
+/// What a fit of an axis makes small.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Objective {
+    /// The error of the input that the motion needs (the balance): linear, nothing to be searched, but noise in
+    /// the motion shortens mass and damping
+    Input,
+    /// The error of the motion that the input makes (output error): nothing is differentiated, and noise
+    /// shortens nothing
+    Motion,
+}
+
+/// What the input does between samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum BetweenWord {
+    /// Straight lines
+    Straight,
+    /// Held until the next sample
+    Held,
+    /// Smooth, nothing above half the sampling rate
+    Smooth,
+}
+
+impl From<BetweenWord> for Between {
+    fn from(word: BetweenWord) -> Self {
+        match word {
+            BetweenWord::Straight => Between::Straight,
+            BetweenWord::Held => Between::Held,
+            BetweenWord::Smooth => Between::Smooth,
+        }
+    }
+}
+
+/// A fit to axes.
+#[derive(Args)]
+pub(super) struct AxisFit {
+    #[command(flatten)]
+    lines: Lines,
+    /// What is made small
+    #[arg(long, value_enum, default_value = "input")]
+    objective: Objective,
+    /// With --objective motion: a cause to fit as well, by its id (again for another), or `choose`: those that
+    /// foretell what was left out
+    #[arg(long, value_name = "ID")]
+    cause: Vec<String>,
+    /// With --objective motion: what the input does between samples (default: what leaves least)
+    #[arg(long, value_enum)]
+    between: Option<BetweenWord>,
+}
+
 fn parse_fix(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
     let value = value
@@ -150,8 +202,8 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<FitJson, Failu
         Fit::Robot(a) => robot(Stage::Robot, a, command, talk),
         Fit::Sample(a) => sample(a, command, talk),
         Fit::Coupon(a) => coupon(a, command, talk),
-        Fit::Hinge(a) => line(a, Kind::HingeBench, command, talk),
-        Fit::Axis(a) => line(a, Kind::Axis, command, talk),
+        Fit::Hinge(a) => line(a, Kind::HingeBench, command, talk, &calibrate_lines),
+        Fit::Axis(a) => axis(a, command, talk),
     }
 }
 
@@ -331,7 +383,45 @@ fn finish(
     Ok(w.fit)
 }
 
-fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+    if a.objective == Objective::Input {
+        if !a.cause.is_empty() || a.between.is_some() {
+            return Err(
+                "--cause and --between are for --objective motion; `deacal diagnose` looks for causes in the input".into(),
+            );
+        }
+        return line(&a.lines, Kind::Axis, command, talk, &calibrate_lines);
+    }
+    let choose = a.cause.iter().any(|c| c == "choose");
+    if choose && a.cause.len() > 1 {
+        return Err("--cause choose stands alone".into());
+    }
+    let causes = match a.cause.as_slice() {
+        [] => Causes::None,
+        _ if choose => Causes::Choose,
+        ids => Causes::These(ids.to_vec()),
+    };
+    let fit = |lines: &[Line], request: &LineRequest| {
+        let request = MotionRequest {
+            line: request.clone(),
+            causes: causes.clone(),
+            between: a.between.map(Between::from),
+        };
+        calibrate_motion(lines, &request).map(|m| m.outcome)
+    };
+    line(&a.lines, Kind::Axis, command, talk, &fit)
+}
+
+/// How a line is fitted.
+type FitLines<'a> = dyn Fn(&[Line], &LineRequest) -> Result<LineOutcome, calibration::Error> + 'a;
+
+fn line(
+    a: &Lines,
+    kind: Kind,
+    command: &str,
+    talk: Talk,
+    fit: &FitLines,
+) -> Result<FitJson, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
@@ -345,7 +435,7 @@ fn line(a: &Lines, kind: Kind, command: &str, talk: Talk) -> Result<FitJson, Fai
         bound: a.bound.clone(),
     };
     progress.step("fitting");
-    let mut outcome = calibrate_lines(&lines, &request)?;
+    let mut outcome = fit(&lines, &request)?;
     outcome.remarks.extend(copies);
     let written = Written {
         answer: Answer::of_lines(&outcome),

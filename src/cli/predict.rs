@@ -9,8 +9,8 @@ use super::progress::Progress;
 use super::simulate::explain;
 use super::{Failure, Talk, Unsaid, load, ranges, series};
 use crate::calibration::{
-    RecordingOutcome, predict_command, predict_force, predict_line, predict_sample_motion,
-    validate_robot_with, validate_samples,
+    RecordingOutcome, predict_command, predict_force, predict_line, predict_line_motion,
+    predict_sample_motion, validate_robot_with, validate_samples,
 };
 use crate::dataset::line::Measured;
 use crate::dataset::{Dataset, OffsetSource};
@@ -42,7 +42,7 @@ pub(super) enum Predict {
     /// bench its torque, of a film coupon its stress
     Force(Arguments),
     /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag; a hanging sample
-    /// has x_mm downwards, zero at rest)
+    /// has x_mm downwards, zero at rest; an axis x_mm, angle_rad, or what it was measured as: v_mm_s, rate_rad_s)
     Motion(Arguments),
 }
 
@@ -68,6 +68,10 @@ pub(super) struct Arguments {
     /// The aligned recording and the residual in the CSV too, every digit
     #[arg(long)]
     full: bool,
+    /// Motion of an axis: first samples of the measured motion that tell where it begins (0: from rest under
+    /// the first input, and nothing of the motion is read)
+    #[arg(long, default_value_t = 0, value_name = "SAMPLES")]
+    begin: usize,
 }
 
 pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Failure> {
@@ -76,7 +80,7 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let kinds: &[Kind] = match predict {
         Predict::Voltage(_) => &[Kind::Robot, Kind::FilmSample, Kind::Axis],
         Predict::Force(_) => &[Kind::Robot, Kind::HingeBench, Kind::FilmCoupon],
-        Predict::Motion(_) => &[Kind::Robot, Kind::FilmSample],
+        Predict::Motion(_) => &[Kind::Robot, Kind::FilmSample, Kind::Axis],
     };
     let recordings = load::recordings_of(
         std::slice::from_ref(&a.recording),
@@ -100,7 +104,13 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         return sample(predict, a, &recordings, &file, talk);
     }
     if recordings[0].manifest.kind != Kind::Robot {
-        return line(a, &recordings, &file, progress, talk);
+        return match predict {
+            Predict::Motion(_) => axis_motion(a, &recordings, &file, progress, talk),
+            _ => line(a, &recordings, &file, progress, talk),
+        };
+    }
+    if a.begin > 0 {
+        return Err("--begin is for the motion of an axis: others begin at rest".into());
     }
     let robot = load::robot(load::rig(&recordings)?, Some(&file))?;
     let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
@@ -325,6 +335,38 @@ fn sample(
         a.output.as_deref(),
         &flags,
     ));
+    Ok(())
+}
+
+/// The motion that the input of an axis makes.
+fn axis_motion(
+    a: &Arguments,
+    recordings: &[Recording],
+    file: &ParameterFile,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let lines = load::lines(recordings, &progress)?;
+    let r = predict_line_motion(&lines[0], &file.line_model()?, a.begin)?;
+    drop(progress);
+    let column = match &lines[0].measured {
+        Measured::Axis(x) if x.turns && x.velocity => ("rate_rad_s", 1.0),
+        Measured::Axis(x) if x.turns => ("angle_rad", 1.0),
+        Measured::Axis(x) if x.velocity => ("v_mm_s", 1e3),
+        _ => ("x_mm", 1e3),
+    };
+    let read = || Missing::Other("read, to tell where the motion begins".into());
+    let flags: Vec<Option<Missing>> = (0..r.predicted.len())
+        .map(|i| (i < a.begin).then(read))
+        .collect();
+    write(a.output.as_deref(), talk, |out| {
+        csv::predicted_line_motion(out, &r, column, &flags)
+    })?;
+    talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
+    if a.output.is_some() {
+        let n = r.predicted.len();
+        talk.say(&format!("{}: {n} samples predicted.", r.id));
+    }
     Ok(())
 }
 

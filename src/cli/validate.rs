@@ -200,8 +200,15 @@ fn lines(
         let mut outcome = validate_lines(&lines, &file.line_model()?)?;
         outcome.remarks.extend(copies.iter().cloned());
         let says = outcome.recordings.iter().map(|r| {
+            let forward = r.forward.as_ref().map_or_else(String::new, |f| {
+                format!(
+                    "; run forward {} rms over a range of {}",
+                    in_unit(f.rmse, f.unit),
+                    in_unit(f.range, f.unit)
+                )
+            });
             format!(
-                "{:20} {} rms (noise alone {}), {} samples",
+                "{:20} {} rms (noise alone {}), {} samples{forward}",
                 r.id,
                 number::sized(r.rmse, &outcome.unit, 3),
                 number::sized(r.noise, &outcome.unit, 3),

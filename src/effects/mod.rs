@@ -389,6 +389,11 @@ pub trait Effect: Sync + Send {
     }
     /// Changes what is asked of, or given to, a single coordinate ([`mod@line`]).
     fn line(&self, _v: &[f64], _view: &line::View, _terms: &mut line::Terms) {}
+    /// Its law at one moment, where what it does to a single coordinate is told by that coordinate's course:
+    /// such a cause runs forward as well. Causes of the input alone run forward as they stand.
+    fn law(&self) -> Option<&dyn line::Forward> {
+        None
+    }
     /// Whether it acts on the input of a single coordinate.
     fn drives(&self) -> bool {
         false

@@ -686,8 +686,8 @@ const HEAD_BYTES: usize = 64 * 1024;
 /// The beginning of a file, without a byte-order mark, UTF-16 made UTF-8.
 fn head(path: &Path) -> Result<Vec<u8>, Error> {
     let mut head = Vec::new();
-    super::opened::open(path)
-        .and_then(|f| f.take(HEAD_BYTES as u64).read_to_end(&mut head))
+    super::opened::text(path)
+        .and_then(|t| t.take(HEAD_BYTES as u64).read_to_end(&mut head))
         .map_err(|e| Error::io(path, e))?;
     match encoding_rs::Encoding::for_bom(&head) {
         Some((e, mark)) if e == encoding_rs::UTF_8 => drop(head.drain(..mark)),

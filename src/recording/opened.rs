@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -33,6 +33,23 @@ pub fn open(path: &Path) -> io::Result<File> {
         .unwrap_or_else(PoisonError::into_inner)
         .insert(own);
     Ok(file)
+}
+
+/// Opens a text file for reading, unpacked where it is gzipped.
+///
+/// # Errors
+/// As [`open`].
+pub fn text(path: &Path) -> io::Result<Box<dyn Read>> {
+    let mut file = open(path)?;
+    let mut mark = Vec::with_capacity(2);
+    file.by_ref().take(2).read_to_end(&mut mark)?;
+    let gzipped = mark == [0x1f, 0x8b];
+    let bytes = io::Cursor::new(mark).chain(file);
+    Ok(if gzipped {
+        Box::new(flate2::read::MultiGzDecoder::new(bytes))
+    } else {
+        Box::new(bytes)
+    })
 }
 
 /// Whether this process has opened that file, under this name or another one that leads there.
@@ -69,6 +86,24 @@ mod tests {
             open(dir.path()).unwrap_err().kind(),
             io::ErrorKind::IsADirectory
         );
+    }
+
+    #[test]
+    fn a_text_may_be_gzipped() {
+        use std::io::Write as _;
+        let dir = tempfile::tempdir().unwrap();
+        let (plain, packed) = (dir.path().join("a.csv"), dir.path().join("a.csv.gz"));
+        let words = "t,x\n0,1\n1,2\n".repeat(40_000);
+        fs::write(&plain, &words).unwrap();
+        let file = File::create(&packed).unwrap();
+        let mut gz = flate2::write::GzEncoder::new(file, flate2::Compression::fast());
+        gz.write_all(words.as_bytes()).unwrap();
+        gz.finish().unwrap();
+        for path in [plain, packed] {
+            let mut read = String::new();
+            text(&path).unwrap().read_to_string(&mut read).unwrap();
+            assert_eq!(read, words);
+        }
     }
 
     #[cfg(unix)]

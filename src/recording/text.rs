@@ -127,16 +127,16 @@ const CELLS: u64 = 1 << 23;
 const CELLS_PER_BYTE: u64 = 16;
 
 impl LineReader {
-    /// Opens a file. Without a declared encoding it is UTF-8, or UTF-16 if a byte-order mark says so; a cell
+    /// Opens a file, unpacked where it is gzipped. Without a declared encoding it is UTF-8, or UTF-16 if a byte-order mark says so; a cell
     /// that is not UTF-8 is then read as Latin-1.
     ///
     /// # Errors
     /// The file cannot be opened, or the encoding is not known.
     pub fn open(path: &Path, declared: Option<&str>) -> Result<Self, Error> {
         let declared = declared.map(|label| encoding(path, label)).transpose()?;
-        let mut file = super::opened::open(path).map_err(|e| Error::io(path, e))?;
+        let mut text = super::opened::text(path).map_err(|e| Error::io(path, e))?;
         let mut mark = Vec::with_capacity(2);
-        file.by_ref()
+        text.by_ref()
             .take(2)
             .read_to_end(&mut mark)
             .map_err(|e| Error::io(path, e))?;
@@ -145,8 +145,8 @@ impl LineReader {
             [0xfe, 0xff] => Some(encoding_rs::UTF_16BE),
             _ => None,
         };
-        let length = file.metadata().map_or(0, |m| m.len());
-        let bytes = io::Cursor::new(mark).chain(file);
+        let length = std::fs::metadata(path).map_or(0, |m| m.len());
+        let bytes = io::Cursor::new(mark).chain(text);
         let mut reader = match found.or(declared) {
             Some(e) if e != encoding_rs::UTF_8 => Self::new(path, Decoding::new(bytes, e)),
             _ => Self::new(path, bytes),

@@ -162,7 +162,7 @@ impl Answer {
                 let facts = estimates()
                     .map(|e| Fact {
                         what: e.name.clone(),
-                        size: Quantity::new(e.value, e.ci95, e.unit),
+                        size: Quantity::new(e.value, e.ci95, &e.unit),
                         means: e.meaning.clone(),
                     })
                     .collect();
@@ -173,11 +173,7 @@ impl Answer {
             }
         };
         let (rmse, _, _, noise) = outcome.total();
-        let what = match outcome.kind {
-            Kind::Bench => "torque",
-            Kind::Axis => "input",
-            Kind::Coupon => "stress",
-        };
+        let what = outcome.driven;
         let verb = match outcome.estimates.is_empty() {
             true => "predicted",
             false => "met",
@@ -445,7 +441,7 @@ fn film(known: &Known, stretch: Option<[f64; 2]>) -> Option<Part> {
         }
     };
     let (value, ends) = parts;
-    let size = Quantity::new(value, ends, mu.unit);
+    let size = Quantity::new(value, ends, &mu.unit);
     let mut says = format!("the film: {}", half_interval(&size, value, ends));
     let mut facts = vec![Fact {
         what: "film, relaxed".into(),
@@ -598,7 +594,7 @@ fn half_interval(size: &Quantity, value: f64, [low, high]: [f64; 2]) -> String {
 }
 
 fn half_of(e: &Estimate) -> String {
-    half_interval(&Quantity::new(e.value, e.ci95, e.unit), e.value, e.ci95)
+    half_interval(&Quantity::new(e.value, e.ci95, &e.unit), e.value, e.ci95)
 }
 
 fn percent(share: f64) -> String {
@@ -711,7 +707,7 @@ mod tests {
         Estimate {
             name: name.into(),
             meaning: String::new(),
-            unit,
+            unit: unit.into(),
             value,
             std_error,
             ci95: [value - OF_95 * std_error, value + OF_95 * std_error],

@@ -328,6 +328,25 @@ pub fn predicted_sample_motion(
     flagged(out, &columns, flags)
 }
 
+/// The motion that a model makes of the input of an axis: `time_s`, and the coordinate under the header and in
+/// the unit that `column` says, with its factor. A sample with a flag has empty cells.
+///
+/// # Errors
+/// Those of the writer.
+pub fn predicted_line_motion(
+    out: &mut (impl Write + ?Sized),
+    r: &LineFit,
+    (header, factor): (&str, f64),
+    flags: &[Option<Missing>],
+) -> io::Result<()> {
+    let known = |i: usize, v: f64| if flags[i].is_none() { v } else { f64::NAN };
+    let columns = [
+        Column::new("time_s", TIME, |i| r.time_s[i]),
+        Column::new(header, FORCE, |i| known(i, factor * r.predicted[i])),
+    ];
+    flagged(out, &columns, flags)
+}
+
 /// Predicted side of a single coordinate: `time_s`, the coordinate, what was measured and what the model asks
 /// for; `names` are the headers of the last three. A sample with a flag has empty cells.
 ///

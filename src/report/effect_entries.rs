@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::learnt_entry;
 use super::parameter_file::{Effect, FilmEntry, ParameterFile, SeriesEntry, Values};
-use crate::calibration::LineModel;
+use crate::calibration::{AxisCause, LineModel};
 use crate::diagnosis::{Candidate, Value};
 use crate::effects::{Acting, CATALOGUE, Reach, by_id, learnt, line};
 use crate::recording::{Error, ErrorKind, suggestion};
@@ -204,6 +204,27 @@ impl Effect {
         }
     }
 
+    /// The entry of a cause that was fitted with the motion of an axis.
+    #[must_use]
+    pub fn of_line(cause: &AxisCause) -> Self {
+        let float = toml::Value::Float;
+        let mut values = Values::new();
+        let quantities = cause.acting.effect.parameters().iter();
+        for (q, e) in quantities.zip(&cause.estimates) {
+            values.push((q.name.into(), float(e.value)));
+            if e.std_error.is_finite() {
+                values.push((format!("{}_std_error", q.name), float(e.std_error)));
+                let ends = toml::Value::Array(e.ci95.map(float).to_vec());
+                values.push((format!("{}_ci95", q.name), ends));
+            }
+        }
+        Effect {
+            id: cause.acting.effect.id().into(),
+            actuators: actuators(cause.acting.on),
+            values,
+        }
+    }
+
     /// What the estimates beside fitted values are, where there are any.
     pub(super) fn about_estimates(&self) -> Option<&'static str> {
         let estimated = |(name, _): &(String, toml::Value)| name.ends_with("_estimate");
@@ -245,9 +266,8 @@ impl ParameterFile {
     /// An id or a name that the catalogue of single coordinates does not have (the nearest is named), or a
     /// value that cannot be.
     pub fn line_model(&self) -> Result<LineModel, Error> {
-        let known: Vec<&'static dyn crate::effects::Effect> = line::CATALOGUE
-            .iter()
-            .map(|e| *e as &'static dyn crate::effects::Effect)
+        let known: Vec<&'static dyn crate::effects::Effect> = line::every()
+            .map(|e| e as &'static dyn crate::effects::Effect)
             .collect();
         let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
         Ok(LineModel {

@@ -517,7 +517,7 @@ impl From<&Estimate> for ParameterJson {
         });
         ParameterJson {
             value: finite(e.value),
-            unit: e.unit.to_owned(),
+            unit: e.unit.to_string(),
             std_error: finite(e.std_error),
             misfit_std_error: None,
             ci95: (!e.fixed && e.ci95.iter().any(|v| v.is_finite())).then(|| e.ci95.map(finite)),
@@ -1094,7 +1094,23 @@ impl ModelValidation {
     /// Of a model held against hinge benches, axes or coupons.
     #[must_use]
     pub fn of_lines(outcome: &LineOutcome, params: FileSum) -> Self {
-        Self::of_fit(FitJson::of_lines(outcome, Provenance::default()), params)
+        let mut model = Self::of_fit(FitJson::of_lines(outcome, Provenance::default()), params);
+        for (r, own) in model.recordings.iter_mut().zip(&outcome.recordings) {
+            let forward = own.forward.as_ref();
+            r.path = forward.filter(|f| f.unit == "m").map(|f| {
+                let first = |v: f64| [finite(v), None, None];
+                PathErrors {
+                    basis: "predicted".to_owned(),
+                    relative_to_mm: first(f.range * 1e3),
+                    n_frames: f.n_samples,
+                    rmse_mm: first(f.rmse * 1e3),
+                    max_mm: first(f.max_error * 1e3),
+                    rmse_relative: first(f.rmse / f.range),
+                    max_relative: first(f.max_error / f.range),
+                }
+            });
+        }
+        model
     }
 
     /// Of a film held against hanging samples.

@@ -342,6 +342,7 @@ impl ParameterFile {
         ParameterFile {
             forearm,
             axis,
+            effects: outcome.causes.iter().map(Effect::of_line).collect(),
             provenance,
             ..ParameterFile::default()
         }

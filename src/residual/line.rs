@@ -27,7 +27,7 @@ use super::coupon::stretch_history;
 use super::{Normal, SeparableResidual, Slope};
 use crate::dataset::Coupon;
 use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate_rising};
-use crate::effects::line::{Kind, Terms, Undone, View};
+use crate::effects::line::{Kind, Real, Terms, Undone, View};
 use crate::effects::{Acting, When};
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::film::{Film, Locked};
@@ -564,6 +564,92 @@ impl<'a> LineResidual<'a> {
         }
     }
 
+    /// Nonlinear unknowns.
+    #[must_use]
+    pub fn nonlinear(&self) -> usize {
+        self.plain_unknowns() + self.free.len()
+    }
+
+    /// The causes at work, unknowns where they began.
+    #[must_use]
+    pub fn acting(&self) -> &[Acting] {
+        &self.effects
+    }
+
+    /// Which of the causes' values are unknowns.
+    #[must_use]
+    pub fn free(&self) -> &[(usize, usize)] {
+        &self.free
+    }
+
+    /// Which nonlinear unknown a value of a cause is.
+    #[must_use]
+    pub fn place_of(&self, effect: usize, value: usize) -> Option<usize> {
+        let place = self.free.iter().position(|f| *f == (effect, value));
+        place.map(|p| self.plain_unknowns() + p)
+    }
+
+    /// A nonlinear unknown as far as its bounds let it go.
+    #[must_use]
+    pub fn bounded(&self, eta: &[f64], place: usize) -> f64 {
+        let [low, high] = self.bounds(place);
+        eta[place].clamp(low, high)
+    }
+
+    /// Whether a nonlinear unknown acts on the input of a recording, or on its clock.
+    #[must_use]
+    pub fn on_input(&self, number: usize, place: usize) -> bool {
+        match place.checked_sub(self.plain_unknowns()) {
+            Some(p) => self.effects[self.free[p].0].effect.law().is_none(),
+            None => self.free_offsets.get(place) == Some(&number),
+        }
+    }
+
+    /// The input of a recording as the causes that act on it alone leave it, in its unit on its own clock, and
+    /// how much later than the motion's clock it is read, s.
+    pub(super) fn driven(&self, number: usize, eta: &[f64], effects: &[Acting]) -> (Vec<f64>, f64) {
+        let own = effects.iter().filter(|a| a.effect.law().is_none());
+        let own: Vec<Acting> = own.cloned().collect();
+        let terms = self.terms(number, &own, &[], 0.0);
+        let input = terms.input.iter().map(|u| self.scales.input * u);
+        (input.collect(), self.offset_s(number, eta) + terms.shift_s)
+    }
+
+    /// A recording.
+    pub(super) fn line_of(&self, number: usize) -> &'a Line {
+        self.parts[number].line
+    }
+
+    /// Whether an axis has a mass, known or to be found.
+    pub(super) fn has_mass(&self) -> bool {
+        self.has(AxisTerm::Mass, 1)
+    }
+
+    /// Whether an axis has damping, known or to be found.
+    pub(super) fn has_damping(&self) -> bool {
+        self.has(AxisTerm::Damping, 2)
+    }
+
+    fn has(&self, term: AxisTerm, place: usize) -> bool {
+        match &*self.plain {
+            Plain::Axis { terms, known, .. } => terms.contains(&term) || known[place] != 0.0,
+            _ => false,
+        }
+    }
+
+    /// Mass, damping, stiffness, bias of an axis, and what multiplies its load, in the unit of its balance.
+    pub(super) fn balance<R: Real>(&self, beta: &[R]) -> [R; 5] {
+        let Plain::Axis {
+            terms,
+            known,
+            over_gain,
+        } = &*self.plain
+        else {
+            return [R::of(0.0); 5];
+        };
+        balance(terms, known, *over_gain, beta)
+    }
+
     /// Residuals.
     #[must_use]
     pub fn rows(&self) -> usize {
@@ -877,7 +963,7 @@ impl<'a> LineResidual<'a> {
     }
 
     /// Columns of beta and the constant side of a recording at its kept places: r = B beta - d, N, N m or Pa;
-    /// of an axis also d without what the input makes.
+    /// and d without what was measured (of an axis: without what the input makes).
     fn rows_of(
         &self,
         number: usize,
@@ -904,7 +990,8 @@ impl<'a> LineResidual<'a> {
                     for (j, v) in basis.iter().enumerate() {
                         b[(row, j)] = v * terms.factor[i][0];
                     }
-                    d[row] = p.measured[row] - s.force * terms.force[i];
+                    rest.push(-s.force * terms.force[i]);
+                    d[row] = p.measured[row] + rest[row];
                 }
             }
             Plain::Axis {
@@ -980,7 +1067,8 @@ impl<'a> LineResidual<'a> {
                         b[(row, j)] = between(at(i, j), at(mean.other, j));
                     }
                     let force = between(terms.force[i], terms.force[mean.other]);
-                    d[row] = p.measured[row] - s.force * force;
+                    rest.push(-s.force * force);
+                    d[row] = p.measured[row] + rest[row];
                 }
             }
         }
@@ -1106,7 +1194,8 @@ impl<'a> LineResidual<'a> {
     }
 
     /// Bounds of a nonlinear unknown that is a value of an effect, over its spread; none for the others.
-    fn bounds(&self, unknown: usize) -> [f64; 2] {
+    #[must_use]
+    pub fn bounds(&self, unknown: usize) -> [f64; 2] {
         let place = unknown.checked_sub(self.plain_unknowns());
         match place.and_then(|p| self.free.get(p)) {
             Some(&(e, v)) => {
@@ -1561,10 +1650,9 @@ impl<'a> LineResidual<'a> {
         let effects = self.effects(eta);
         let p = &self.parts[number];
         let Measured::Axis(axis) = &p.line.measured else {
-            let (b, d, _) = self.rows_of(number, eta, beta, &effects)?;
-            let r = &b * DVector::from_column_slice(beta) - d;
-            let asked = r.iter().zip(p.measured.iter()).map(|(r, m)| r + m);
-            return Ok((asked.collect(), p.measured.to_vec()));
+            let (b, _, rest) = self.rows_of(number, eta, beta, &effects)?;
+            let asked = &b * DVector::from_column_slice(beta) - DVector::from_vec(rest);
+            return Ok((asked.as_slice().to_vec(), p.measured.to_vec()));
         };
         // derivatives need every sample
         let dense = effects.iter().any(|a| a.effect.lags()).then(|| {
@@ -1690,18 +1778,26 @@ fn shifted(line: &Line, axis: &AxisLine, input: &[f64], scale: f64, offset: f64)
         .collect()
 }
 
-/// Mass, damping, stiffness of an axis at a model, in the unit of its balance.
-fn plant(terms: &[AxisTerm], known: &[f64; 4], over_gain: bool, beta: &[f64]) -> [f64; 3] {
-    let inverse = inverse_gain(terms, over_gain, beta);
-    let of = |term: AxisTerm, known: f64| {
-        let place = terms.iter().position(|t| *t == term);
-        place.map_or(inverse * known, |i| beta[i])
-    };
+/// Mass, damping, stiffness and bias of an axis at a model, and what multiplies its load, in the unit of its
+/// balance.
+fn balance<R: Real>(terms: &[AxisTerm], known: &[f64; 4], over_gain: bool, beta: &[R]) -> [R; 5] {
+    let place = |term: AxisTerm| terms.iter().position(|t| *t == term);
+    let inverse = place(AxisTerm::Gain).filter(|_| over_gain);
+    let inverse = inverse.map_or(R::of(1.0), |i| beta[i]);
+    let of = |term: AxisTerm, known: f64| place(term).map_or(inverse.times(known), |i| beta[i]);
     [
         of(AxisTerm::Mass, known[1]),
         of(AxisTerm::Damping, known[2]),
         of(AxisTerm::Stiffness, known[3]),
+        of(AxisTerm::Bias, 0.0),
+        inverse,
     ]
+}
+
+/// Mass, damping, stiffness of an axis at a model, in the unit of its balance.
+fn plant(terms: &[AxisTerm], known: &[f64; 4], over_gain: bool, beta: &[f64]) -> [f64; 3] {
+    let [mass, damping, stiffness, ..] = balance(terms, known, over_gain, beta);
+    [mass, damping, stiffness]
 }
 
 /// Noise of the residual of an axis, in its unit.

@@ -10,6 +10,7 @@ mod coupon;
 mod decimate;
 mod gram;
 pub mod line;
+pub mod motion;
 mod normal;
 mod robot;
 mod sample;

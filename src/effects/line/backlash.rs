@@ -1,6 +1,7 @@
 //! Play of half-width g:  the spring sees s with |x - s| <= g, moved only where x pushes it.
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Backlash;
@@ -31,10 +32,19 @@ impl Effect for Backlash {
         "reversals without and with a pre-load"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let mut s = view.xi.first().copied().unwrap_or(0.0);
-        for (out, x) in terms.xi.iter_mut().zip(view.xi) {
-            s = s.max(x - v[0]).min(x + v[0]);
-            *out += s - x;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for Backlash {
+    fn begin<R: Real>(&self, xi: R) -> R {
+        xi
+    }
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        state.state = state.state.max(at.xi - v[0]).min(at.xi + v[0]);
+        point.xi = point.xi + (state.state - at.xi);
     }
 }

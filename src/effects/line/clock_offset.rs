@@ -5,6 +5,8 @@ use super::{Kind, LineEffect, Terms, View};
 
 pub struct ClockOffset;
 
+pub(super) const ID: &str = "time_offset";
+
 impl LineEffect for ClockOffset {
     fn kinds(&self) -> &'static [Kind] {
         &[Kind::Axis]
@@ -19,7 +21,7 @@ impl LineEffect for ClockOffset {
 
 impl Effect for ClockOffset {
     fn id(&self) -> &'static str {
-        "time_offset"
+        ID
     }
     fn says(&self) -> &'static str {
         "the clocks of input and motion differ by a constant"

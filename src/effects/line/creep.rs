@@ -1,6 +1,7 @@
 //! One more Maxwell branch:  force k (x - q), q' = (x - q)/T.
 
 use super::super::{Effect, Quantity, shape, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Creep;
@@ -43,13 +44,21 @@ impl Effect for Creep {
         "a step, a long hold, and a long rest"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let mut q = view.xi.first().copied().unwrap_or(0.0);
-        for i in 0..view.xi.len() {
-            if i > 0 {
-                let share = 1.0 - (-(view.time_s[i] - view.time_s[i - 1]) / v[1]).exp();
-                q += share * (0.5 * (view.xi[i] + view.xi[i - 1]) - q);
-            }
-            terms.force[i] += v[0] * (view.xi[i] - q);
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for Creep {
+    fn begin<R: Real>(&self, xi: R) -> R {
+        xi
+    }
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        let share = R::of(1.0) - (R::of(-at.step_s) / v[1]).exp();
+        let middle = R::of(0.5) * (at.xi + state.before);
+        state.state = state.state + share * (middle - state.state);
+        point.force = point.force + v[0] * (at.xi - state.state);
     }
 }

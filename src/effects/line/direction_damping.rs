@@ -1,6 +1,7 @@
 //! Viscous force that acts in one direction of motion only:  c max(v, 0).
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct DirectionDamping;
@@ -31,8 +32,15 @@ impl Effect for DirectionDamping {
         "the same speeds in both directions"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        for (f, r) in terms.force.iter_mut().zip(view.rate) {
-            *f += v[0] * r.max(0.0);
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for DirectionDamping {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        point.force = point.force + v[0] * at.rate.max(R::of(0.0));
     }
 }

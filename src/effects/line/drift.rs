@@ -1,6 +1,7 @@
 //! A modulus that drifts:  all springs times 1 + a t over the recording's length.
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Drift;
@@ -31,11 +32,16 @@ impl Effect for Drift {
         "the first test again as the last"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let (first, span) = (view.time_s.first().copied().unwrap_or(0.0), view.duration_s);
-        for (f, t) in terms.factor.iter_mut().zip(view.time_s) {
-            let g = 1.0 + v[0] * (t - first) / span;
-            f[0] *= g;
-            f[1] *= g;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for Drift {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        let g = R::of(1.0) + v[0] * R::of(at.since_s / at.span_s);
+        point.factor = point.factor.map(|f| f * g);
     }
 }

@@ -1,6 +1,7 @@
 //! A drive whose pull changes with the stroke:  u e^(-a x) (x over the largest excursion).
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct DriveStroke;
@@ -31,13 +32,18 @@ impl Effect for DriveStroke {
         "the same drive against several loads, so that one voltage meets several positions"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        if v[0] != 0.0 {
-            for (g, x) in terms.gain.iter_mut().zip(view.xi) {
-                *g *= (-v[0] * x).exp();
-            }
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
     }
     fn drives(&self) -> bool {
         true
+    }
+}
+
+impl Law for DriveStroke {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        point.gain = point.gain * (-v[0] * at.xi).exp();
     }
 }

@@ -1,6 +1,7 @@
 //! A stop:  force k max(x - x0, 0) where x0 > 0, k min(x - x0, 0) where x0 < 0.
 
 use super::super::{Effect, Quantity, shape, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct EndStop;
@@ -39,13 +40,20 @@ impl Effect for EndStop {
         "strokes that end before it and at it"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        for (f, x) in terms.force.iter_mut().zip(view.xi) {
-            let into = if v[1] >= 0.0 {
-                (x - v[1]).max(0.0)
-            } else {
-                (x - v[1]).min(0.0)
-            };
-            *f += v[0] * into;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for EndStop {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        let into = if v[1].value() >= 0.0 {
+            (at.xi - v[1]).max(R::of(0.0))
+        } else {
+            (at.xi - v[1]).min(R::of(0.0))
+        };
+        point.force = point.force + v[0] * into;
     }
 }

@@ -2,7 +2,8 @@
 //! e^(-|dx|/x0)), force F z.
 
 use super::super::{Effect, Quantity, shape, size};
-use super::{Kind, LineEffect, Terms, View, sliding};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along, slid};
+use super::{Kind, LineEffect, Terms, View};
 
 pub struct Friction;
 
@@ -40,9 +41,16 @@ impl Effect for Friction {
         "slow triangles of several amplitudes"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let z = sliding(view.xi, v[1]);
-        for (f, z) in terms.force.iter_mut().zip(z) {
-            *f += v[0] * z;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for Friction {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        state.state = slid(state.state, at.xi - state.before, v[1]);
+        point.force = point.force + v[0] * state.state;
     }
 }

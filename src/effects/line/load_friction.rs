@@ -1,7 +1,8 @@
 //! Friction that grows with the load:  force c |elastic force| z, z as in dry friction with presliding.
 
 use super::super::{Effect, Quantity, shape, size};
-use super::{Kind, LineEffect, Terms, View, sliding};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along, slid};
+use super::{Kind, LineEffect, Terms, View};
 
 pub struct LoadFriction;
 
@@ -42,9 +43,16 @@ impl Effect for LoadFriction {
         true
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let z = sliding(view.xi, v[1]);
-        for ((f, z), e) in terms.force.iter_mut().zip(z).zip(view.elastic) {
-            *f += v[0] * e.abs() * z;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for LoadFriction {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        state.state = slid(state.state, at.xi - state.before, v[1]);
+        point.force = point.force + v[0] * at.elastic.abs() * state.state;
     }
 }

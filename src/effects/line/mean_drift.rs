@@ -1,6 +1,7 @@
 //! A zero that drifts:  force a t over the recording's length.
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct MeanDrift;
@@ -31,9 +32,15 @@ impl Effect for MeanDrift {
         "rests at the beginning and at the end"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let (first, span) = (view.time_s.first().copied().unwrap_or(0.0), view.duration_s);
-        for (f, t) in terms.force.iter_mut().zip(view.time_s) {
-            *f += v[0] * (t - first) / span;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for MeanDrift {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        point.force = point.force + v[0] * R::of(at.since_s / at.span_s);
     }
 }

@@ -19,6 +19,7 @@ mod drive_stroke;
 mod end_stop;
 mod friction;
 mod grip;
+mod law;
 mod load_friction;
 mod mean_drift;
 mod nonlinear_stiffness;
@@ -30,8 +31,10 @@ mod second_invariant;
 mod slack;
 mod softening;
 mod stribeck;
+mod stroke_damping;
 
 use super::Effect;
+pub use law::{At, Dual, Forward, LANES, Law, Memory, Moment, Point, Real};
 
 /// What was recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -153,10 +156,25 @@ pub const CATALOGUE: &[&dyn LineEffect] = &[
     &mean_drift::MeanDrift,
 ];
 
+/// Causes that are told from others only where the motion is run forward: a diagnosis, which works out the
+/// input that a motion needs, does not think of them.
+pub const FORWARD_ONLY: &[&dyn LineEffect] = &[&stroke_damping::StrokeDamping];
+
+/// Every cause of both lists.
+pub fn every() -> impl Iterator<Item = &'static dyn LineEffect> {
+    CATALOGUE.iter().chain(FORWARD_ONLY).copied()
+}
+
 /// The cause with this id.
 #[must_use]
 pub fn by_id(id: &str) -> Option<&'static dyn LineEffect> {
-    CATALOGUE.iter().copied().find(|e| e.id() == id)
+    every().find(|e| e.id() == id)
+}
+
+/// Whether the motion can be run forward with a cause: it has a law, or acts on the input or its clock alone.
+#[must_use]
+pub fn runs_forward(effect: &dyn Effect) -> bool {
+    effect.law().is_some() || effect.drives() || effect.id() == clock_offset::ID
 }
 
 /// The state of sliding along a course, from -1 to 1: it follows the direction over the distance
@@ -166,11 +184,8 @@ pub(crate) fn sliding(xi: &[f64], presliding: f64) -> Vec<f64> {
     let mut before = xi.first().copied().unwrap_or(0.0);
     xi.iter()
         .map(|&x| {
-            let d = x - before;
+            z = law::slid(z, x - before, presliding);
             before = x;
-            if d != 0.0 {
-                z += (d.signum() - z) * (1.0 - (-d.abs() / presliding).exp());
-            }
             z
         })
         .collect()

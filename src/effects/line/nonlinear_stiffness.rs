@@ -1,6 +1,7 @@
 //! A spring with two more terms:  force k2 x^2 + k3 x^3 (x over the largest excursion).
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct NonlinearStiffness;
@@ -36,8 +37,15 @@ impl Effect for NonlinearStiffness {
         "the same drive at several amplitudes"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        for (f, x) in terms.force.iter_mut().zip(view.xi) {
-            *f += x * x * (v[0] + v[1] * x);
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for NonlinearStiffness {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        point.force = point.force + at.xi * at.xi * (v[0] + v[1] * at.xi);
     }
 }

@@ -1,6 +1,7 @@
 //! Permanent set:  the spring sees x - s x_max, x_max the largest x so far.
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct PermanentSet;
@@ -31,10 +32,16 @@ impl Effect for PermanentSet {
         "a rest after each amplitude of a staircase"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let mut largest = 0.0_f64;
-        for (out, x) in terms.xi.iter_mut().zip(view.xi) {
-            largest = largest.max(*x);
-            *out -= v[0] * largest;
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for PermanentSet {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        state.state = state.state.max(at.xi);
+        point.xi = point.xi - v[0] * state.state;
     }
 }

@@ -1,6 +1,7 @@
 //! Drag:  force c v |v|.
 
 use super::super::{Effect, Quantity, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct QuadraticDamping;
@@ -39,8 +40,15 @@ impl Effect for QuadraticDamping {
         "steps and sines of several amplitudes"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        for (f, r) in terms.force.iter_mut().zip(view.rate) {
-            *f += v[0] * r * r.abs();
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for QuadraticDamping {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        point.force = point.force + v[0] * at.rate * at.rate.abs();
     }
 }

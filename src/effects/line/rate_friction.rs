@@ -1,6 +1,7 @@
 //! Dry friction that lets go where nothing moves:  force F tanh(v/v0).
 
 use super::super::{Effect, Quantity, shape, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct RateFriction;
@@ -39,8 +40,15 @@ impl Effect for RateFriction {
         "constant speeds in both directions with rests between"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        for (f, r) in terms.force.iter_mut().zip(view.rate) {
-            *f += v[0] * (r / v[1]).tanh();
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for RateFriction {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        point.force = point.force + v[0] * (at.rate / v[1]).tanh();
     }
 }

@@ -2,6 +2,7 @@
 //! so far.
 
 use super::super::{Effect, Quantity, shape, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Softening;
@@ -40,10 +41,17 @@ impl Effect for Softening {
         "a staircase of amplitudes, each repeated"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        let mut largest = 0.0_f64;
-        for (f, x) in terms.factor.iter_mut().zip(view.xi) {
-            largest = largest.max(x.abs());
-            f[0] *= 1.0 - v[0] * (1.0 - (-(largest - x.abs()) / v[1]).exp());
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for Softening {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        state.state = state.state.max(at.xi.abs());
+        let below = (at.xi.abs() - state.state) / v[1];
+        point.factor[0] = point.factor[0] * (R::of(1.0) - v[0] * (R::of(1.0) - below.exp()));
     }
 }

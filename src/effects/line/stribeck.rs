@@ -1,6 +1,7 @@
 //! Friction that is larger at low speed:  force F sign(v) e^(-(v/vs)^2).
 
 use super::super::{Effect, Quantity, shape, size};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Stribeck;
@@ -39,8 +40,17 @@ impl Effect for Stribeck {
         "constant speeds from creeping to fast"
     }
     fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
-        for (f, r) in terms.force.iter_mut().zip(view.rate) {
-            *f += v[0] * (r / (0.1 * v[1])).tanh() * (-(r / v[1]).powi(2)).exp();
-        }
+        along(self, v, view, terms);
+    }
+    fn law(&self) -> Option<&dyn Forward> {
+        Some(self)
+    }
+}
+
+impl Law for Stribeck {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+        let fast = at.rate / v[1];
+        point.force =
+            point.force + v[0] * (at.rate / (R::of(0.1) * v[1])).tanh() * (-(fast * fast)).exp();
     }
 }

@@ -98,11 +98,12 @@ fn pairs(x: &[f64], y: &[f64]) -> Vec<[f64; 2]> {
 }
 
 fn words(outcome: &LineOutcome) -> (&'static str, &'static str, &'static str) {
-    match outcome.kind {
-        Kind::Bench => ("angle, rad", "torque", "row"),
-        Kind::Axis => ("position", "input", "time, s"),
-        Kind::Coupon => ("stretch", "stress", "time, s"),
-    }
+    let (coordinate, time) = match outcome.kind {
+        Kind::Bench => ("angle, rad", "row"),
+        Kind::Axis => ("position", "time, s"),
+        Kind::Coupon => ("stretch", "time, s"),
+    };
+    (coordinate, outcome.driven, time)
 }
 
 fn over_time(outcome: &LineOutcome, r: &LineFit) -> String {

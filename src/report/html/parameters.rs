@@ -18,7 +18,7 @@ fn shown(e: &Estimate) -> (f64, String) {
     } else {
         0.0
     };
-    number::scaled(error.max(e.value.abs()), e.unit)
+    number::scaled(error.max(e.value.abs()), &e.unit)
 }
 
 fn trust(e: &Estimate) -> Cell {

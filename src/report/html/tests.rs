@@ -17,7 +17,7 @@ fn estimate(name: &str, unit: &'static str, value: f64) -> Estimate {
     Estimate {
         name: name.into(),
         meaning: "modulus of <it>".into(),
-        unit,
+        unit: unit.into(),
         value,
         std_error: 0.01 * value,
         ci95: [0.98 * value, 1.02 * value],

@@ -1,0 +1,1167 @@
+//! An axis fitted by its motion (output error): the parameters whose forward model comes closest to what was
+//! measured, and which causes of the catalogue that takes.
+//!
+//! The balance of an axis needs an acceleration, and noise in the motion then stands among the regressors: it
+//! shortens mass and damping (errors in variables). The motion that the model makes of the input has no
+//! noise in it, so this fit stays straight where the other bends; the price is that it has to be searched
+//! for. It begins at the balance's answer, in pieces that begin anew (16, then 4, then one a recording), and
+//! every step has exact derivatives ([`crate::residual::motion`]).
+//!
+//! # Intervals
+//! What is left follows itself: noise of the plant is coloured by it, and so is what the model lacks. With X
+//! the derivatives, the covariance is the sandwich (X'X)^-1 X'RX (X'X)^-1 (Huber 1967), R that of an
+//! autoregression through what is left, its order by BIC (Schwarz 1978): R = s^2 L L', L the filter that
+//! makes the residual of white innovations, so that X'RX = s^2 |L'X|^2.
+//!
+//! # Which causes
+//! All of it on the recordings given. A cause is foretold by what it would change of the motion ([`near`] its
+//! off value, all that the others can absorb projected out); the three that promise most are fitted; and the
+//! best is taken if it lowers the error on blocks that were left out: of 24 blocks each is foretold by a fit
+//! to the others (to first order, which is exact for what is linear), and the fall has to be beyond three of
+//! its standard errors and half a percent. So on, until none is. That is done in four pieces a recording,
+//! of more than 20,000 samples on some of them; what was chosen is then fitted to all.
+//!
+//! [`near`]: crate::effects::line::LineEffect::near
+
+use std::ops::ControlFlow;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::line::{
+    AxisCause, Forward, LineFit, LineModel, LineOutcome, LineRequest, Plainly, hold, judge,
+    plainly, say,
+};
+use super::{Error, Estimate};
+use crate::dataset::line::{Line, Measured};
+use crate::effects::Acting;
+use crate::effects::line::{Kind, LineEffect, by_id, every, runs_forward};
+use crate::fit::separable::{Options, State, Unknown, minimise};
+use crate::recording::nearest;
+use crate::residual::OFFSET_REACH_S;
+use crate::residual::line::LineResidual;
+use crate::residual::motion::{Between, MotionResidual};
+
+/// Which causes are fitted.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub enum Causes {
+    /// None: the plain model.
+    #[default]
+    None,
+    /// These, by their ids.
+    These(Vec<String>),
+    /// Those that the recordings call for.
+    Choose,
+}
+
+/// What a fit of the motion is asked to do.
+#[derive(Debug, Clone, Default)]
+pub struct MotionRequest {
+    /// Held parameters and bounds.
+    pub line: LineRequest,
+    /// Causes.
+    pub causes: Causes,
+    /// What the input does between samples; none: what leaves least.
+    pub between: Option<Between>,
+}
+
+/// A step of the choice.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tried {
+    /// The cause.
+    pub id: &'static str,
+    /// Root mean square error on blocks that were left out, without and with it, in the unit of the outcome.
+    pub left_out: [f64; 2],
+    /// The mean fall of its square over its standard error.
+    pub surety: f64,
+    /// Whether it was taken.
+    pub taken: bool,
+}
+
+/// Everything that a fit of the motion found.
+#[derive(Debug, Clone)]
+pub struct AxisMotion {
+    /// As of any fit of an axis; errors are those of the motion.
+    pub outcome: LineOutcome,
+    /// What the input does between samples.
+    pub between: Between,
+    /// Root mean square of what each of them left, where they were compared.
+    pub compared: Vec<(Between, f64)>,
+    /// How causes were chosen.
+    pub tried: Vec<Tried>,
+    /// Steps of the integration a sample.
+    pub steps: usize,
+}
+
+/// Key under which a parameter file holds what the input does between samples: its place in
+/// [`Between::ALL`].
+pub const BETWEEN: &str = "input_between";
+
+/// Pieces of a recording at the start of a search, and samples over all recordings that begin it at most.
+const PIECES: [usize; 2] = [16, 4];
+const SOME: usize = 20_000;
+/// One piece, all samples.
+const WHOLE: (usize, usize) = (1, usize::MAX);
+/// How far unknowns may go in one search, in their own units.
+const REACH: f64 = 6.0;
+/// Searches that may follow one another where an unknown went that far.
+const SEARCHES: usize = 4;
+/// Change by half the step, over what is left, up to which steps are short enough while causes are chosen, and
+/// at the end times the root of the rows.
+const COARSE: f64 = 0.02;
+const FINE: f64 = 0.3;
+/// Steps a sample at most.
+const MOST_STEPS: usize = 128;
+/// Turns of the last correction.
+const POLISH: usize = 3;
+/// Causes that are fitted in each round, and rounds.
+const FITTED: usize = 3;
+const ROUNDS: usize = 6;
+/// Blocks that are left out, over all recordings.
+const BLOCKS: usize = 24;
+/// Standard errors, and share of the square, by which a cause has to lower the error on what was left out.
+const SURE: f64 = 3.0;
+const WORTH: f64 = 0.005;
+/// Orders of the autoregression through what is left.
+const MOST_ORDER: usize = 60;
+/// First samples of a recording that may tell where it begins when a model is held against it.
+pub const BEGINNING: usize = 50;
+
+/// A model of the motion at its best, so far.
+#[derive(Clone)]
+struct Best<'a> {
+    residual: MotionResidual<'a>,
+    unknowns: Vec<f64>,
+    design: DMatrix<f64>,
+    evaluations: usize,
+    converged: bool,
+    reason: &'static str,
+}
+
+impl Best<'_> {
+    fn mean_square(&self) -> f64 {
+        let r = self.design.column(self.design.ncols() - 1);
+        r.norm_squared() / r.len() as f64
+    }
+}
+
+/// What is known of the search beside the residual.
+struct Search<'a> {
+    inverse: LineResidual<'a>,
+    linear: Vec<Unknown>,
+    names: Vec<String>,
+    /// Least unit of each linear unknown.
+    least: Vec<f64>,
+}
+
+impl<'a> Search<'a> {
+    fn residual(
+        &self,
+        (effects, free): (Vec<Acting>, Vec<(usize, usize)>),
+        between: Between,
+        steps: usize,
+        pieces: (usize, usize),
+        beta: &[f64],
+    ) -> Result<MotionResidual<'a>, Error> {
+        let series = self.inverse.series();
+        let inverse = self.inverse.with_effects(effects, free, &series);
+        let unit = beta.iter().zip(&self.least).map(|(b, l)| b.abs().max(*l));
+        Ok(MotionResidual::new(
+            inverse,
+            between,
+            steps,
+            pieces,
+            unit.collect(),
+        )?)
+    }
+
+    /// Unknowns of a search that begins at `start`.
+    fn unknowns(&self, residual: &MotionResidual, start: &[f64]) -> Vec<Unknown> {
+        let inverse = residual.inverse();
+        let linear = inverse.linear();
+        let (beta, _) = residual.model(start);
+        (0..start.len())
+            .map(|i| {
+                let at = start[i];
+                if i < linear {
+                    let u = &self.linear[i];
+                    if u.is_fixed() {
+                        return Unknown::fixed(at);
+                    }
+                    let unit = if at == 0.0 {
+                        self.least[i]
+                    } else {
+                        beta[i] / at
+                    };
+                    let low = u.lower / unit;
+                    // what holds the motion back never vanishes altogether
+                    let low = if self.names[i] == "mass" {
+                        low.max(1e-6)
+                    } else {
+                        low
+                    };
+                    return Unknown::free(
+                        at.clamp(low, (u.upper / unit).max(low)),
+                        (at - REACH).max(low),
+                        (at + REACH).min(u.upper / unit),
+                    );
+                }
+                if i < residual.shared() {
+                    let place = i - linear;
+                    if place < inverse.free_offsets().len() {
+                        return Unknown::free(at, -OFFSET_REACH_S, OFFSET_REACH_S);
+                    }
+                    let [low, high] = inverse.bounds(place);
+                    return Unknown::free(at, (at - REACH).max(low), (at + REACH).min(high));
+                }
+                Unknown::free(at, at - 0.5 * REACH, at + 0.5 * REACH)
+            })
+            .collect()
+    }
+
+    /// The best point from `start` on. Where an unknown went as far as it may, once more from there.
+    fn go(&self, mut residual: MotionResidual<'a>, start: &[f64]) -> Result<Best<'a>, Error> {
+        let mut at = start.to_vec();
+        let mut evaluations = 0;
+        let mut last = None;
+        for _ in 0..SEARCHES {
+            let unknowns = self.unknowns(&residual, &at);
+            let state = minimise(&residual, &unknowns, &[], &at, &OPTIONS, |_: &State| {
+                ControlFlow::Continue(())
+            });
+            evaluations += state.evaluations;
+            at.clone_from(&state.eta);
+            let stuck = at.iter().zip(&unknowns).enumerate().any(|(i, (x, u))| {
+                let far = (x - u.lower).abs() < 1e-6 || (x - u.upper).abs() < 1e-6;
+                far && !u.is_fixed() && !self.at_true_bound(&residual, i, *x)
+            });
+            last = Some(state);
+            if !stuck {
+                break;
+            }
+            let (beta, eta) = residual.model(&at);
+            let states = at[residual.shared()..].to_vec();
+            residual = residual.with_unit(
+                beta.iter()
+                    .zip(&self.least)
+                    .map(|(b, l)| b.abs().max(*l))
+                    .collect(),
+            );
+            at = residual.at(&beta, &eta);
+            at.truncate(residual.shared());
+            at.extend(states);
+        }
+        let state = last.ok_or_else(|| Error::NothingToFit("no search".into()))?;
+        if !state.cost.is_finite() {
+            return Err(Error::AllStartsFailed {
+                tried: 1,
+                last: state.failure.unwrap_or_default(),
+            });
+        }
+        let design = residual.design(&at)?;
+        Ok(Best {
+            residual,
+            unknowns: at,
+            design,
+            evaluations,
+            converged: state
+                .ended
+                .is_some_and(crate::fit::separable::Ended::converged),
+            reason: state.ended.map_or("", |e| e.words()),
+        })
+    }
+
+    fn at_true_bound(&self, residual: &MotionResidual, i: usize, x: f64) -> bool {
+        let inverse = residual.inverse();
+        let linear = inverse.linear();
+        if i < linear {
+            let physical = self.linear[i].lower == 0.0;
+            return physical && x < 1e-5;
+        }
+        if i >= residual.shared() {
+            return false;
+        }
+        let place = i - linear;
+        if place < inverse.free_offsets().len() {
+            return true;
+        }
+        inverse.bounds(place).iter().any(|b| (b - x).abs() < 1e-6)
+    }
+
+    /// From the balance's answer, in ever longer pieces; of long recordings in some of them.
+    fn begun(&self, between: Between, beta: &[f64], eta: &[f64]) -> Result<Best<'a>, Error> {
+        let (mut beta, mut eta) = (beta.to_vec(), eta.to_vec());
+        // a start that hardly lives is no start
+        for ((b, l), name) in beta.iter_mut().zip(&self.least).zip(&self.names) {
+            if name == "mass" || name == "damping" {
+                *b = b.max(*l);
+            }
+        }
+        let (mut steps, mut evaluations) = (1, 0);
+        let mut best: Option<Best> = None;
+        for pieces in PIECES {
+            let none = (Vec::new(), Vec::new());
+            let residual = self.residual(none, between, steps, (pieces, SOME), &beta)?;
+            let at = residual.at(&beta, &eta);
+            let residual = settled(&residual, &at, COARSE)?;
+            steps = residual.steps();
+            let own = self.go(residual, &at)?;
+            evaluations += own.evaluations;
+            (beta, eta) = own.residual.model(&own.unknowns);
+            best = Some(own);
+        }
+        let mut best = best.ok_or_else(|| Error::NothingToFit("no search".into()))?;
+        best.evaluations = evaluations;
+        Ok(best)
+    }
+
+    /// A model again: in so many pieces, of samples at most, with another input between samples. States begin
+    /// where they were measured.
+    fn again(
+        &self,
+        from: &Best<'a>,
+        between: Between,
+        pieces: (usize, usize),
+    ) -> Result<Best<'a>, Error> {
+        let inverse = from.residual.inverse();
+        let (beta, eta) = from.residual.model(&from.unknowns);
+        let causes = (inverse.effects(&eta), inverse.free().to_vec());
+        let steps = from.residual.steps();
+        let residual = self.residual(causes, between, steps, pieces, &beta)?;
+        let at = residual.at(&beta, &eta);
+        self.go(settled(&residual, &at, COARSE)?, &at)
+    }
+
+    /// The best point with shorter steps: they hardly change the derivatives, so that these serve again, and only
+    /// the residual is worked out anew.
+    fn polished(&self, mut best: Best<'a>, fine: MotionResidual<'a>) -> Result<Best<'a>, Error> {
+        let width = best.design.ncols() - 1;
+        let free = free(
+            &best.unknowns,
+            &self.unknowns(&best.residual, &best.unknowns),
+        );
+        let x = best.design.select_columns(&free);
+        let scale: Vec<f64> = (0..free.len())
+            .map(|i| 1.0 / x.column(i).norm().max(f64::MIN_POSITIVE))
+            .collect();
+        let x = DMatrix::from_fn(x.nrows(), free.len(), |i, j| x[(i, j)] * scale[j]);
+        let gram = x.tr_mul(&x) + DMatrix::identity(free.len(), free.len()) * 1e-13;
+        let factor = gram.cholesky();
+        for turn in 0..POLISH {
+            let r = DVector::from_vec(fine.residual(&best.unknowns)?);
+            if let Some(factor) = factor.as_ref().filter(|_| turn + 1 < POLISH) {
+                let step = factor.solve(&x.tr_mul(&r));
+                for (k, &i) in free.iter().enumerate() {
+                    best.unknowns[i] -= scale[k] * step[k];
+                }
+            }
+            best.design.set_column(width, &r);
+        }
+        best.residual = fine;
+        Ok(best)
+    }
+
+    /// The model `from` with one more cause, that begins at `values`.
+    fn joined(
+        &self,
+        from: &Best<'a>,
+        cause: &'static dyn LineEffect,
+        values: &[f64],
+    ) -> Result<(MotionResidual<'a>, Vec<f64>), Error> {
+        let inverse = from.residual.inverse();
+        let (beta, eta) = from.residual.model(&from.unknowns);
+        let (mut effects, mut free) = (inverse.effects(&eta), inverse.free().to_vec());
+        let number = effects.len();
+        effects.push(Acting {
+            effect: cause,
+            values: values.to_vec(),
+            on: [true; 3],
+        });
+        free.extend((0..values.len()).map(|v| (number, v)));
+        let (between, steps) = (from.residual.between(), from.residual.steps());
+        let residual =
+            self.residual((effects, free), between, steps, from.residual.cut(), &beta)?;
+        let spreads = cause.parameters().iter().map(|q| q.spread);
+        let own = values.iter().zip(spreads).map(|(v, s)| v / s);
+        let eta: Vec<f64> = eta.into_iter().chain(own).collect();
+        let states = from.unknowns[from.residual.shared()..].to_vec();
+        let mut at = residual.at(&beta, &eta);
+        at.truncate(residual.shared());
+        at.extend(states);
+        Ok((residual, at))
+    }
+}
+
+const OPTIONS: Options = Options {
+    evaluations: 60,
+    cost_tolerance: 1e-7,
+    step_tolerance: 1e-9,
+};
+
+/// The residual with steps so short that half of them change it by no more than `share` of what is left.
+fn settled<'a>(
+    residual: &MotionResidual<'a>,
+    at: &[f64],
+    share: f64,
+) -> Result<MotionResidual<'a>, Error> {
+    let mut own = residual.clone();
+    let mut coarse = own.residual(at);
+    loop {
+        let finer = own.with_steps(2 * own.steps());
+        let fine = finer.residual(at);
+        if let (Ok(coarse), Ok(fine)) = (&coarse, &fine) {
+            let change: f64 = coarse.iter().zip(fine).map(|(a, b)| (a - b).powi(2)).sum();
+            let left: f64 = fine.iter().map(|r| r * r).sum();
+            let rows = fine.len() as f64;
+            if change.sqrt() < share * left.max(rows).sqrt() {
+                return Ok(own);
+            }
+        }
+        if finer.steps() > MOST_STEPS {
+            fine?;
+            return Ok(own);
+        }
+        (own, coarse) = (finer, fine);
+    }
+}
+
+/// Mean squares of blocks that were left out, each foretold by a fit to the others, to first order. Initial
+/// states stay where they are.
+fn left_out(best: &Best) -> Vec<f64> {
+    let shared = best.residual.shared();
+    let x = best.design.columns(0, shared);
+    let r = best.design.column(best.design.ncols() - 1);
+    let gram = x.tr_mul(&x);
+    let scale: Vec<f64> = (0..shared)
+        .map(|i| 1.0 / gram[(i, i)].sqrt().max(f64::MIN_POSITIVE))
+        .collect();
+    let mut edges = vec![0];
+    let all = r.len();
+    for rows in best.residual.rows_of_recordings() {
+        let count = (BLOCKS * rows).div_ceil(all).clamp(2, BLOCKS);
+        let first = edges[edges.len() - 1];
+        edges.extend((1..=count).map(|i| first + i * rows / count));
+    }
+    edges.dedup();
+    edges
+        .par_windows(2)
+        .map(|e| {
+            let (from, n) = (e[0], e[1] - e[0]);
+            let (xb, rb) = (x.rows(from, n), r.rows(from, n));
+            let own = xb.tr_mul(&xb);
+            let others = DMatrix::from_fn(shared, shared, |i, j| {
+                let ridge = if i == j { 1e-10 } else { 0.0 };
+                scale[i] * scale[j] * (gram[(i, j)] - own[(i, j)]) + ridge
+            });
+            let pull = xb.tr_mul(&rb);
+            let pull = DVector::from_fn(shared, |i, _| scale[i] * pull[i]);
+            let moved = match others.cholesky() {
+                Some(c) => {
+                    let d = c.solve(&pull);
+                    rb + xb * DVector::from_fn(shared, |i, _| scale[i] * d[i])
+                }
+                None => rb.into_owned(),
+            };
+            moved.norm_squared() / n as f64
+        })
+        .collect()
+}
+
+/// Share of `residual`'s square that columns take away beside those of the design.
+fn promised(best: &Best, columns: &[Vec<f64>]) -> f64 {
+    let width = best.design.ncols() - 1;
+    let x = best.design.columns(0, width);
+    let r = best.design.column(width);
+    let gram = x.tr_mul(&x);
+    let scale = DVector::from_fn(width, |i, _| {
+        1.0 / gram[(i, i)].sqrt().max(f64::MIN_POSITIVE)
+    });
+    let scaled = DMatrix::from_fn(width, width, |i, j| {
+        gram[(i, j)] * scale[i] * scale[j] + if i == j { 1e-11 } else { 0.0 }
+    });
+    let Some(factor) = scaled.cholesky() else {
+        return 0.0;
+    };
+    let out = |v: &DVector<f64>| -> DVector<f64> {
+        let pull = x.tr_mul(v).component_mul(&scale);
+        v - x * factor.solve(&pull).component_mul(&scale)
+    };
+    let f: Vec<DVector<f64>> = columns
+        .iter()
+        .map(|c| out(&DVector::from_column_slice(c)))
+        .collect();
+    let f = DMatrix::from_columns(&f);
+    let mut own = f.tr_mul(&f);
+    for i in 0..own.nrows() {
+        own[(i, i)] *= 1.0 + 1e-9;
+        own[(i, i)] += f64::MIN_POSITIVE;
+    }
+    let pull = f.tr_mul(&r);
+    own.cholesky().map_or(0.0, |c| pull.dot(&c.solve(&pull)))
+}
+
+/// Fits axes by their motion.
+///
+/// # Errors
+/// [`Error`] as [`super::calibrate_lines`], and where the motion cannot be run forward.
+#[allow(clippy::too_many_lines)]
+pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisMotion, Error> {
+    let mut lines = lines.to_vec();
+    hold(&mut lines, &request.line.fix)?;
+    let refs: Vec<&Line> = lines.iter().collect();
+    let Plainly {
+        residual: inverse,
+        state,
+        linear,
+        names,
+    } = plainly(&refs, &request.line)?;
+    let search = Search {
+        least: least(&inverse, &names),
+        inverse,
+        linear,
+        names,
+    };
+    // what the input does between samples
+    let ways: Vec<Between> = request.between.map_or(Between::ALL.to_vec(), |b| vec![b]);
+    let found: Vec<Result<Best, Error>> = ways
+        .par_iter()
+        .map(|&w| search.begun(w, &state.beta, &state.eta))
+        .collect();
+    let mut compared = Vec::new();
+    let mut trouble = None;
+    let mut plain: Vec<Best> = Vec::new();
+    for (way, one) in ways.iter().zip(found) {
+        match one {
+            Ok(b) => {
+                compared.push((*way, b.mean_square()));
+                plain.push(b);
+            }
+            Err(e) => trouble = Some(e),
+        }
+    }
+    plain.sort_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
+    let mut evaluations: usize = plain.iter().map(|b| b.evaluations).sum();
+    let mut rest = plain.into_iter();
+    let Some(first) = rest.next() else {
+        return Err(trouble.unwrap_or_else(|| Error::NothingToFit("no search".into())));
+    };
+    // causes join in pieces, and on a part of what is long: a strong one would run away at first
+    let mut best = first;
+    let mut tried = Vec::new();
+    let unit_square = unit_of_rows(&refs);
+    match &request.causes {
+        Causes::None => {}
+        Causes::These(ids) => {
+            for id in ids {
+                let cause = named(id)?;
+                let starts = starts(&best, cause);
+                let from = promises(&search, &best, &starts)?;
+                let (_, values) = from.into_iter().next().ok_or_else(|| {
+                    Error::NothingToFit(format!("the cause `{id}` changes nothing of this motion"))
+                })?;
+                let (residual, at) = search.joined(&best, cause, &values)?;
+                let own = search.go(residual, &at)?;
+                evaluations += own.evaluations;
+                best = own;
+            }
+        }
+        Causes::Choose => {
+            for _ in 0..ROUNDS {
+                let taken = choose(&search, &best, unit_square, &mut tried, &mut evaluations)?;
+                let Some(next) = taken else {
+                    break;
+                };
+                best = next;
+            }
+        }
+    }
+    // the causes may have told what the input does between samples
+    if request.between.is_none() && !best.residual.inverse().acting().is_empty() {
+        let part = (PIECES[1], SOME);
+        let all: Vec<Best> = Between::ALL
+            .into_par_iter()
+            .filter_map(|w| search.again(&best, w, part).ok())
+            .collect();
+        evaluations += all.iter().map(|b| b.evaluations).sum::<usize>();
+        compared = all
+            .iter()
+            .map(|b| (b.residual.between(), b.mean_square()))
+            .collect();
+        let least = all
+            .iter()
+            .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
+        if let Some(other) = least.filter(|o| o.residual.between() != best.residual.between()) {
+            best = other.clone();
+        }
+    }
+    if best.residual.cut() != WHOLE {
+        best = search.again(&best, best.residual.between(), WHOLE)?;
+        evaluations += best.evaluations;
+    }
+    // steps so short that they do not show in the values
+    let rows = best.design.nrows() as f64;
+    let fine = settled(&best.residual, &best.unknowns, FINE / rows.sqrt())?;
+    if fine.steps() > best.residual.steps() {
+        best = search.polished(best, fine)?;
+    }
+    best.evaluations = evaluations;
+    outcome(&search, &best, &refs, tried, compared)
+}
+
+/// The cause of an id that can be run forward on an axis.
+fn named(id: &str) -> Result<&'static dyn LineEffect, Error> {
+    by_id(id).filter(|e| forward(*e)).ok_or_else(|| {
+        let known: Vec<String> = every()
+            .filter(|e| forward(*e))
+            .map(|e| e.id().into())
+            .collect();
+        Error::UnknownParameter {
+            name: id.into(),
+            nearest: nearest(id, &known).map(Into::into),
+            known: known.join(", "),
+        }
+    })
+}
+
+fn forward(effect: &dyn LineEffect) -> bool {
+    effect.kinds().contains(&Kind::Axis) && runs_forward(effect)
+}
+
+/// Mean square of the noise over the rows: what a whitened square is multiplied by to be one in the unit.
+fn unit_of_rows(lines: &[&Line]) -> f64 {
+    let (mut sum, mut rows) = (0.0, 0.0);
+    for l in lines {
+        let n = l.usable.iter().filter(|u| **u).count() as f64;
+        sum += n * l.x_noise.powi(2);
+        rows += n;
+    }
+    sum / f64::max(rows, 1.0)
+}
+
+/// Least units of the linear unknowns: what would be a fiftieth of the largest force.
+fn least(inverse: &LineResidual, names: &[String]) -> Vec<f64> {
+    let s = inverse.scales();
+    let speed = (0..inverse.lines().count())
+        .flat_map(|n| inverse.course(n).2.iter())
+        .fold(0.0_f64, |m, r| m.max(r.abs()))
+        .max(f64::MIN_POSITIVE);
+    let force = 0.02 * s.force;
+    names
+        .iter()
+        .map(|name| match name.as_str() {
+            "mass" => force / (s.coordinate * speed * speed),
+            "damping" => force / (s.coordinate * speed),
+            "stiffness" => force / s.coordinate,
+            "bias" => force,
+            _ => 1e-9,
+        })
+        .collect()
+}
+
+/// Where a cause is looked for: groups of values near off.
+fn starts(
+    best: &Best,
+    cause: &'static dyn LineEffect,
+) -> Vec<(&'static dyn LineEffect, Vec<Vec<f64>>)> {
+    let inverse = best.residual.inverse();
+    let n = inverse.course(0).0.len();
+    let elastic = vec![0.0; n];
+    let view = inverse.view(0, &elastic);
+    cause.near(&view).into_iter().map(|g| (cause, g)).collect()
+}
+
+/// What each start promises to take off the sum of squares, most first, with the values to begin at.
+#[allow(clippy::type_complexity)]
+fn promises<'a>(
+    search: &Search<'a>,
+    best: &Best<'a>,
+    starts: &[(&'static dyn LineEffect, Vec<Vec<f64>>)],
+) -> Result<Vec<(&'static dyn LineEffect, Vec<f64>)>, Error> {
+    let last = best.design.ncols() - 1;
+    let now: Vec<f64> = best.design.column(last).iter().copied().collect();
+    let mut found: Vec<(f64, &'static dyn LineEffect, Vec<f64>)> = starts
+        .par_iter()
+        .filter_map(|(cause, group)| {
+            let columns: Vec<Vec<f64>> = group
+                .iter()
+                .filter_map(|values| {
+                    let (residual, at) = search.joined(best, *cause, values).ok()?;
+                    let with = residual.residual(&at).ok()?;
+                    Some(with.iter().zip(&now).map(|(a, b)| a - b).collect())
+                })
+                .collect();
+            (columns.len() == group.len() && !columns.is_empty())
+                .then(|| (promised(best, &columns), *cause, beginning(*cause, group)))
+        })
+        .collect();
+    found.retain(|f| f.0 > 0.0);
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut out: Vec<(&'static dyn LineEffect, Vec<f64>)> = Vec::new();
+    for (_, cause, values) in found {
+        if out.iter().all(|o| o.0.id() != cause.id()) {
+            out.push((cause, values));
+        }
+    }
+    Ok(out)
+}
+
+/// Where the fit of a cause begins: of values that a group varies together, each near off.
+fn beginning(cause: &dyn LineEffect, group: &[Vec<f64>]) -> Vec<f64> {
+    let quantities = cause.parameters();
+    (0..quantities.len())
+        .map(|i| {
+            let off = quantities[i].off;
+            let away = group.iter().map(|v| v[i]).find(|v| *v != off);
+            away.unwrap_or(off)
+        })
+        .collect()
+}
+
+/// One round of the choice: the model with the cause that foretells best, or none.
+fn choose<'a>(
+    search: &Search<'a>,
+    best: &Best<'a>,
+    unit_square: f64,
+    tried: &mut Vec<Tried>,
+    evaluations: &mut usize,
+) -> Result<Option<Best<'a>>, Error> {
+    let acting = best.residual.inverse().acting();
+    let all: Vec<_> = every()
+        .filter(|e| forward(*e) && acting.iter().all(|a| a.effect.id() != e.id()))
+        .flat_map(|e| starts(best, e))
+        .collect();
+    let mut first = promises(search, best, &all)?;
+    first.truncate(FITTED);
+    let before = left_out(best);
+    let fits: Vec<(&'static str, Best)> = first
+        .par_iter()
+        .filter_map(|(cause, values)| {
+            let (residual, at) = search.joined(best, *cause, values).ok()?;
+            Some((cause.id(), search.go(residual, &at).ok()?))
+        })
+        .collect();
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let rms = |square: f64| (square * unit_square).sqrt();
+    let mut winner: Option<(f64, usize, Best)> = None;
+    for (id, own) in fits {
+        *evaluations += own.evaluations;
+        let after = left_out(&own);
+        let falls: Vec<f64> = before.iter().zip(&after).map(|(b, a)| b - a).collect();
+        let (fall, n) = (mean(&falls), falls.len() as f64);
+        let scatter: f64 = falls.iter().map(|f| (f - fall).powi(2)).sum();
+        let surety = fall / (scatter / (n * (n - 1.0))).sqrt().max(f64::MIN_POSITIVE);
+        tried.push(Tried {
+            id,
+            left_out: [rms(mean(&before)), rms(mean(&after))],
+            surety,
+            taken: false,
+        });
+        let good = surety > SURE && fall > WORTH * mean(&before);
+        if good && winner.as_ref().is_none_or(|w| mean(&after) < w.0) {
+            winner = Some((mean(&after), tried.len() - 1, own));
+        }
+    }
+    Ok(winner.map(|(_, place, own)| {
+        tried[place].taken = true;
+        own
+    }))
+}
+
+/// Coefficients of an autoregression through a row of numbers and the variance of its innovations (Levinson
+/// and Durbin), its order by BIC.
+fn autoregression(r: &[f64]) -> (Vec<f64>, f64) {
+    let n = r.len();
+    let most = MOST_ORDER.min(n / 10);
+    let lag = |k: usize| -> f64 {
+        let products = r[k..].iter().zip(r).map(|(a, b)| a * b);
+        products.sum::<f64>() / n as f64
+    };
+    let gamma: Vec<f64> = (0..=most).map(lag).collect();
+    let (mut a, mut variance) = (Vec::new(), gamma[0]);
+    let rows = n as f64;
+    let mut best = (
+        rows * variance.max(f64::MIN_POSITIVE).ln(),
+        a.clone(),
+        variance,
+    );
+    for order in 1..=most {
+        let past: f64 = a
+            .iter()
+            .enumerate()
+            .map(|(i, c)| c * gamma[order - 1 - i])
+            .sum();
+        if variance <= 0.0 {
+            break;
+        }
+        let k = (gamma[order] - past) / variance;
+        let old = a.clone();
+        for (c, o) in a.iter_mut().zip(old.iter().rev()) {
+            *c -= k * o;
+        }
+        a.push(k);
+        variance *= 1.0 - k * k;
+        let bic = rows * variance.max(f64::MIN_POSITIVE).ln() + order as f64 * rows.ln();
+        if bic < best.0 {
+            best = (bic, a.clone(), variance);
+        }
+    }
+    (best.1, best.2)
+}
+
+/// Unknowns that are neither fixed nor at a bound.
+fn free(at: &[f64], unknowns: &[Unknown]) -> Vec<usize> {
+    let inside = |i: &usize| {
+        let (u, x) = (&unknowns[*i], at[*i]);
+        !u.is_fixed() && x > u.lower && x < u.upper
+    };
+    (0..at.len()).filter(inside).collect()
+}
+
+/// Covariance of the unknowns: the sandwich with the colour of what is left (see the top). Fixed ones have
+/// none.
+fn covariance(best: &Best, unknowns: &[Unknown]) -> DMatrix<f64> {
+    let width = best.design.ncols() - 1;
+    let free = free(&best.unknowns, unknowns);
+    let x = best.design.select_columns(&free);
+    let r = best.design.column(width);
+    let scale: Vec<f64> = (0..free.len())
+        .map(|i| 1.0 / x.column(i).norm().max(f64::MIN_POSITIVE))
+        .collect();
+    let x = DMatrix::from_fn(x.nrows(), free.len(), |i, j| x[(i, j)] * scale[j]);
+    let gram = x.tr_mul(&x) + DMatrix::identity(free.len(), free.len()) * 1e-13;
+    let mut out = DMatrix::zeros(width, width);
+    let Some(factor) = gram.cholesky() else {
+        out.fill(f64::NAN);
+        return out;
+    };
+    let mut meat = DMatrix::zeros(free.len(), free.len());
+    let mut from = 0;
+    for rows in best.residual.rows_of_recordings() {
+        let own: Vec<f64> = r.rows(from, rows).iter().copied().collect();
+        let (a, variance) = autoregression(&own);
+        // L' of the filter that makes the residual of its innovations runs backwards
+        let columns: Vec<DVector<f64>> = (0..free.len())
+            .into_par_iter()
+            .map(|j| {
+                let c = x.column(j);
+                let mut z = DVector::zeros(rows);
+                for t in (0..rows).rev() {
+                    let past = a.iter().enumerate();
+                    let ahead = past.filter(|(k, _)| t + k + 1 < rows);
+                    let sum: f64 = ahead.map(|(k, a)| a * z[t + k + 1]).sum();
+                    z[t] = c[from + t] + sum;
+                }
+                z
+            })
+            .collect();
+        let z = DMatrix::from_columns(&columns);
+        meat += z.tr_mul(&z) * variance;
+        from += rows;
+    }
+    let n = best.design.nrows() as f64;
+    let bread = factor.inverse();
+    let own = &bread * meat * &bread * (n / (n - free.len() as f64).max(1.0));
+    for (i, &a) in free.iter().enumerate() {
+        for (j, &b) in free.iter().enumerate() {
+            out[(a, b)] = own[(i, j)] * scale[i] * scale[j];
+        }
+    }
+    out
+}
+
+#[allow(clippy::too_many_lines)]
+fn outcome(
+    search: &Search,
+    best: &Best,
+    refs: &[&Line],
+    tried: Vec<Tried>,
+    compared: Vec<(Between, f64)>,
+) -> Result<AxisMotion, Error> {
+    let residual = &best.residual;
+    let inverse = residual.inverse();
+    let linear = inverse.linear();
+    let (beta, eta) = residual.model(&best.unknowns);
+    let unknowns = search.unknowns(residual, &best.unknowns);
+    let own = covariance(best, &unknowns);
+    let offsets = inverse.free_offsets().len();
+    // as the balance has them: offsets, then beta
+    let unit = |i: usize| if i < linear { residual.unit()[i] } else { 1.0 };
+    let order: Vec<usize> = (linear..linear + offsets).chain(0..linear).collect();
+    let covariance = DMatrix::from_fn(order.len(), order.len(), |i, j| {
+        let (i, j) = (order[i], order[j]);
+        own[(i, j)] * unit(i) * unit(j)
+    });
+    let (_, coordinate, _) = inverse.symbols();
+    let symbol = if residual.velocity() {
+        format!("{coordinate}/s")
+    } else {
+        coordinate.to_owned()
+    };
+    let courses = residual.courses(&best.unknowns)?;
+    let recordings: Vec<LineFit> = refs
+        .iter()
+        .zip(courses)
+        .map(|(l, c)| held(l, &c, 0))
+        .collect();
+    let effects = inverse.effects(&eta);
+    let causes = effects.iter().enumerate().map(|(e, a)| {
+        let quantities = a.effect.parameters();
+        let mut acting = a.clone();
+        let mut estimates = Vec::new();
+        for (v, q) in quantities.iter().enumerate() {
+            let (factor, unit) = inverse.unit_of(q.unit);
+            acting.values[v] *= factor;
+            let value = acting.values[v];
+            let place = inverse.place_of(e, v).map(|p| linear + p);
+            let sd = place.map_or(f64::NAN, |p| {
+                own[(p, p)].max(0.0).sqrt() * q.spread * factor.abs()
+            });
+            let away = value
+                - if q.off.is_finite() {
+                    q.off * factor
+                } else {
+                    0.0
+                };
+            let told = sd > 0.0 && 1.96 * sd < away.abs();
+            estimates.push(Estimate {
+                name: format!("{}.{}", a.effect.id(), q.name),
+                meaning: a.effect.says().to_owned(),
+                unit: unit.into(),
+                value,
+                std_error: if sd > 0.0 { sd } else { f64::NAN },
+                ci95: [value - 1.96 * sd, value + 1.96 * sd],
+                at_bound: None,
+                identifiable: told,
+                fixed: false,
+                says: if told {
+                    "determined".into()
+                } else {
+                    "not told from off by these recordings".into()
+                },
+            });
+        }
+        AxisCause { acting, estimates }
+    });
+    let causes: Vec<AxisCause> = causes.collect();
+    let mut out = LineOutcome {
+        job: "axis",
+        kind: Kind::Axis,
+        verdict: String::new(),
+        driven: "motion",
+        unit: symbol,
+        causes,
+        estimates: Vec::new(),
+        recordings,
+        curve: None,
+        values: inverse.values(&eta, &beta),
+        converged: best.converged,
+        reason: best.reason.to_owned(),
+        evaluations: best.evaluations,
+        weighted_mean_square: best.mean_square(),
+        remarks: Vec::new(),
+    };
+    let place = Between::ALL.iter().position(|b| *b == residual.between());
+    out.values.push((BETWEEN.into(), place.unwrap_or(0) as f64));
+    judge(&mut out)?;
+    let free = vec![Unknown::free(0.0, -OFFSET_REACH_S, OFFSET_REACH_S); offsets];
+    let mut state = State::at(&eta[..offsets], &free, &[]);
+    (state.beta, state.evaluations) = (beta, best.evaluations);
+    say(
+        &mut out,
+        inverse,
+        &state,
+        &search.linear,
+        &search.names,
+        &covariance,
+    );
+    (out.converged, out.reason) = (best.converged, best.reason.to_owned());
+    let more = out.causes.iter().flat_map(|c| c.estimates.clone());
+    let more: Vec<Estimate> = more.collect();
+    out.estimates.extend(more);
+    for c in &out.causes {
+        let says = c.acting.effect.says();
+        out.remarks
+            .push(format!("{}: {says}.", c.acting.effect.id()));
+    }
+    let unit_square = unit_of_rows(refs);
+    let rms = |square: f64| (square * unit_square).sqrt();
+    let compared: Vec<(Between, f64)> = compared.into_iter().map(|(b, s)| (b, rms(s))).collect();
+    out.remarks.push(format!(
+        "The input {}{}; the motion is run forward in {} steps a sample.",
+        residual.between().says(),
+        if compared.len() > 1 {
+            let others = compared
+                .iter()
+                .map(|(b, r)| format!("{} {r:.4e}", b.name()));
+            let list: Vec<String> = others.collect();
+            format!(" (what is left, {}: {})", out.unit, list.join(", "))
+        } else {
+            String::new()
+        },
+        residual.steps()
+    ));
+    for t in &tried {
+        out.remarks.push(format!(
+            "{}: error on blocks that were left out {:.4e} to {:.4e} {} ({:.1} standard errors): {}.",
+            t.id,
+            t.left_out[0],
+            t.left_out[1],
+            out.unit,
+            t.surety,
+            if t.taken { "taken" } else { "not taken" }
+        ));
+    }
+    let rows = residual.rows_of_recordings();
+    let r = best.design.column(best.design.ncols() - 1);
+    let mut from = 0;
+    for (line, n) in refs.iter().zip(rows) {
+        let own: Vec<f64> = r.rows(from, n).iter().copied().collect();
+        from += n;
+        let (a, variance) = autoregression(&own);
+        let whole = own.iter().map(|v| v * v).sum::<f64>() / n.max(1) as f64;
+        let told = 1.0 - variance / whole.max(f64::MIN_POSITIVE);
+        if told > 0.1 {
+            out.remarks.push(format!(
+                "{}: {:.0} % of what is left follows from what came before it (an autoregression of order {}): noise that moves the axis, or what the model lacks, not noise of the sensor; the intervals count it.",
+                line.id,
+                100.0 * told,
+                a.len()
+            ));
+        }
+    }
+    Ok(AxisMotion {
+        outcome: out,
+        between: residual.between(),
+        compared,
+        tried,
+        steps: residual.steps(),
+    })
+}
+
+/// A course that was run forward, held against what was measured; its first `skip` samples do not count.
+fn held(line: &Line, course: &[f64], skip: usize) -> LineFit {
+    let shown = line.captured.clone();
+    let measured: Vec<f64> = line.x[shown.clone()].to_vec();
+    let errors: Vec<f64> = shown
+        .clone()
+        .zip(course.iter().zip(&measured))
+        .skip(skip)
+        .filter(|(i, _)| line.usable[*i])
+        .map(|(_, (c, m))| c - m)
+        .collect();
+    let n = errors.len();
+    LineFit {
+        forward: None,
+        id: line.id.clone(),
+        rmse: (errors.iter().map(|e| e * e).sum::<f64>() / n.max(1) as f64).sqrt(),
+        max_error: errors.iter().fold(0.0, |m: f64, e| m.max(e.abs())),
+        n_samples: n,
+        noise: line.x_noise,
+        time_s: line.time_s[shown].to_vec(),
+        coordinate: measured.clone(),
+        measured,
+        predicted: course.to_vec(),
+        notes: line.notes.clone(),
+    }
+}
+
+/// An axis at finished parameters, to be run forward, its steps settled.
+fn ready<'a>(
+    line: &'a Line,
+    model: &LineModel,
+    begin: usize,
+) -> Result<(MotionResidual<'a>, Vec<f64>, Vec<f64>), Error> {
+    let (inverse, eta, beta) = model.at(&[line], false)?;
+    let code = model
+        .values
+        .iter()
+        .find(|v| v.0 == BETWEEN)
+        .map_or(0.0, |v| v.1);
+    let between = Between::ALL
+        .get(code as usize)
+        .copied()
+        .unwrap_or(Between::Straight);
+    let unit = vec![1.0; beta.len()];
+    let mut residual = MotionResidual::new(inverse, between, 1, WHOLE, unit)?.blind();
+    let mut before: Option<Vec<f64>> = None;
+    loop {
+        let mut at = beta.clone();
+        at.extend(&eta);
+        let states = if begin > 0 {
+            residual.begun(0, &at, begin)
+        } else {
+            Ok(residual.rest(0, &at))
+        };
+        let made = states.and_then(|s| Ok((residual.predicted(0, &at, &s)?, s)));
+        let most = residual.steps() >= MOST_STEPS;
+        match (made, before.take()) {
+            (Ok((course, states)), Some(coarse)) => {
+                let size = course.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+                let change = course.iter().zip(&coarse).map(|(a, b)| (a - b).abs());
+                if most || change.fold(0.0, f64::max) < 1e-5 * size {
+                    return Ok((residual, states, course));
+                }
+                before = Some(course);
+            }
+            (Ok((course, _)), None) => before = Some(course),
+            (Err(e), _) if most => return Err(e.into()),
+            (Err(_), _) => {}
+        }
+        residual = residual.with_steps(2 * residual.steps());
+    }
+}
+
+/// The motion that a model makes of the input of an axis, at its captured samples: from rest under the first
+/// input, or, with `begin` samples, from where those tell that it began. Nothing else of what was measured of
+/// the motion is read.
+///
+/// # Errors
+/// [`Error`] where the model lacks what the recording needs or cannot be run forward.
+pub fn predict_line_motion(line: &Line, model: &LineModel, begin: usize) -> Result<LineFit, Error> {
+    let (_, _, course) = ready(line, model, begin)?;
+    Ok(held(line, &course, begin))
+}
+
+/// What a model makes of the motion of an axis, for a validation: none where it cannot be run forward.
+pub(super) fn of_forward(line: &Line, model: &LineModel) -> Option<Forward> {
+    let Measured::Axis(axis) = &line.measured else {
+        return None;
+    };
+    let fit = predict_line_motion(line, model, BEGINNING).ok()?;
+    let finite = || fit.measured.iter().copied().filter(|m| m.is_finite());
+    Some(Forward {
+        rmse: fit.rmse,
+        max_error: fit.max_error,
+        n_samples: fit.n_samples,
+        unit: match (axis.turns, axis.velocity) {
+            (false, false) => "m",
+            (false, true) => "m/s",
+            (true, false) => "rad",
+            (true, true) => "rad/s",
+        },
+        range: finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_autoregression_is_found() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut generator = rand_chacha::ChaCha12Rng::seed_from_u64(5);
+        let mut r = vec![0.0, 0.0];
+        for t in 2..40_000 {
+            let w: f64 = StandardNormal.sample(&mut generator);
+            r.push(1.2 * r[t - 1] - 0.5 * r[t - 2] + 0.1 * w);
+        }
+        let (a, variance) = autoregression(&r);
+        assert!(
+            a.len() <= 4 && (a[0] - 1.2).abs() < 0.02 && (a[1] + 0.5).abs() < 0.02,
+            "{a:?}"
+        );
+        assert!((variance.sqrt() / 0.1 - 1.0).abs() < 0.02);
+    }
+}

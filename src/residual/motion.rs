@@ -1,0 +1,1021 @@
+//! The motion of a single axis run forward, and its residual: the position (or velocity) that the model makes
+//! of the input, minus the one that was measured, over its noise.
+//!
+//! ```text
+//! m x'' + c x' + k x_s + b + F(x, x', memory) = g(x) u(t) + load(t),     x_s, F, g: what causes make of them
+//! ```
+//!
+//! By the classical Runge-Kutta scheme in even steps, a whole number of them a sample; without mass x' is
+//! solved for in place of x''. Causes act by the same laws as in the inverse model
+//! ([`crate::effects::line::Law`]), which remember the course from step to step. Derivatives by every
+//! unknown, initial states included, come from the same lines with [`Dual`] numbers; only those by what acts
+//! on the input alone (a clock, a lag of the drive) begin with a central difference of the input.
+//!
+//! What the input does between its samples is stated ([`Between`]): a filter of its own, which matters as
+//! soon as the motion is known to a thousandth.
+//!
+//! Unknowns, in this order: those of [`LineResidual`] that are linear there (beta), its nonlinear ones (free
+//! clock offsets, values of causes over their spreads), then position and velocity at the first sample of
+//! each piece, over the largest excursion and the largest speed. A recording may be cut into pieces that
+//! begin anew, which keeps a poor start from running away (multiple shooting: Bock 1981).
+
+use nalgebra::DMatrix;
+
+use super::line::LineResidual;
+use super::{Normal, SeparableResidual, Slope};
+use crate::dataset::line::{AxisLine, Line, Measured, interpolate_rising};
+use crate::effects::Acting;
+use crate::effects::line::{At, Dual, Forward, LANES, Memory, Moment, Point, Real, runs_forward};
+
+/// What an input does between its samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Between {
+    /// Straight lines.
+    Straight,
+    /// Held until the next sample.
+    Held,
+    /// Smooth: nothing above half the sampling rate (Shannon 1949), by a windowed sinc.
+    Smooth,
+}
+
+impl Between {
+    /// All of them.
+    pub const ALL: [Between; 3] = [Between::Straight, Between::Held, Between::Smooth];
+
+    /// As files and options write it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Between::Straight => "straight",
+            Between::Held => "held",
+            Between::Smooth => "smooth",
+        }
+    }
+
+    /// In words.
+    #[must_use]
+    pub fn says(self) -> &'static str {
+        match self {
+            Between::Straight => "goes straight from sample to sample",
+            Between::Held => "is held until the next sample",
+            Between::Smooth => "is smooth between samples, with nothing above half their rate",
+        }
+    }
+}
+
+/// Samples to each side that a smooth input is worked out from.
+const REACH: i64 = 40;
+/// Unevenness of an input's clock, over its step, beyond which nothing says what is smooth between samples.
+const EVEN: f64 = 1e-3;
+/// Relative step of a difference of the input.
+const STEP: f64 = 1e-4;
+/// Longest step of the clock's difference, in samples of the input.
+const CLOCK_STEP: f64 = 1e-3;
+/// Turns of an iteration.
+const TURNS: usize = 60;
+
+/// Why a motion cannot be run forward.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Trouble {
+    /// No axis.
+    #[error("only an axis is run forward: a bench and a coupon are led along their coordinate")]
+    Kind,
+    /// A cause without a law.
+    #[error("the cause `{0}` cannot be run forward: take it out of the parameter file")]
+    Cause(String),
+    /// Neither mass nor damping.
+    #[error("an axis without mass and damping has no motion of its own to run forward")]
+    Massless,
+    /// The input's clock is uneven.
+    #[error(
+        "recording `{0}`: the input's samples are not evenly spaced, so that nothing says what is smooth between them: take `straight` or `held`"
+    )]
+    Uneven(String),
+    /// The motion runs away.
+    #[error(
+        "recording `{id}`: at {at_s:.4} s the motion that the model makes runs away: a negative damping or stiffness, or a mass so small that {steps} steps a sample are too few"
+    )]
+    RunsAway {
+        /// Recording.
+        id: String,
+        /// Time of the last finite sample, s.
+        at_s: f64,
+        /// Steps a sample.
+        steps: usize,
+    },
+}
+
+/// A part of a recording that begins anew: number of the recording, its samples.
+#[derive(Debug, Clone, PartialEq)]
+struct Piece {
+    number: usize,
+    samples: std::ops::Range<usize>,
+}
+
+/// The plant in one kind of number, in the unit of the inverse model's balance.
+struct Plant<R> {
+    mass: R,
+    damping: R,
+    stiffness: R,
+    bias: R,
+    /// Multiplies the load.
+    per_load: R,
+    /// Multiplies the input.
+    gain: f64,
+}
+
+/// The input at every half step, and its derivatives by the unknowns that act on it.
+struct Input {
+    value: Vec<f64>,
+    by: Vec<(usize, Vec<f64>)>,
+}
+
+/// Axes run forward.
+#[derive(Clone)]
+pub struct MotionResidual<'a> {
+    inverse: LineResidual<'a>,
+    between: Between,
+    steps: usize,
+    cut: (usize, usize),
+    pieces: Vec<Piece>,
+    /// What unknowns are multiplied by to be beta.
+    unit: Vec<f64>,
+    /// The fastest rate, 1/s: unit of the velocities at the beginning.
+    speed: f64,
+    /// Noise of each recording.
+    noise: Vec<f64>,
+}
+
+fn axis(line: &Line) -> Result<&AxisLine, Trouble> {
+    match &line.measured {
+        Measured::Axis(a) => Ok(a),
+        _ => Err(Trouble::Kind),
+    }
+}
+
+impl<'a> MotionResidual<'a> {
+    /// Recordings of axes run forward in `steps` steps a sample, each cut into `pieces`, of which only some are
+    /// kept, evenly spread, where all would be more than so many samples. `inverse` states what is known of
+    /// them and which causes are at work; `unit` is what the unknowns beta are counted in.
+    ///
+    /// # Errors
+    /// [`Trouble`] where something cannot be run forward.
+    pub fn new(
+        inverse: LineResidual<'a>,
+        between: Between,
+        steps: usize,
+        (pieces, most): (usize, usize),
+        unit: Vec<f64>,
+    ) -> Result<Self, Trouble> {
+        let lines: Vec<&Line> = inverse.lines().collect();
+        let mut parts = Vec::new();
+        for (number, line) in lines.iter().enumerate() {
+            let axis = axis(line)?;
+            if between == Between::Smooth && even_step(&axis.input_time_s).is_none() {
+                return Err(Trouble::Uneven(line.id.clone()));
+            }
+            let (from, n) = (line.captured.start, line.captured.len());
+            let count = pieces.min(n / 8).max(1);
+            parts.extend((0..count).map(|i| Piece {
+                number,
+                samples: from + i * n / count..from + (i + 1) * n / count,
+            }));
+        }
+        let all: usize = parts.iter().map(|p| p.samples.len()).sum();
+        let every = all.div_ceil(most).max(1);
+        if every > 1 {
+            let mut number = 0;
+            parts.retain(|_| {
+                number += 1;
+                number % every == 0
+            });
+        }
+        for a in inverse.acting() {
+            if !runs_forward(a.effect) {
+                return Err(Trouble::Cause(a.effect.id().into()));
+            }
+        }
+        let speed = (0..lines.len())
+            .flat_map(|n| inverse.course(n).2.iter())
+            .fold(0.0_f64, |m, r| m.max(r.abs()))
+            .max(f64::MIN_POSITIVE);
+        Ok(MotionResidual {
+            inverse,
+            between,
+            steps,
+            cut: (pieces, most),
+            pieces: parts,
+            unit,
+            speed,
+            noise: lines
+                .iter()
+                .map(|l| l.x_noise.max(f64::MIN_POSITIVE))
+                .collect(),
+        })
+    }
+
+    /// The inverse model of the same recordings.
+    #[must_use]
+    pub fn inverse(&self) -> &LineResidual<'a> {
+        &self.inverse
+    }
+
+    /// The same with other steps.
+    #[must_use]
+    pub fn with_steps(&self, steps: usize) -> Self {
+        MotionResidual {
+            steps,
+            ..self.clone()
+        }
+    }
+
+    /// The same with beta counted in other units.
+    #[must_use]
+    pub fn with_unit(&self, unit: Vec<f64>) -> Self {
+        MotionResidual {
+            unit,
+            ..self.clone()
+        }
+    }
+
+    /// The same, nothing in it told by what was measured of the motion: a prediction reads nothing of what it
+    /// predicts.
+    #[must_use]
+    pub fn blind(&self) -> Self {
+        let coordinate = self.inverse.scales().coordinate;
+        let count = self.noise.len();
+        MotionResidual {
+            speed: 0.1 / self.line(0).step_s,
+            noise: vec![coordinate; count],
+            ..self.clone()
+        }
+    }
+
+    /// What the unknowns beta are counted in.
+    #[must_use]
+    pub fn unit(&self) -> &[f64] {
+        &self.unit
+    }
+
+    /// Pieces of a recording, and samples over all of them at most.
+    #[must_use]
+    pub fn cut(&self) -> (usize, usize) {
+        self.cut
+    }
+
+    /// What the input does between samples.
+    #[must_use]
+    pub fn between(&self) -> Between {
+        self.between
+    }
+
+    /// Steps a sample.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Unknowns before the initial states.
+    #[must_use]
+    pub fn shared(&self) -> usize {
+        self.inverse.linear() + self.inverse.nonlinear()
+    }
+
+    /// Initial states of a piece: position where there is one, velocity where there is a mass.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        usize::from(!self.velocity()) + usize::from(self.inverse.has_mass())
+    }
+
+    /// All unknowns.
+    #[must_use]
+    pub fn unknowns(&self) -> usize {
+        self.shared() + self.states() * self.pieces.len()
+    }
+
+    /// Whether the velocity was measured.
+    #[must_use]
+    pub fn velocity(&self) -> bool {
+        self.inverse
+            .lines()
+            .any(|l| matches!(&l.measured, Measured::Axis(a) if a.velocity))
+    }
+
+    /// The unknowns at a point of the inverse model, pieces beginning where they were measured to.
+    #[must_use]
+    pub fn at(&self, beta: &[f64], eta: &[f64]) -> Vec<f64> {
+        let own = beta.iter().zip(&self.unit).map(|(b, u)| b / u);
+        let mut out: Vec<f64> = own.chain(eta.iter().copied()).collect();
+        for p in &self.pieces {
+            let (_, xi, rate) = self.inverse.course(p.number);
+            if !self.velocity() {
+                out.push(xi[p.samples.start]);
+            }
+            if self.inverse.has_mass() {
+                out.push(rate[p.samples.start] / self.speed);
+            }
+        }
+        out
+    }
+
+    /// beta and eta of the inverse model at the unknowns.
+    #[must_use]
+    pub fn model(&self, unknowns: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let linear = self.inverse.linear();
+        let beta = unknowns[..linear].iter().zip(&self.unit);
+        (
+            beta.map(|(b, u)| b * u).collect(),
+            unknowns[linear..self.shared()].to_vec(),
+        )
+    }
+
+    /// Initial states of a piece.
+    fn states_of<'b>(&self, piece: usize, unknowns: &'b [f64]) -> &'b [f64] {
+        let from = self.shared() + piece * self.states();
+        &unknowns[from..from + self.states()]
+    }
+
+    /// The input at every half step of a piece, on the motion's clock.
+    fn table(&self, piece: &Piece, eta: &[f64], effects: &[Acting]) -> Vec<f64> {
+        let line = self.line(piece.number);
+        let Ok(axis) = axis(line) else {
+            return Vec::new();
+        };
+        let (made, offset) = self.inverse.driven(piece.number, eta, effects);
+        let first = line.time_s[piece.samples.start] + offset;
+        let half = 0.5 * line.step_s / self.steps as f64;
+        let count = 2 * self.steps * (piece.samples.len() - 1) + 1;
+        let times = (0..count).map(|j| first + half * j as f64);
+        match (self.between, even_step(&axis.input_time_s)) {
+            (Between::Held, _) => {
+                // a sample that is due within rounding is there
+                let early = 1e-6 * half;
+                let mut i = 0;
+                let of = |t: f64| {
+                    while i + 1 < made.len() && axis.input_time_s[i + 1] <= t + early {
+                        i += 1;
+                    }
+                    made[i]
+                };
+                times.map(of).collect()
+            }
+            (Between::Smooth, Some(step)) => {
+                let start = axis.input_time_s[0];
+                smooth(&made, times.map(|t| (t - start) / step))
+            }
+            _ => interpolate_rising(&axis.input_time_s, &made, times).collect(),
+        }
+    }
+
+    fn line(&self, number: usize) -> &'a Line {
+        self.inverse.line_of(number)
+    }
+
+    /// The input of a piece with its derivatives by those of the unknowns `wanted` that act on it.
+    fn input(&self, piece: &Piece, eta: &[f64], wanted: &[usize]) -> Input {
+        let linear = self.inverse.linear();
+        let effects = self.inverse.effects(eta);
+        let value = self.table(piece, eta, &effects);
+        let mut by = Vec::new();
+        for (lane, &unknown) in wanted.iter().enumerate() {
+            let Some(place) = unknown.checked_sub(linear).filter(|p| *p < eta.len()) else {
+                continue;
+            };
+            if !self.inverse.on_input(piece.number, place) {
+                continue;
+            }
+            let step = if place < self.inverse.free_offsets().len() {
+                CLOCK_STEP * self.line(piece.number).step_s
+            } else {
+                STEP * eta[place].abs().max(1e-2)
+            };
+            let moved = |by: f64| {
+                let mut eta = eta.to_vec();
+                eta[place] += by;
+                let effects = self.inverse.effects(&eta);
+                let now = self.inverse.bounded(&eta, place);
+                (self.table(piece, &eta, &effects), now)
+            };
+            let ((up, high), (down, low)) = (moved(step), moved(-step));
+            // a value at its bound does not move: what is left is one-sided
+            let between = high - low;
+            if between > 0.0 {
+                let slopes = up.iter().zip(&down).map(|(u, d)| (u - d) / between);
+                by.push((lane, slopes.collect()));
+            }
+        }
+        Input { value, by }
+    }
+
+    /// Runs a piece, and gives `out` what is measured of every sample. `beta`, `values` (of the effects) and
+    /// `states` in the number at hand.
+    #[allow(clippy::too_many_arguments)]
+    fn run<R: Real>(
+        &self,
+        piece: &Piece,
+        beta: &[R],
+        effects: &[Acting],
+        values: &[Vec<R>],
+        states: &[R],
+        input: &dyn Fn(usize) -> R,
+        out: &mut dyn FnMut(usize, R),
+    ) -> Result<(), Trouble>
+    where
+        dyn Forward: At<R>,
+    {
+        let line = self.line(piece.number);
+        let load = &axis(line)?.load;
+        let s = self.inverse.scales();
+        let plant = self.plant(beta);
+        let massless = !self.inverse.has_mass();
+        let velocity = self.velocity();
+        let (rest, to_xi) = (R::of(s.rest), 1.0 / s.coordinate);
+        let mut states = states.iter();
+        let mut next = || states.next().copied().unwrap_or(R::of(0.0));
+        let mut x = if velocity {
+            R::of(0.0)
+        } else {
+            next().times(s.coordinate) + rest
+        };
+        let mut v = if massless {
+            R::of(0.0)
+        } else {
+            next().times(s.coordinate * self.speed)
+        };
+        let laws: Vec<(&dyn Forward, &[R])> = effects
+            .iter()
+            .zip(values)
+            .filter_map(|(a, v)| Some((a.effect.law()?, v.as_slice())))
+            .collect();
+        let begin = (x - rest).times(to_xi);
+        let mut memories: Vec<Memory<R>> = laws
+            .iter()
+            .map(|(law, _)| Memory {
+                before: begin,
+                state: law.begins(begin),
+            })
+            .collect();
+        let mut scratch = memories.clone();
+        let origin = line.time_s[0];
+        let span_s = (line.time_s[line.samples() - 1] - origin).max(f64::MIN_POSITIVE);
+        // what pushes, less c x' where it is not among the unknowns of the moment
+        let push = |x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]| -> R {
+            let xi = (x - rest).times(to_xi);
+            let at = Moment {
+                since_s: moment.0,
+                span_s,
+                step_s: moment.1,
+                xi,
+                rate: v.times(to_xi),
+                elastic: (plant.stiffness * xi).times(s.coordinate / s.force),
+            };
+            let mut point = Point {
+                xi,
+                factor: [R::of(1.0); 2],
+                force: R::of(0.0),
+                gain: R::of(1.0),
+            };
+            for ((law, values), m) in laws.iter().zip(memory) {
+                law.acts(values, &at, m, &mut point);
+                m.before = xi;
+            }
+            let mut total = u.times(plant.gain);
+            if !laws.is_empty() {
+                total = total * point.gain - point.force.times(s.force);
+                point.xi = point.xi * point.factor[0];
+            }
+            if !load_is_none(load) {
+                total = total + plant.per_load * load;
+            }
+            total - plant.bias - (plant.stiffness * point.xi).times(s.coordinate)
+        };
+        let plain = laws.is_empty();
+        // without mass: c v = push(v)
+        let slide =
+            |x: R, u: R, load: R, moment: (f64, f64), memory: &mut Vec<Memory<R>>, v: R| -> R {
+                if plain {
+                    return push(x, v, u, load, moment, memory) / plant.damping;
+                }
+                let (c, small) = (plant.damping.value(), 1e-6 * self.speed * s.coordinate);
+                let left = |v: f64| {
+                    let mut own = memory.clone();
+                    let p = push(x, R::of(v), u, load, moment, &mut own);
+                    p.value() - c * v
+                };
+                let (mut v, mut slope) = (v.value(), -c);
+                for _ in 0..TURNS {
+                    let e = left(v);
+                    slope = (left(v + small) - e) / small;
+                    let step = e / slope;
+                    v -= step;
+                    if step.abs() < 1e-12 * self.speed * s.coordinate || !step.is_finite() {
+                        break;
+                    }
+                }
+                // one more step in the number at hand carries its derivatives (implicit function)
+                let at = R::of(v);
+                let e = push(x, at, u, load, moment, memory) - plant.damping * at;
+                at - e.times(1.0 / slope)
+            };
+        let h = line.step_s / self.steps as f64;
+        let held = self.between == Between::Held;
+        let load_at = |i: usize, share: f64| -> R {
+            match (load.get(i), load.get(i + 1)) {
+                (Some(a), Some(b)) => R::of(a + share * (b - a)),
+                (Some(a), None) => R::of(*a),
+                _ => R::of(0.0),
+            }
+        };
+        let mut passed = 0.0;
+        let last = piece.samples.end - 1;
+        for i in piece.samples.clone() {
+            let since = line.time_s[i] - origin;
+            let first = 2 * self.steps * (i - piece.samples.start);
+            if massless && velocity {
+                scratch.clone_from(&memories);
+                v = slide(
+                    x,
+                    input(first),
+                    load_at(i, 0.0),
+                    (since, passed),
+                    &mut scratch,
+                    v,
+                );
+            }
+            let seen = if velocity { v } else { x };
+            if !seen.value().is_finite() {
+                return Err(Trouble::RunsAway {
+                    id: line.id.clone(),
+                    at_s: line.time_s[i.saturating_sub(1)],
+                    steps: self.steps,
+                });
+            }
+            out(i, seen);
+            if i == last {
+                break;
+            }
+            for step in 0..self.steps {
+                let j = first + 2 * step;
+                let u = if held { [j + 1; 3] } else { [j, j + 1, j + 2] }.map(input);
+                let share = |half: f64| (step as f64 + half) / self.steps as f64;
+                let loads = [0.0, 0.5, 1.0].map(|s| load_at(i, share(s)));
+                let time = |half: f64| since + h * (step as f64 + half);
+                // carries the memory on to the beginning of the step
+                let now = (time(0.0), passed);
+                if massless {
+                    let r1 = slide(x, u[0], loads[0], now, &mut memories, v);
+                    passed = h;
+                    let mut stage = |x: R, k: usize, half: f64, guess: R| {
+                        scratch.clone_from(&memories);
+                        slide(
+                            x,
+                            u[k],
+                            loads[k],
+                            (time(half), half * h),
+                            &mut scratch,
+                            guess,
+                        )
+                    };
+                    let r2 = stage(x + r1.times(0.5 * h), 1, 0.5, r1);
+                    let r3 = stage(x + r2.times(0.5 * h), 1, 0.5, r2);
+                    let r4 = stage(x + r3.times(h), 2, 1.0, r3);
+                    x = x + (r1 + (r2 + r3).times(2.0) + r4).times(h / 6.0);
+                    v = r4;
+                    continue;
+                }
+                let a1 = (push(x, v, u[0], loads[0], now, &mut memories) - plant.damping * v)
+                    / plant.mass;
+                passed = h;
+                let mut stage = |x: R, v: R, k: usize, half: f64| {
+                    scratch.clone_from(&memories);
+                    let moment = (time(half), half * h);
+                    (push(x, v, u[k], loads[k], moment, &mut scratch) - plant.damping * v)
+                        / plant.mass
+                };
+                let v2 = v + a1.times(0.5 * h);
+                let a2 = stage(x + v.times(0.5 * h), v2, 1, 0.5);
+                let v3 = v + a2.times(0.5 * h);
+                let a3 = stage(x + v2.times(0.5 * h), v3, 1, 0.5);
+                let v4 = v + a3.times(h);
+                let a4 = stage(x + v3.times(h), v4, 2, 1.0);
+                x = x + (v + (v2 + v3).times(2.0) + v4).times(h / 6.0);
+                v = v + (a1 + (a2 + a3).times(2.0) + a4).times(h / 6.0);
+            }
+        }
+        Ok(())
+    }
+
+    fn plant<R: Real>(&self, beta: &[R]) -> Plant<R> {
+        let [mass, damping, stiffness, bias, per_load] = self.inverse.balance(beta);
+        Plant {
+            mass,
+            damping,
+            stiffness,
+            bias,
+            per_load,
+            gain: self.inverse.gain(),
+        }
+    }
+
+    fn check(&self) -> Result<(), Trouble> {
+        if !self.inverse.has_mass() && !self.inverse.has_damping() {
+            return Err(Trouble::Massless);
+        }
+        Ok(())
+    }
+
+    /// What the model makes of the coordinate (velocity) at every sample of a piece, in its own unit. Nothing
+    /// of what was measured of the motion is read.
+    ///
+    /// # Errors
+    /// [`Trouble`] where the motion runs away.
+    fn piece(&self, piece: &Piece, unknowns: &[f64], states: &[f64]) -> Result<Vec<f64>, Trouble> {
+        self.check()?;
+        let (beta, eta) = self.model(unknowns);
+        let effects = self.inverse.effects(&eta);
+        let values: Vec<Vec<f64>> = effects.iter().map(|a| a.values.clone()).collect();
+        let table = self.table(piece, &eta, &effects);
+        let mut out = Vec::with_capacity(piece.samples.len());
+        self.run(
+            piece,
+            &beta,
+            &effects,
+            &values,
+            states,
+            &|j| table[j],
+            &mut |_, x| {
+                out.push(x);
+            },
+        )?;
+        Ok(out)
+    }
+
+    /// What the model makes of the coordinate (or velocity) of a recording at its captured samples, from
+    /// initial states as [`Self::rest`] or [`Self::begun`] give them.
+    ///
+    /// # Errors
+    /// [`Trouble`] where the motion runs away.
+    pub fn predicted(
+        &self,
+        number: usize,
+        unknowns: &[f64],
+        states: &[f64],
+    ) -> Result<Vec<f64>, Trouble> {
+        let samples = self.line(number).captured.clone();
+        self.piece(&Piece { number, samples }, unknowns, states)
+    }
+
+    /// The initial states at rest under the first input: where the spring holds it, or at the zero of the
+    /// excursion where none does.
+    #[must_use]
+    pub fn rest(&self, number: usize, unknowns: &[f64]) -> Vec<f64> {
+        let (beta, eta) = self.model(unknowns);
+        let effects = self.inverse.effects(&eta);
+        let [_, _, k, b, per_load] = self.inverse.balance(&beta);
+        let line = self.line(number);
+        let start = line.captured.start;
+        let s = self.inverse.scales();
+        let mut out = Vec::new();
+        if !self.velocity() {
+            let piece = Piece {
+                number,
+                samples: start..start + 2,
+            };
+            let table = self.table(&piece, &eta, &effects);
+            let load = axis(line).map_or(0.0, |a| a.load.get(start).copied().unwrap_or(0.0));
+            let mut xi = 0.0_f64;
+            for _ in 0..TURNS {
+                if k <= 0.0 {
+                    break;
+                }
+                let mut point = Point {
+                    xi,
+                    factor: [1.0; 2],
+                    force: 0.0,
+                    gain: 1.0,
+                };
+                let at = Moment {
+                    since_s: 0.0,
+                    span_s: 1.0,
+                    step_s: 0.0,
+                    xi,
+                    rate: 0.0,
+                    elastic: k * s.coordinate * xi / s.force,
+                };
+                for a in &effects {
+                    if let Some(law) = a.effect.law() {
+                        let mut memory = Memory {
+                            before: xi,
+                            state: At::<f64>::begins(law, xi),
+                        };
+                        law.acts(&a.values, &at, &mut memory, &mut point);
+                    }
+                }
+                let left = table[0] * self.inverse.gain() * point.gain + per_load * load
+                    - b
+                    - s.force * point.force
+                    - k * s.coordinate * point.xi * point.factor[0];
+                let step = left / (k * s.coordinate);
+                xi = (xi + 0.7 * step).clamp(-3.0, 3.0);
+                if step.abs() < 1e-12 {
+                    break;
+                }
+            }
+            out.push(xi);
+        }
+        if self.inverse.has_mass() {
+            out.push(0.0);
+        }
+        out
+    }
+
+    /// The initial states that the first `samples` measured ones tell: smallest squares over them, nothing
+    /// later being read.
+    ///
+    /// # Errors
+    /// [`Trouble`] where the motion runs away.
+    pub fn begun(
+        &self,
+        number: usize,
+        unknowns: &[f64],
+        samples: usize,
+    ) -> Result<Vec<f64>, Trouble> {
+        let line = self.line(number);
+        let from = line.captured.start;
+        let n = samples.clamp(2, line.captured.len());
+        let piece = Piece {
+            number,
+            samples: from..from + n,
+        };
+        let own: Vec<usize> = (self.shared()..self.shared() + self.states()).collect();
+        let mut states = self.rest(number, unknowns);
+        if !self.velocity() {
+            states[0] =
+                (line.x[from] - self.inverse.scales().rest) / self.inverse.scales().coordinate;
+        }
+        let mut all = unknowns[..self.shared()].to_vec();
+        all.extend(&states);
+        for _ in 0..8 {
+            let rows = self.rows(&piece, &all, (self.shared(), &states), &own)?;
+            let width = own.len();
+            let j = rows.columns(0, width);
+            let gram = j.tr_mul(&j);
+            let gram = &gram + DMatrix::from_diagonal(&gram.diagonal()) * 1e-12;
+            let pull = j.tr_mul(&rows.column(width));
+            let Some(step) = gram.cholesky().map(|c| c.solve(&pull)) else {
+                break;
+            };
+            for (s, d) in states.iter_mut().zip(step.iter()) {
+                *s -= d;
+            }
+        }
+        Ok(states)
+    }
+
+    /// Derivatives of a piece's residual by the unknowns `wanted`, and the residual, at its usable samples;
+    /// `states` with the number of the unknown that the first of them is.
+    fn rows(
+        &self,
+        piece: &Piece,
+        unknowns: &[f64],
+        states: (usize, &[f64]),
+        wanted: &[usize],
+    ) -> Result<DMatrix<f64>, Trouble> {
+        self.check()?;
+        let line = self.line(piece.number);
+        let usable: Vec<usize> = piece.samples.clone().filter(|&i| line.usable[i]).collect();
+        let mut out = DMatrix::zeros(usable.len(), wanted.len() + 1);
+        let (beta, eta) = self.model(unknowns);
+        let effects = self.inverse.effects(&eta);
+        let linear = self.inverse.linear();
+        let noise = self.noise[piece.number];
+        for (pass, own) in wanted.chunks(LANES).enumerate() {
+            let lane = |unknown: usize| own.iter().position(|w| *w == unknown);
+            let beta: Vec<Dual> = beta
+                .iter()
+                .zip(&self.unit)
+                .enumerate()
+                .map(|(i, (b, unit))| Dual::unknown(b / unit, lane(i)).times(*unit))
+                .collect();
+            let values: Vec<Vec<Dual>> = effects
+                .iter()
+                .enumerate()
+                .map(|(e, a)| {
+                    let quantities = a.effect.parameters();
+                    a.values
+                        .iter()
+                        .enumerate()
+                        .map(|(v, value)| {
+                            let place = self.inverse.place_of(e, v);
+                            let spread = quantities[v].spread;
+                            let own = place.and_then(|p| lane(linear + p));
+                            Dual::unknown(value / spread, own).times(spread)
+                        })
+                        .collect()
+                })
+                .collect();
+            let numbered = states.1.iter().enumerate();
+            let states: Vec<Dual> = numbered
+                .map(|(i, s)| Dual::unknown(*s, lane(states.0 + i)))
+                .collect();
+            let input = self.input(piece, &eta, own);
+            let at = |j: usize| {
+                let mut u = Dual::of(input.value[j]);
+                for (lane, slope) in &input.by {
+                    u.by[*lane] = slope[j];
+                }
+                u
+            };
+            let mut row = 0;
+            let first = pass * LANES;
+            let mut put = |i: usize, x: Dual| {
+                if usable.get(row) == Some(&i) {
+                    for (l, d) in x.by[..own.len()].iter().enumerate() {
+                        out[(row, first + l)] = d / noise;
+                    }
+                    out[(row, wanted.len())] = (x.value - line.x[i]) / noise;
+                    row += 1;
+                }
+            };
+            self.run(piece, &beta, &effects, &values, &states, &at, &mut put)?;
+        }
+        Ok(out)
+    }
+
+    /// The whitened design of all pieces: d r/d unknowns, residual.
+    ///
+    /// # Errors
+    /// [`Trouble`] where the motion runs away.
+    pub fn design(&self, unknowns: &[f64]) -> Result<DMatrix<f64>, Trouble> {
+        let n = self.unknowns();
+        let counted = |p: &Piece| {
+            let line = self.line(p.number);
+            p.samples.clone().filter(|&i| line.usable[i]).count()
+        };
+        let rows: usize = self.pieces.iter().map(counted).sum();
+        let mut out = DMatrix::zeros(rows, n + 1);
+        let mut from = 0;
+        for (number, p) in self.pieces.iter().enumerate() {
+            let first = self.shared() + number * self.states();
+            let wanted: Vec<usize> = (0..self.shared())
+                .chain(first..first + self.states())
+                .collect();
+            let states = (first, self.states_of(number, unknowns));
+            let own = self.rows(p, unknowns, states, &wanted)?;
+            for (column, &unknown) in wanted.iter().chain([&n]).enumerate() {
+                out.view_mut((from, unknown), (own.nrows(), 1))
+                    .copy_from(&own.column(column));
+            }
+            from += own.nrows();
+        }
+        Ok(out)
+    }
+
+    /// The whitened residual alone, with other causes at work than the unknowns state.
+    ///
+    /// # Errors
+    /// [`Trouble`] where the motion runs away.
+    pub fn residual(&self, unknowns: &[f64]) -> Result<Vec<f64>, Trouble> {
+        let mut out = Vec::new();
+        for (number, p) in self.pieces.iter().enumerate() {
+            let line = self.line(p.number);
+            let made = self.piece(p, unknowns, self.states_of(number, unknowns))?;
+            let noise = self.noise[p.number];
+            let counted = p.samples.clone().zip(made).filter(|(i, _)| line.usable[*i]);
+            out.extend(counted.map(|(i, x)| (x - line.x[i]) / noise));
+        }
+        Ok(out)
+    }
+
+    /// Rows of each recording in [`Self::design`], in their order.
+    #[must_use]
+    pub fn rows_of_recordings(&self) -> Vec<usize> {
+        let mut out = vec![0; self.inverse.lines().count()];
+        for p in &self.pieces {
+            let line = self.line(p.number);
+            out[p.number] += p.samples.clone().filter(|&i| line.usable[i]).count();
+        }
+        out
+    }
+
+    /// What the model makes of the coordinate at all captured samples of every recording, at unknowns of one
+    /// piece a recording.
+    ///
+    /// # Errors
+    /// [`Trouble`] where the motion runs away.
+    pub fn courses(&self, unknowns: &[f64]) -> Result<Vec<Vec<f64>>, Trouble> {
+        (0..self.pieces.len())
+            .map(|n| self.piece(&self.pieces[n], unknowns, self.states_of(n, unknowns)))
+            .collect()
+    }
+}
+
+/// Whether there is no load.
+fn load_is_none<R: Real>(load: R) -> bool {
+    load.value() == 0.0
+}
+
+/// The step of an even clock; `None` where it is uneven.
+fn even_step(time_s: &[f64]) -> Option<f64> {
+    let n = time_s.len();
+    if n < 2 {
+        return None;
+    }
+    let step = (time_s[n - 1] - time_s[0]) / (n - 1) as f64;
+    let even =
+        |(i, t): (usize, &f64)| (t - time_s[0] - step * i as f64).abs() < EVEN * step * n as f64;
+    let steps = time_s
+        .windows(2)
+        .all(|w| ((w[1] - w[0]) / step - 1.0).abs() < 0.05);
+    (step > 0.0 && steps && time_s.iter().enumerate().all(even)).then_some(step)
+}
+
+/// Band-limited values at rising places, in samples; beyond the ends the first and last value hold.
+fn smooth(values: &[f64], places: impl Iterator<Item = f64>) -> Vec<f64> {
+    let last = values.len() as i64 - 1;
+    // one kernel a fraction of a sample: there are few
+    let mut kernels: Vec<(f64, Vec<f64>)> = Vec::new();
+    let mut used = 0;
+    places
+        .map(|place| {
+            let whole = place.floor();
+            let share = place - whole;
+            let near = |k: &(f64, Vec<f64>)| (k.0 - share).abs() < 1e-9;
+            let count = kernels.len();
+            let found = (0..count)
+                .map(|i| (used + 1 + i) % count)
+                .find(|&i| near(&kernels[i]));
+            let k = found.unwrap_or_else(|| {
+                if count >= 512 {
+                    kernels.clear();
+                }
+                kernels.push((share, kernel(share)));
+                kernels.len() - 1
+            });
+            used = k;
+            let first = whole as i64 - REACH + 1;
+            let taps = &kernels[k].1;
+            if first >= 0 && first + 2 * REACH - 1 <= last {
+                let own = &values[first as usize..][..taps.len()];
+                return own.iter().zip(taps).map(|(v, t)| v * t).sum();
+            }
+            let at = |i: i64| values[(first + i).clamp(0, last) as usize];
+            (0..2 * REACH).zip(taps).map(|(i, t)| at(i) * t).sum()
+        })
+        .collect()
+}
+
+/// Weights of the samples from 1 - [`REACH`] to [`REACH`] at a share of a sample after the one before: sinc
+/// under a raised cosine, of sum 1.
+fn kernel(share: f64) -> Vec<f64> {
+    use std::f64::consts::PI;
+    let of = |j: i64| {
+        let x = share - j as f64;
+        let sinc = if x.abs() < 1e-12 {
+            1.0
+        } else {
+            (PI * x).sin() / (PI * x)
+        };
+        sinc * (0.5 * PI * (x / REACH as f64).clamp(-1.0, 1.0))
+            .cos()
+            .powi(2)
+    };
+    let taps: Vec<f64> = (1 - REACH..=REACH).map(of).collect();
+    let sum: f64 = taps.iter().sum();
+    taps.iter().map(|t| t / sum).collect()
+}
+
+impl SeparableResidual for MotionResidual<'_> {
+    type Error = Trouble;
+
+    fn evaluate(&self, eta: &[f64], reference: &[f64]) -> Result<Normal, Trouble> {
+        let design = self.design(eta)?;
+        Ok(Normal {
+            gram: design.tr_mul(&design),
+            slopes: (0..eta.len())
+                .map(|nonlinear| Slope {
+                    nonlinear,
+                    linear: None,
+                })
+                .collect(),
+            reference: reference.to_vec(),
+            rows: design.nrows(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_smooth_input_is_the_sine_it_was_sampled_from() {
+        let of = |t: f64| (2.1 * t).sin() + 0.3 * (0.4 * t).cos();
+        let values: Vec<f64> = (0..400).map(|i| of(f64::from(i))).collect();
+        let places: Vec<f64> = (0..800).map(|j| 100.0 + 0.25 * f64::from(j)).collect();
+        let made = smooth(&values, places.iter().copied());
+        for (p, v) in places.iter().zip(made) {
+            assert!((v - of(*p)).abs() < 2e-4, "{p}: {v} {}", of(*p));
+        }
+    }
+}

@@ -106,8 +106,8 @@ const WHOLE: (usize, usize) = (1, usize::MAX);
 const REACH: f64 = 6.0;
 /// Searches that may follow one another where an unknown went that far.
 const SEARCHES: usize = 4;
-/// Change by half the step, over what is left, up to which steps are short enough while causes are chosen, and
-/// at the end times the root of the rows.
+/// Change by half the step, over what is left, up to which steps are short enough while causes are chosen,
+/// and at the end times the root of the rows.
 const COARSE: f64 = 0.02;
 const FINE: f64 = 0.3;
 /// Steps a sample at most.
@@ -332,8 +332,8 @@ impl<'a> Search<'a> {
         self.go(settled(&residual, &at, COARSE)?, &at)
     }
 
-    /// The best point with shorter steps: they hardly change the derivatives, so that these serve again, and only
-    /// the residual is worked out anew.
+    /// The best point with shorter steps: they hardly change the derivatives, so that these serve again, and
+    /// only the residual is worked out anew.
     fn polished(&self, mut best: Best<'a>, fine: MotionResidual<'a>) -> Result<Best<'a>, Error> {
         let width = best.design.ncols() - 1;
         let free = free(

@@ -154,8 +154,8 @@ fn axis(line: &Line) -> Result<&AxisLine, Trouble> {
 }
 
 impl<'a> MotionResidual<'a> {
-    /// Recordings of axes run forward in `steps` steps a sample, each cut into `pieces`, of which only some are
-    /// kept, evenly spread, where all would be more than so many samples. `inverse` states what is known of
+    /// Recordings of axes run forward in `steps` steps a sample, each cut into `pieces`, of which only some
+    /// are kept, evenly spread, where all would be more than so many samples. `inverse` states what is known of
     /// them and which causes are at work; `unit` is what the unknowns beta are counted in.
     ///
     /// # Errors

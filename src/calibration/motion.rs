@@ -18,7 +18,7 @@
 //! off value, all that the others can absorb projected out); the three that promise most are fitted; and the
 //! best is taken if it lowers the error on blocks that were left out: of 24 blocks each is foretold by a fit
 //! to the others (to first order, which is exact for what is linear), and the fall has to be beyond three of
-//! its standard errors and half a percent. So on, until none is. That is done in four pieces a recording,
+//! its standard errors and half a percent. So on, until none is. That is done in 16 pieces a recording,
 //! of more than 20,000 samples on some of them; what was chosen is then fitted to all.
 //!
 //! [`near`]: crate::effects::line::LineEffect::near
@@ -97,13 +97,15 @@ pub struct AxisMotion {
 /// [`Between::ALL`].
 pub const BETWEEN: &str = "input_between";
 
-/// Pieces of a recording at the start of a search, and samples over all recordings that begin it at most.
-const PIECES: [usize; 2] = [16, 4];
-const SOME: usize = 20_000;
+/// Pieces of a recording, and samples over all recordings at most: where a search begins and causes are chosen,
+/// and on the way from there to all.
+const PARTS: [(usize, usize); 2] = [(16, 20_000), (4, 20_000)];
 /// One piece, all samples.
 const WHOLE: (usize, usize) = (1, usize::MAX);
 /// How far unknowns may go in one search, in their own units.
 const REACH: f64 = 6.0;
+/// The same of values of causes, in their spreads.
+const FAR: f64 = 20.0;
 /// Searches that may follow one another where an unknown went that far.
 const SEARCHES: usize = 4;
 /// Change by half the step, over what is left, up to which steps are short enough while causes are chosen,
@@ -212,7 +214,7 @@ impl<'a> Search<'a> {
                         return Unknown::free(at, -OFFSET_REACH_S, OFFSET_REACH_S);
                     }
                     let [low, high] = inverse.bounds(place);
-                    return Unknown::free(at, (at - REACH).max(low), (at + REACH).min(high));
+                    return Unknown::free(at, (at - FAR).max(low), (at + FAR).min(high));
                 }
                 Unknown::free(at, at - 0.5 * REACH, at + 0.5 * REACH)
             })
@@ -288,31 +290,19 @@ impl<'a> Search<'a> {
         inverse.bounds(place).iter().any(|b| (b - x).abs() < 1e-6)
     }
 
-    /// From the balance's answer, in ever longer pieces; of long recordings in some of them.
+    /// From the balance's answer, in pieces; of long recordings in some of them.
     fn begun(&self, between: Between, beta: &[f64], eta: &[f64]) -> Result<Best<'a>, Error> {
-        let (mut beta, mut eta) = (beta.to_vec(), eta.to_vec());
+        let mut beta = beta.to_vec();
         // a start that hardly lives is no start
         for ((b, l), name) in beta.iter_mut().zip(&self.least).zip(&self.names) {
             if name == "mass" || name == "damping" {
                 *b = b.max(*l);
             }
         }
-        let (mut steps, mut evaluations) = (1, 0);
-        let mut best: Option<Best> = None;
-        for pieces in PIECES {
-            let none = (Vec::new(), Vec::new());
-            let residual = self.residual(none, between, steps, (pieces, SOME), &beta)?;
-            let at = residual.at(&beta, &eta);
-            let residual = settled(&residual, &at, COARSE)?;
-            steps = residual.steps();
-            let own = self.go(residual, &at)?;
-            evaluations += own.evaluations;
-            (beta, eta) = own.residual.model(&own.unknowns);
-            best = Some(own);
-        }
-        let mut best = best.ok_or_else(|| Error::NothingToFit("no search".into()))?;
-        best.evaluations = evaluations;
-        Ok(best)
+        let none = (Vec::new(), Vec::new());
+        let residual = self.residual(none, between, 1, PARTS[0], &beta)?;
+        let at = residual.at(&beta, eta);
+        self.go(settled(&residual, &at, COARSE)?, &at)
     }
 
     /// A model again: in so many pieces, of samples at most, with another input between samples. States begin
@@ -577,10 +567,9 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
     }
     // the causes may have told what the input does between samples
     if request.between.is_none() && !best.residual.inverse().acting().is_empty() {
-        let part = (PIECES[1], SOME);
         let all: Vec<Best> = Between::ALL
             .into_par_iter()
-            .filter_map(|w| search.again(&best, w, part).ok())
+            .filter_map(|w| search.again(&best, w, PARTS[0]).ok())
             .collect();
         evaluations += all.iter().map(|b| b.evaluations).sum::<usize>();
         compared = all
@@ -594,8 +583,8 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
             best = other.clone();
         }
     }
-    if best.residual.cut() != WHOLE {
-        best = search.again(&best, best.residual.between(), WHOLE)?;
+    for cut in [PARTS[1], WHOLE] {
+        best = search.again(&best, best.residual.between(), cut)?;
         evaluations += best.evaluations;
     }
     // steps so short that they do not show in the values

@@ -71,6 +71,8 @@ const EVEN: f64 = 1e-3;
 const STEP: f64 = 1e-4;
 /// Longest step of the clock's difference, in samples of the input.
 const CLOCK_STEP: f64 = 1e-3;
+/// Fewest samples of a piece.
+const SHORTEST: usize = 100;
 /// Turns of an iteration.
 const TURNS: usize = 60;
 
@@ -175,7 +177,7 @@ impl<'a> MotionResidual<'a> {
                 return Err(Trouble::Uneven(line.id.clone()));
             }
             let (from, n) = (line.captured.start, line.captured.len());
-            let count = pieces.min(n / 8).max(1);
+            let count = pieces.min(n / SHORTEST).max(1);
             parts.extend((0..count).map(|i| Piece {
                 number,
                 samples: from + i * n / count..from + (i + 1) * n / count,

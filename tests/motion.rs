@@ -245,6 +245,12 @@ fn asked(more: More) -> MotionRequest {
     }
 }
 
+fn choose(without: &[&str]) -> Causes {
+    Causes::Choose {
+        without: without.iter().map(|id| (*id).to_owned()).collect(),
+    }
+}
+
 fn of<'a>(outcome: &'a LineOutcome, name: &str) -> &'a Estimate {
     outcome.estimates.iter().find(|e| e.name == name).unwrap()
 }
@@ -465,7 +471,7 @@ fn causes_are_chosen_by_what_they_foretell() {
             ..AXIS
         };
         let request = MotionRequest {
-            causes: Causes::Choose,
+            causes: choose(&[]),
             ..MotionRequest::default()
         };
         let fit = calibrate_motion(&[axis.line(dir.path())], &request).unwrap();
@@ -538,33 +544,40 @@ fn errors_mv(fit: &LineOutcome) -> [f64; 3] {
 #[test]
 #[ignore = "65,062 samples: ten seconds and more"]
 fn silverbox_in_the_public_table() {
-    let started = std::time::Instant::now();
-    let train = [silverbox("train")];
-    assert_eq!(train[0].samples(), 65_062);
-    let request = MotionRequest {
-        causes: Causes::Choose,
-        ..MotionRequest::default()
-    };
-    let fit = calibrate_motion(&train, &request).unwrap();
-    let errors = errors_mv(&fit.outcome);
-    let seconds = started.elapsed().as_secs_f64();
-    println!("{}", fit.outcome.verdict);
-    for remark in &fit.outcome.remarks {
-        println!("{remark}");
-    }
-    for e in &fit.outcome.estimates {
-        println!(
-            "{} = {:.6e} +- {:.1e} {}",
-            e.name, e.value, e.std_error, e.unit
-        );
-    }
     println!("errors in mV, {}:", TESTS.join(" / "));
     for (name, of) in PUBLISHED {
         println!("  {name}: {of:?}");
     }
-    println!("  this: {errors:.4?}, {seconds:.1} s");
-    for (error, bar) in errors.iter().zip([0.24, 0.31, 0.24]) {
-        assert!(*error <= bar, "{errors:?}");
+    // one cause of the catalogue was thought of after errors on these tests had been seen
+    for (without, bars) in [
+        (vec!["x_stroke_damping"], [0.24, 0.315, 0.245]),
+        (vec![], [0.24, 0.31, 0.24]),
+    ] {
+        let started = std::time::Instant::now();
+        let train = [silverbox("train")];
+        assert_eq!(train[0].samples(), 65_062);
+        let request = MotionRequest {
+            causes: choose(&without),
+            ..MotionRequest::default()
+        };
+        let fit = calibrate_motion(&train, &request).unwrap();
+        let fitted = started.elapsed().as_secs_f64();
+        let errors = errors_mv(&fit.outcome);
+        let seconds = started.elapsed().as_secs_f64();
+        println!("  without {without:?}: {errors:.4?}, {seconds:.1} s, the fit {fitted:.1} s");
+        println!("{} ({} evaluations)", fit.outcome.verdict, fit.outcome.evaluations);
+        for remark in &fit.outcome.remarks {
+            println!("{remark}");
+        }
+        for e in &fit.outcome.estimates {
+            println!(
+                "{} = {:.6e} +- {:.1e} {}",
+                e.name, e.value, e.std_error, e.unit
+            );
+        }
+        for (error, bar) in errors.iter().zip(bars) {
+            assert!(*error <= bar, "{errors:?}");
+        }
     }
 }
 
@@ -582,7 +595,7 @@ fn a_part_of_the_silverbox_names_its_spring() {
         a.input.truncate(n);
     }
     let request = MotionRequest {
-        causes: Causes::Choose,
+        causes: choose(&[]),
         between: Some(Between::Smooth),
         ..MotionRequest::default()
     };

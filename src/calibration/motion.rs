@@ -15,17 +15,19 @@
 //!
 //! # Which causes
 //! All of it on the recordings given. A cause is foretold by what it would change of the motion ([`near`] its
-//! off value, all that the others can absorb projected out); the three that promise most are fitted; and the
-//! best is taken if it lowers the error on blocks that were left out: of 24 blocks each is foretold by a fit
-//! to the others (to first order, which is exact for what is linear), and the fall has to be beyond three of
-//! its standard errors and half a percent. So on, until none is. That is done in 16 pieces a recording,
-//! of more than 20,000 samples on some of them; what was chosen is then fitted to all.
+//! off value, all that the others can absorb projected out), which also tells its size to first order and
+//! drops those that would need a sign that they cannot have. Those that promise most (three at most, none
+//! below half of the best) are fitted from there; and the best is taken if it lowers the error on blocks that
+//! were left out: of 24 blocks each is foretold by a fit to the others (to first order, which is exact for
+//! what is linear), and the fall has to be beyond three of its standard errors and half a percent. So on,
+//! until none is. That is done in 16 pieces a recording, on 10,000 samples at most; what was chosen is then
+//! fitted to all.
 //!
 //! [`near`]: crate::effects::line::LineEffect::near
 
 use std::ops::ControlFlow;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, DVectorView, Dyn};
 use rayon::prelude::*;
 
 use super::line::{
@@ -50,8 +52,11 @@ pub enum Causes {
     None,
     /// These, by their ids.
     These(Vec<String>),
-    /// Those that the recordings call for.
-    Choose,
+    /// Those that the recordings call for, but none of these.
+    Choose {
+        /// Not thought of.
+        without: Vec<String>,
+    },
 }
 
 /// What a fit of the motion is asked to do.
@@ -99,15 +104,13 @@ pub const BETWEEN: &str = "input_between";
 
 /// Pieces of a recording, and samples over all recordings at most: where a search begins and causes are chosen,
 /// and on the way from there to all.
-const PARTS: [(usize, usize); 2] = [(16, 20_000), (4, 20_000)];
+const PARTS: [(usize, usize); 2] = [(16, 10_000), (4, 20_000)];
 /// One piece, all samples.
 const WHOLE: (usize, usize) = (1, usize::MAX);
 /// How far unknowns may go in one search, in their own units.
 const REACH: f64 = 6.0;
 /// The same of values of causes, in their spreads.
 const FAR: f64 = 20.0;
-/// Searches that may follow one another where an unknown went that far.
-const SEARCHES: usize = 4;
 /// Change by half the step, over what is left, up to which steps are short enough while causes are chosen,
 /// and at the end times the root of the rows.
 const COARSE: f64 = 0.02;
@@ -116,8 +119,9 @@ const FINE: f64 = 0.3;
 const MOST_STEPS: usize = 128;
 /// Turns of the last correction.
 const POLISH: usize = 3;
-/// Causes that are fitted in each round, and rounds.
+/// Causes that are fitted in each round, share of the best promise below which none is, and rounds.
 const FITTED: usize = 3;
+const PROMISING: f64 = 0.5;
 const ROUNDS: usize = 6;
 /// Blocks that are left out, over all recordings.
 const BLOCKS: usize = 24;
@@ -222,13 +226,18 @@ impl<'a> Search<'a> {
     }
 
     /// The best point from `start` on. Where an unknown went as far as it may, once more from there.
-    fn go(&self, mut residual: MotionResidual<'a>, start: &[f64]) -> Result<Best<'a>, Error> {
+    fn go(
+        &self,
+        mut residual: MotionResidual<'a>,
+        start: &[f64],
+        (searches, options): (usize, &Options),
+    ) -> Result<Best<'a>, Error> {
         let mut at = start.to_vec();
         let mut evaluations = 0;
         let mut last = None;
-        for _ in 0..SEARCHES {
+        for _ in 0..searches {
             let unknowns = self.unknowns(&residual, &at);
-            let state = minimise(&residual, &unknowns, &[], &at, &OPTIONS, |_: &State| {
+            let state = minimise(&residual, &unknowns, &[], &at, options, |_: &State| {
                 ControlFlow::Continue(())
             });
             evaluations += state.evaluations;
@@ -302,7 +311,7 @@ impl<'a> Search<'a> {
         let none = (Vec::new(), Vec::new());
         let residual = self.residual(none, between, 1, PARTS[0], &beta)?;
         let at = residual.at(&beta, eta);
-        self.go(settled(&residual, &at, COARSE)?, &at)
+        self.go(settled(&residual, &at, COARSE)?, &at, (WELL.0, ROUGHLY.1))
     }
 
     /// A model again: in so many pieces, of samples at most, with another input between samples. States begin
@@ -312,6 +321,7 @@ impl<'a> Search<'a> {
         from: &Best<'a>,
         between: Between,
         pieces: (usize, usize),
+        effort: (usize, &Options),
     ) -> Result<Best<'a>, Error> {
         let inverse = from.residual.inverse();
         let (beta, eta) = from.residual.model(&from.unknowns);
@@ -319,7 +329,7 @@ impl<'a> Search<'a> {
         let steps = from.residual.steps();
         let residual = self.residual(causes, between, steps, pieces, &beta)?;
         let at = residual.at(&beta, &eta);
-        self.go(settled(&residual, &at, COARSE)?, &at)
+        self.go(settled(&residual, &at, COARSE)?, &at, effort)
     }
 
     /// The best point with shorter steps: they hardly change the derivatives, so that these serve again, and
@@ -380,13 +390,46 @@ impl<'a> Search<'a> {
         at.extend(states);
         Ok((residual, at))
     }
+
+    /// The best model with one more cause, from the better of the places where it may begin.
+    fn with(
+        &self,
+        from: &Best<'a>,
+        promise: &Promise,
+        effort: (usize, &Options),
+    ) -> Result<Best<'a>, Error> {
+        let square = |values: &Vec<f64>| -> Option<f64> {
+            let (residual, at) = self.joined(from, promise.cause, values).ok()?;
+            let made = residual.residual(&at).ok()?;
+            Some(made.iter().map(|r| r * r).sum())
+        };
+        let [large, near] = promise.values.each_ref().map(|v| square(v).unwrap_or(f64::INFINITY));
+        let values = &promise.values[usize::from(near < large)];
+        let (residual, at) = self.joined(from, promise.cause, values)?;
+        self.go(residual, &at, effort)
+    }
 }
 
-const OPTIONS: Options = Options {
-    evaluations: 60,
-    cost_tolerance: 1e-7,
-    step_tolerance: 1e-9,
-};
+/// A search that is taken to its end, begun again where an unknown went as far as it may: a standard error of
+/// one of 1000 samples is a thousandth of the cost.
+const WELL: (usize, &Options) = (
+    4,
+    &Options {
+        evaluations: 60,
+        cost_tolerance: 1e-7,
+        step_tolerance: 1e-9,
+    },
+);
+/// One that another will follow: half a percent of the cost, which makes a cause worth taking, shows fifty
+/// times over.
+const ROUGHLY: (usize, &Options) = (
+    1,
+    &Options {
+        evaluations: 15,
+        cost_tolerance: 1e-4,
+        step_tolerance: 1e-6,
+    },
+);
 
 /// The residual with steps so short that half of them change it by no more than `share` of what is left.
 fn settled<'a>(
@@ -457,37 +500,51 @@ fn left_out(best: &Best) -> Vec<f64> {
         .collect()
 }
 
-/// Share of `residual`'s square that columns take away beside those of the design.
-fn promised(best: &Best, columns: &[Vec<f64>]) -> f64 {
-    let width = best.design.ncols() - 1;
-    let x = best.design.columns(0, width);
-    let r = best.design.column(width);
-    let gram = x.tr_mul(&x);
-    let scale = DVector::from_fn(width, |i, _| {
-        1.0 / gram[(i, i)].sqrt().max(f64::MIN_POSITIVE)
-    });
-    let scaled = DMatrix::from_fn(width, width, |i, j| {
-        gram[(i, j)] * scale[i] * scale[j] + if i == j { 1e-11 } else { 0.0 }
-    });
-    let Some(factor) = scaled.cholesky() else {
-        return 0.0;
-    };
-    let out = |v: &DVector<f64>| -> DVector<f64> {
-        let pull = x.tr_mul(v).component_mul(&scale);
-        v - x * factor.solve(&pull).component_mul(&scale)
-    };
-    let f: Vec<DVector<f64>> = columns
-        .iter()
-        .map(|c| out(&DVector::from_column_slice(c)))
-        .collect();
-    let f = DMatrix::from_columns(&f);
-    let mut own = f.tr_mul(&f);
-    for i in 0..own.nrows() {
-        own[(i, i)] *= 1.0 + 1e-9;
-        own[(i, i)] += f64::MIN_POSITIVE;
+/// What the unknowns of a model can absorb of a change of its motion.
+struct Absorbed<'b> {
+    x: DMatrixView<'b, f64>,
+    r: DVectorView<'b, f64>,
+    scale: DVector<f64>,
+    factor: Cholesky<f64, Dyn>,
+}
+
+impl<'b> Absorbed<'b> {
+    fn of(best: &'b Best) -> Option<Self> {
+        let width = best.design.ncols() - 1;
+        let x = best.design.columns(0, width);
+        let gram = x.tr_mul(&x);
+        let scale = DVector::from_fn(width, |i, _| {
+            1.0 / gram[(i, i)].sqrt().max(f64::MIN_POSITIVE)
+        });
+        let scaled = DMatrix::from_fn(width, width, |i, j| {
+            gram[(i, j)] * scale[i] * scale[j] + if i == j { 1e-11 } else { 0.0 }
+        });
+        Some(Absorbed {
+            x,
+            r: best.design.column(width),
+            scale,
+            factor: scaled.cholesky()?,
+        })
     }
-    let pull = f.tr_mul(&r);
-    own.cholesky().map_or(0.0, |c| pull.dot(&c.solve(&pull)))
+
+    /// How much of the sum of squares columns take away beside the unknowns, and how much of each does.
+    fn promised(&self, columns: &[Vec<f64>]) -> Option<(f64, DVector<f64>)> {
+        let out = |c: &Vec<f64>| -> DVector<f64> {
+            let v = DVector::from_column_slice(c);
+            let pull = self.x.tr_mul(&v).component_mul(&self.scale);
+            &v - self.x * self.factor.solve(&pull).component_mul(&self.scale)
+        };
+        let f: Vec<DVector<f64>> = columns.iter().map(out).collect();
+        let f = DMatrix::from_columns(&f);
+        let mut own = f.tr_mul(&f);
+        for i in 0..own.nrows() {
+            own[(i, i)] *= 1.0 + 1e-9;
+            own[(i, i)] += f64::MIN_POSITIVE;
+        }
+        let pull = f.tr_mul(&self.r);
+        let sizes = own.cholesky()?.solve(&pull);
+        Some((pull.dot(&sizes), -sizes))
+    }
 }
 
 /// Fits axes by their motion.
@@ -544,20 +601,31 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
         Causes::These(ids) => {
             for id in ids {
                 let cause = named(id)?;
-                let starts = starts(&best, cause);
-                let from = promises(&search, &best, &starts)?;
-                let (_, values) = from.into_iter().next().ok_or_else(|| {
+                // from every place where a scan would look: a wrong shape has minima of its own
+                let from = promises(&search, &best, &starts(&best, cause));
+                let fits: Vec<Best> = from
+                    .par_iter()
+                    .filter_map(|p| search.with(&best, p, ROUGHLY).ok())
+                    .collect();
+                evaluations += fits.iter().map(|b| b.evaluations).sum::<usize>();
+                let least = |a: &Best, b: &Best| a.mean_square().total_cmp(&b.mean_square());
+                best = fits.into_iter().min_by(least).ok_or_else(|| {
                     Error::NothingToFit(format!("the cause `{id}` changes nothing of this motion"))
                 })?;
-                let (residual, at) = search.joined(&best, cause, &values)?;
-                let own = search.go(residual, &at)?;
-                evaluations += own.evaluations;
-                best = own;
             }
         }
-        Causes::Choose => {
+        Causes::Choose { without } => {
+            let known = without.iter().map(|id| named(id).map(|e| e.id()));
+            let without: Vec<&str> = known.collect::<Result<_, _>>()?;
             for _ in 0..ROUNDS {
-                let taken = choose(&search, &best, unit_square, &mut tried, &mut evaluations)?;
+                let taken = choose(
+                    &search,
+                    &best,
+                    &without,
+                    unit_square,
+                    &mut tried,
+                    &mut evaluations,
+                )?;
                 let Some(next) = taken else {
                     break;
                 };
@@ -569,7 +637,7 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
     if request.between.is_none() && !best.residual.inverse().acting().is_empty() {
         let all: Vec<Best> = Between::ALL
             .into_par_iter()
-            .filter_map(|w| search.again(&best, w, PARTS[0]).ok())
+            .filter_map(|w| search.again(&best, w, PARTS[0], ROUGHLY).ok())
             .collect();
         evaluations += all.iter().map(|b| b.evaluations).sum::<usize>();
         compared = all
@@ -583,8 +651,8 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
             best = other.clone();
         }
     }
-    for cut in [PARTS[1], WHOLE] {
-        best = search.again(&best, best.residual.between(), cut)?;
+    for (cut, effort) in [(PARTS[1], ROUGHLY), (WHOLE, WELL)] {
+        best = search.again(&best, best.residual.between(), cut, effort)?;
         evaluations += best.evaluations;
     }
     // steps so short that they do not show in the values
@@ -659,39 +727,61 @@ fn starts(
     cause.near(&view).into_iter().map(|g| (cause, g)).collect()
 }
 
-/// What each start promises to take off the sum of squares, most first, with the values to begin at.
-#[allow(clippy::type_complexity)]
+/// A start of a cause.
+struct Promise {
+    cause: &'static dyn LineEffect,
+    /// What it promises to take off the sum of squares; nothing where its size would need another sign.
+    fall: f64,
+    /// Where its fit may begin: as large as it promises to be, and near off.
+    values: [Vec<f64>; 2],
+}
+
+/// What starts promise, most first.
 fn promises<'a>(
     search: &Search<'a>,
     best: &Best<'a>,
     starts: &[(&'static dyn LineEffect, Vec<Vec<f64>>)],
-) -> Result<Vec<(&'static dyn LineEffect, Vec<f64>)>, Error> {
+) -> Vec<Promise> {
     let last = best.design.ncols() - 1;
     let now: Vec<f64> = best.design.column(last).iter().copied().collect();
-    let mut found: Vec<(f64, &'static dyn LineEffect, Vec<f64>)> = starts
-        .par_iter()
-        .filter_map(|(cause, group)| {
-            let columns: Vec<Vec<f64>> = group
-                .iter()
-                .filter_map(|values| {
-                    let (residual, at) = search.joined(best, *cause, values).ok()?;
-                    let with = residual.residual(&at).ok()?;
-                    Some(with.iter().zip(&now).map(|(a, b)| a - b).collect())
-                })
-                .collect();
-            (columns.len() == group.len() && !columns.is_empty())
-                .then(|| (promised(best, &columns), *cause, beginning(*cause, group)))
+    let Some(absorbed) = Absorbed::of(best) else {
+        return Vec::new();
+    };
+    let promise = |(cause, group): &(&'static dyn LineEffect, Vec<Vec<f64>>)| {
+        let column = |values: &Vec<f64>| -> Option<Vec<f64>> {
+            let (residual, at) = search.joined(best, *cause, values).ok()?;
+            let with = residual.residual(&at).ok()?;
+            Some(with.iter().zip(&now).map(|(a, b)| a - b).collect())
+        };
+        let columns = group.iter().map(column).collect::<Option<Vec<_>>>()?;
+        let (fall, sizes) = absorbed.promised(&columns)?;
+        let near = beginning(*cause, group);
+        let sized = sized(*cause, group, sizes.as_slice());
+        Some(Promise {
+            cause: *cause,
+            fall: if sized.is_some() { fall } else { 0.0 },
+            values: [sized.unwrap_or_else(|| near.clone()), near],
         })
-        .collect();
-    found.retain(|f| f.0 > 0.0);
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut out: Vec<(&'static dyn LineEffect, Vec<f64>)> = Vec::new();
-    for (_, cause, values) in found {
-        if out.iter().all(|o| o.0.id() != cause.id()) {
-            out.push((cause, values));
+    };
+    let mut found: Vec<Promise> = starts.par_iter().filter_map(promise).collect();
+    found.sort_by(|a, b| b.fall.total_cmp(&a.fall));
+    found
+}
+
+/// The values of a group, each size so many times as large; none where that is off or beyond it.
+fn sized(cause: &dyn LineEffect, group: &[Vec<f64>], times: &[f64]) -> Option<Vec<f64>> {
+    let mut out = beginning(cause, group);
+    let mut moved = false;
+    for (i, q) in cause.parameters().iter().enumerate() {
+        let away: f64 = group.iter().zip(times).map(|(v, t)| t * (v[i] - q.off)).sum();
+        if q.off.is_finite() && q.size {
+            out[i] = (q.off + away).clamp(q.lower, q.upper);
+            moved |= out[i] != q.off;
+        } else if !q.off.is_finite() {
+            moved |= times.iter().all(|t| *t > 0.0);
         }
     }
-    Ok(out)
+    moved.then_some(out)
 }
 
 /// Where the fit of a cause begins: of values that a group varies together, each near off.
@@ -710,24 +800,32 @@ fn beginning(cause: &dyn LineEffect, group: &[Vec<f64>]) -> Vec<f64> {
 fn choose<'a>(
     search: &Search<'a>,
     best: &Best<'a>,
+    without: &[&str],
     unit_square: f64,
     tried: &mut Vec<Tried>,
     evaluations: &mut usize,
 ) -> Result<Option<Best<'a>>, Error> {
     let acting = best.residual.inverse().acting();
+    let new = |id: &str| !without.contains(&id) && acting.iter().all(|a| a.effect.id() != id);
     let all: Vec<_> = every()
-        .filter(|e| forward(*e) && acting.iter().all(|a| a.effect.id() != e.id()))
+        .filter(|e| forward(*e) && new(e.id()))
         .flat_map(|e| starts(best, e))
         .collect();
-    let mut first = promises(search, best, &all)?;
+    let mut first = promises(search, best, &all);
+    // the first start of each is its best
+    let mut seen: Vec<&str> = Vec::new();
+    let enough = first.first().map_or(0.0, |p| PROMISING * p.fall);
+    let enough = enough.max(WORTH * best.mean_square() * best.design.nrows() as f64);
+    first.retain(|p| {
+        let new = !seen.contains(&p.cause.id());
+        seen.push(p.cause.id());
+        new && p.fall >= enough
+    });
     first.truncate(FITTED);
     let before = left_out(best);
     let fits: Vec<(&'static str, Best)> = first
         .par_iter()
-        .filter_map(|(cause, values)| {
-            let (residual, at) = search.joined(best, *cause, values).ok()?;
-            Some((cause.id(), search.go(residual, &at).ok()?))
-        })
+        .filter_map(|p| Some((p.cause.id(), search.with(best, p, ROUGHLY).ok()?)))
         .collect();
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let rms = |square: f64| (square * unit_square).sqrt();
@@ -1135,6 +1233,24 @@ pub(super) fn of_forward(line: &Line, model: &LineModel) -> Option<Forward> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_promise_sizes_a_cause_and_minds_its_sign() {
+        let of = |id: &str, group: &[Vec<f64>], times: &[f64]| {
+            sized(by_id(id).unwrap(), group, times)
+        };
+        let spring = [vec![0.0, 0.02], vec![0.02, 0.0]];
+        let both = of("x_nonlinear_stiffness", &spring, &[10.0, -5.0]).unwrap();
+        assert!((both[0] + 0.1).abs() < 1e-12 && (both[1] - 0.2).abs() < 1e-12);
+        // friction pushes back, and keeps the shape that was looked for
+        let friction = [vec![0.02, 0.05]];
+        assert_eq!(of("joint_friction", &friction, &[2.0]), Some(vec![0.04, 0.05]));
+        assert_eq!(of("joint_friction", &friction, &[-2.0]), None);
+        // a ceiling has no size at which it does nothing
+        let ceiling = [vec![0.8]];
+        assert_eq!(of("amplifier_saturation", &ceiling, &[2.0]), Some(vec![0.8]));
+        assert_eq!(of("amplifier_saturation", &ceiling, &[-2.0]), None);
+    }
 
     #[test]
     fn an_autoregression_is_found() {

@@ -172,6 +172,9 @@ pub(super) struct AxisFit {
     /// foretell what was left out
     #[arg(long, value_name = "ID")]
     cause: Vec<String>,
+    /// With --cause choose: a cause that is not thought of, by its id (again for another)
+    #[arg(long, value_name = "ID")]
+    without: Vec<String>,
     /// With --objective motion: what the input does between samples (default: what leaves least)
     #[arg(long, value_enum)]
     between: Option<BetweenWord>,
@@ -385,9 +388,9 @@ fn finish(
 
 fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     if a.objective == Objective::Input {
-        if !a.cause.is_empty() || a.between.is_some() {
+        if !a.cause.is_empty() || !a.without.is_empty() || a.between.is_some() {
             return Err(
-                "--cause and --between are for --objective motion; `deacal diagnose` looks for causes in the input".into(),
+                "--cause, --without and --between are for --objective motion; `deacal diagnose` looks for causes in the input".into(),
             );
         }
         return line(&a.lines, Kind::Axis, command, talk, &calibrate_lines);
@@ -396,9 +399,14 @@ fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     if choose && a.cause.len() > 1 {
         return Err("--cause choose stands alone".into());
     }
+    if !choose && !a.without.is_empty() {
+        return Err("--without is for --cause choose".into());
+    }
     let causes = match a.cause.as_slice() {
         [] => Causes::None,
-        _ if choose => Causes::Choose,
+        _ if choose => Causes::Choose {
+            without: a.without.clone(),
+        },
         ids => Causes::These(ids.to_vec()),
     };
     let fit = |lines: &[Line], request: &LineRequest| {

@@ -610,6 +610,9 @@ impl<'a> LineResidual<'a> {
     pub(super) fn driven(&self, number: usize, eta: &[f64], effects: &[Acting]) -> (Vec<f64>, f64) {
         let own = effects.iter().filter(|a| a.effect.law().is_none());
         let own: Vec<Acting> = own.cloned().collect();
+        if let (true, Measured::Axis(a)) = (own.is_empty(), &self.parts[number].line.measured) {
+            return (a.input.clone(), self.offset_s(number, eta));
+        }
         let terms = self.terms(number, &own, &[], 0.0);
         let input = terms.input.iter().map(|u| self.scales.input * u);
         (input.collect(), self.offset_s(number, eta) + terms.shift_s)

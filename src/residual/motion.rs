@@ -19,7 +19,8 @@
 //! each piece, over the largest excursion and the largest speed. A recording may be cut into pieces that
 //! begin anew, which keeps a poor start from running away (multiple shooting: Bock 1981).
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVectorView};
+use rayon::prelude::*;
 
 use super::line::LineResidual;
 use super::{Normal, SeparableResidual, Slope};
@@ -126,10 +127,14 @@ struct Plant<R> {
     gain: f64,
 }
 
-/// The input at every half step, and its derivatives by the unknowns that act on it.
-struct Input {
-    value: Vec<f64>,
-    by: Vec<(usize, Vec<f64>)>,
+/// An input on its own clock, and how much later than the motion's clock it is read, s.
+type Sent = (Vec<f64>, f64);
+
+/// The input of a recording: as it is sent, and with each unknown that acts on it moved up and down (the
+/// unknown, how far apart, both).
+struct Inputs {
+    value: Sent,
+    by: Vec<(usize, f64, [Sent; 2])>,
 }
 
 /// Axes run forward.
@@ -156,9 +161,9 @@ fn axis(line: &Line) -> Result<&AxisLine, Trouble> {
 }
 
 impl<'a> MotionResidual<'a> {
-    /// Recordings of axes run forward in `steps` steps a sample, each cut into `pieces`, of which only some
-    /// are kept, evenly spread, where all would be more than so many samples. `inverse` states what is known of
-    /// them and which causes are at work; `unit` is what the unknowns beta are counted in.
+    /// Recordings of axes run forward in `steps` steps a sample, each cut into `pieces`, of which only the
+    /// first samples are kept where all would be more than so many. `inverse` states what is known of them and
+    /// which causes are at work; `unit` is what the unknowns beta are counted in.
     ///
     /// # Errors
     /// [`Trouble`] where something cannot be run forward.
@@ -184,13 +189,11 @@ impl<'a> MotionResidual<'a> {
             }));
         }
         let all: usize = parts.iter().map(|p| p.samples.len()).sum();
-        let every = all.div_ceil(most).max(1);
-        if every > 1 {
-            let mut number = 0;
-            parts.retain(|_| {
-                number += 1;
-                number % every == 0
-            });
+        if all > most {
+            for p in &mut parts {
+                let own = (p.samples.len() as f64 * most as f64 / all as f64) as usize;
+                p.samples.end = p.samples.start + own.max(SHORTEST).min(p.samples.len());
+            }
         }
         for a in inverse.acting() {
             if !runs_forward(a.effect) {
@@ -337,13 +340,12 @@ impl<'a> MotionResidual<'a> {
         &unknowns[from..from + self.states()]
     }
 
-    /// The input at every half step of a piece, on the motion's clock.
-    fn table(&self, piece: &Piece, eta: &[f64], effects: &[Acting]) -> Vec<f64> {
+    /// The input of a piece at every half step, on the motion's clock.
+    fn table(&self, piece: &Piece, (made, offset): &Sent) -> Vec<f64> {
         let line = self.line(piece.number);
         let Ok(axis) = axis(line) else {
             return Vec::new();
         };
-        let (made, offset) = self.inverse.driven(piece.number, eta, effects);
         let first = line.time_s[piece.samples.start] + offset;
         let half = 0.5 * line.step_s / self.steps as f64;
         let count = 2 * self.steps * (piece.samples.len() - 1) + 1;
@@ -363,9 +365,9 @@ impl<'a> MotionResidual<'a> {
             }
             (Between::Smooth, Some(step)) => {
                 let start = axis.input_time_s[0];
-                smooth(&made, times.map(|t| (t - start) / step))
+                smooth(made, times.map(|t| (t - start) / step))
             }
-            _ => interpolate_rising(&axis.input_time_s, &made, times).collect(),
+            _ => interpolate_rising(&axis.input_time_s, made, times).collect(),
         }
     }
 
@@ -373,40 +375,31 @@ impl<'a> MotionResidual<'a> {
         self.inverse.line_of(number)
     }
 
-    /// The input of a piece with its derivatives by those of the unknowns `wanted` that act on it.
-    fn input(&self, piece: &Piece, eta: &[f64], wanted: &[usize]) -> Input {
-        let linear = self.inverse.linear();
-        let effects = self.inverse.effects(eta);
-        let value = self.table(piece, eta, &effects);
+    /// The input of a recording, and what the unknowns that act on it make of it.
+    fn inputs(&self, number: usize, eta: &[f64]) -> Inputs {
+        let sent = |eta: &[f64]| self.inverse.driven(number, eta, &self.inverse.effects(eta));
         let mut by = Vec::new();
-        for (lane, &unknown) in wanted.iter().enumerate() {
-            let Some(place) = unknown.checked_sub(linear).filter(|p| *p < eta.len()) else {
-                continue;
-            };
-            if !self.inverse.on_input(piece.number, place) {
-                continue;
-            }
+        for place in (0..eta.len()).filter(|&p| self.inverse.on_input(number, p)) {
             let step = if place < self.inverse.free_offsets().len() {
-                CLOCK_STEP * self.line(piece.number).step_s
+                CLOCK_STEP * self.line(number).step_s
             } else {
                 STEP * eta[place].abs().max(1e-2)
             };
             let moved = |by: f64| {
                 let mut eta = eta.to_vec();
                 eta[place] += by;
-                let effects = self.inverse.effects(&eta);
-                let now = self.inverse.bounded(&eta, place);
-                (self.table(piece, &eta, &effects), now)
+                (sent(&eta), self.inverse.bounded(&eta, place))
             };
             let ((up, high), (down, low)) = (moved(step), moved(-step));
             // a value at its bound does not move: what is left is one-sided
-            let between = high - low;
-            if between > 0.0 {
-                let slopes = up.iter().zip(&down).map(|(u, d)| (u - d) / between);
-                by.push((lane, slopes.collect()));
+            if high > low {
+                by.push((self.inverse.linear() + place, high - low, [up, down]));
             }
         }
-        Input { value, by }
+        Inputs {
+            value: sent(eta),
+            by,
+        }
     }
 
     /// Runs a piece, and gives `out` what is measured of every sample. `beta`, `values` (of the effects) and
@@ -631,12 +624,18 @@ impl<'a> MotionResidual<'a> {
     ///
     /// # Errors
     /// [`Trouble`] where the motion runs away.
-    fn piece(&self, piece: &Piece, unknowns: &[f64], states: &[f64]) -> Result<Vec<f64>, Trouble> {
+    fn piece(
+        &self,
+        piece: &Piece,
+        unknowns: &[f64],
+        states: &[f64],
+        sent: &Sent,
+    ) -> Result<Vec<f64>, Trouble> {
         self.check()?;
         let (beta, eta) = self.model(unknowns);
         let effects = self.inverse.effects(&eta);
         let values: Vec<Vec<f64>> = effects.iter().map(|a| a.values.clone()).collect();
-        let table = self.table(piece, &eta, &effects);
+        let table = self.table(piece, sent);
         let mut out = Vec::with_capacity(piece.samples.len());
         self.run(
             piece,
@@ -664,7 +663,25 @@ impl<'a> MotionResidual<'a> {
         states: &[f64],
     ) -> Result<Vec<f64>, Trouble> {
         let samples = self.line(number).captured.clone();
-        self.piece(&Piece { number, samples }, unknowns, states)
+        let sent = self.sent(number, unknowns);
+        self.piece(&Piece { number, samples }, unknowns, states, &sent)
+    }
+
+    /// The input of a recording at the unknowns.
+    fn sent(&self, number: usize, unknowns: &[f64]) -> Sent {
+        let (_, eta) = self.model(unknowns);
+        self.inverse.driven(number, &eta, &self.inverse.effects(&eta))
+    }
+
+    /// What the model makes of each piece, in their order.
+    fn made(&self, unknowns: &[f64]) -> Result<Vec<Vec<f64>>, Trouble> {
+        let count = self.noise.len();
+        let sent: Vec<Sent> = (0..count).map(|n| self.sent(n, unknowns)).collect();
+        self.pieces
+            .par_iter()
+            .enumerate()
+            .map(|(n, p)| self.piece(p, unknowns, self.states_of(n, unknowns), &sent[p.number]))
+            .collect()
     }
 
     /// The initial states at rest under the first input: where the spring holds it, or at the zero of the
@@ -683,7 +700,7 @@ impl<'a> MotionResidual<'a> {
                 number,
                 samples: start..start + 2,
             };
-            let table = self.table(&piece, &eta, &effects);
+            let table = self.table(&piece, &self.inverse.driven(number, &eta, &effects));
             let load = axis(line).map_or(0.0, |a| a.load.get(start).copied().unwrap_or(0.0));
             let mut xi = 0.0_f64;
             for _ in 0..TURNS {
@@ -757,8 +774,9 @@ impl<'a> MotionResidual<'a> {
         }
         let mut all = unknowns[..self.shared()].to_vec();
         all.extend(&states);
+        let inputs = self.inputs(number, &self.model(unknowns).1);
         for _ in 0..8 {
-            let rows = self.rows(&piece, &all, (self.shared(), &states), &own)?;
+            let rows = self.rows(&piece, &all, (self.shared(), &states), &own, &inputs)?;
             let width = own.len();
             let j = rows.columns(0, width);
             let gram = j.tr_mul(&j);
@@ -782,64 +800,80 @@ impl<'a> MotionResidual<'a> {
         unknowns: &[f64],
         states: (usize, &[f64]),
         wanted: &[usize],
+        inputs: &Inputs,
     ) -> Result<DMatrix<f64>, Trouble> {
         self.check()?;
         let line = self.line(piece.number);
         let usable: Vec<usize> = piece.samples.clone().filter(|&i| line.usable[i]).collect();
-        let mut out = DMatrix::zeros(usable.len(), wanted.len() + 1);
         let (beta, eta) = self.model(unknowns);
         let effects = self.inverse.effects(&eta);
         let linear = self.inverse.linear();
         let noise = self.noise[piece.number];
-        for (pass, own) in wanted.chunks(LANES).enumerate() {
-            let lane = |unknown: usize| own.iter().position(|w| *w == unknown);
-            let beta: Vec<Dual> = beta
-                .iter()
-                .zip(&self.unit)
-                .enumerate()
-                .map(|(i, (b, unit))| Dual::unknown(b / unit, lane(i)).times(*unit))
-                .collect();
-            let values: Vec<Vec<Dual>> = effects
-                .iter()
-                .enumerate()
-                .map(|(e, a)| {
-                    let quantities = a.effect.parameters();
-                    a.values
-                        .iter()
-                        .enumerate()
-                        .map(|(v, value)| {
-                            let place = self.inverse.place_of(e, v);
-                            let spread = quantities[v].spread;
-                            let own = place.and_then(|p| lane(linear + p));
-                            Dual::unknown(value / spread, own).times(spread)
-                        })
-                        .collect()
-                })
-                .collect();
-            let numbered = states.1.iter().enumerate();
-            let states: Vec<Dual> = numbered
-                .map(|(i, s)| Dual::unknown(*s, lane(states.0 + i)))
-                .collect();
-            let input = self.input(piece, &eta, own);
-            let at = |j: usize| {
-                let mut u = Dual::of(input.value[j]);
-                for (lane, slope) in &input.by {
-                    u.by[*lane] = slope[j];
-                }
-                u
-            };
-            let mut row = 0;
-            let first = pass * LANES;
-            let mut put = |i: usize, x: Dual| {
-                if usable.get(row) == Some(&i) {
-                    for (l, d) in x.by[..own.len()].iter().enumerate() {
-                        out[(row, first + l)] = d / noise;
+        let value = self.table(piece, &inputs.value);
+        let passes: Vec<DMatrix<f64>> = wanted
+            .par_chunks(LANES)
+            .map(|own| {
+                let lane = |unknown: usize| own.iter().position(|w| *w == unknown);
+                let beta: Vec<Dual> = beta
+                    .iter()
+                    .zip(&self.unit)
+                    .enumerate()
+                    .map(|(i, (b, unit))| Dual::unknown(b / unit, lane(i)).times(*unit))
+                    .collect();
+                let values: Vec<Vec<Dual>> = effects
+                    .iter()
+                    .enumerate()
+                    .map(|(e, a)| {
+                        let quantities = a.effect.parameters();
+                        a.values
+                            .iter()
+                            .enumerate()
+                            .map(|(v, value)| {
+                                let place = self.inverse.place_of(e, v);
+                                let spread = quantities[v].spread;
+                                let own = place.and_then(|p| lane(linear + p));
+                                Dual::unknown(value / spread, own).times(spread)
+                            })
+                            .collect()
+                    })
+                    .collect();
+                let numbered = states.1.iter().enumerate();
+                let states: Vec<Dual> = numbered
+                    .map(|(i, s)| Dual::unknown(*s, lane(states.0 + i)))
+                    .collect();
+                let slope = |(unknown, apart, moved): &(usize, f64, [Sent; 2])| {
+                    let lane = lane(*unknown)?;
+                    let [up, down] = [0, 1].map(|i| self.table(piece, &moved[i]));
+                    let slopes = up.iter().zip(&down).map(|(u, d)| (u - d) / apart);
+                    Some((lane, slopes.collect::<Vec<f64>>()))
+                };
+                let slopes: Vec<(usize, Vec<f64>)> = inputs.by.iter().filter_map(slope).collect();
+                let at = |j: usize| {
+                    let mut u = Dual::of(value[j]);
+                    for (lane, slope) in &slopes {
+                        u.by[*lane] = slope[j];
                     }
-                    out[(row, wanted.len())] = (x.value - line.x[i]) / noise;
-                    row += 1;
-                }
-            };
-            self.run(piece, &beta, &effects, &values, &states, &at, &mut put)?;
+                    u
+                };
+                let mut out = DMatrix::zeros(usable.len(), own.len() + 1);
+                let mut row = 0;
+                let mut put = |i: usize, x: Dual| {
+                    if usable.get(row) == Some(&i) {
+                        for (l, d) in x.by[..own.len()].iter().enumerate() {
+                            out[(row, l)] = d / noise;
+                        }
+                        out[(row, own.len())] = (x.value - line.x[i]) / noise;
+                        row += 1;
+                    }
+                };
+                self.run(piece, &beta, &effects, &values, &states, &at, &mut put)?;
+                Ok(out)
+            })
+            .collect::<Result<_, Trouble>>()?;
+        let mut out = DMatrix::zeros(usable.len(), wanted.len() + 1);
+        for (pass, own) in passes.iter().enumerate() {
+            // the last column of each is the residual, and the last of all stays
+            out.columns_mut(pass * LANES, own.ncols()).copy_from(own);
         }
         Ok(out)
     }
@@ -855,15 +889,26 @@ impl<'a> MotionResidual<'a> {
             p.samples.clone().filter(|&i| line.usable[i]).count()
         };
         let rows: usize = self.pieces.iter().map(counted).sum();
+        let (_, eta) = self.model(unknowns);
+        let count = self.noise.len();
+        let inputs: Vec<Inputs> = (0..count).map(|n| self.inputs(n, &eta)).collect();
+        let parts: Vec<(Vec<usize>, DMatrix<f64>)> = self
+            .pieces
+            .par_iter()
+            .enumerate()
+            .map(|(number, p)| {
+                let first = self.shared() + number * self.states();
+                let wanted: Vec<usize> = (0..self.shared())
+                    .chain(first..first + self.states())
+                    .collect();
+                let states = (first, self.states_of(number, unknowns));
+                let own = self.rows(p, unknowns, states, &wanted, &inputs[p.number])?;
+                Ok((wanted, own))
+            })
+            .collect::<Result<_, Trouble>>()?;
         let mut out = DMatrix::zeros(rows, n + 1);
         let mut from = 0;
-        for (number, p) in self.pieces.iter().enumerate() {
-            let first = self.shared() + number * self.states();
-            let wanted: Vec<usize> = (0..self.shared())
-                .chain(first..first + self.states())
-                .collect();
-            let states = (first, self.states_of(number, unknowns));
-            let own = self.rows(p, unknowns, states, &wanted)?;
+        for (wanted, own) in &parts {
             for (column, &unknown) in wanted.iter().chain([&n]).enumerate() {
                 out.view_mut((from, unknown), (own.nrows(), 1))
                     .copy_from(&own.column(column));
@@ -879,9 +924,8 @@ impl<'a> MotionResidual<'a> {
     /// [`Trouble`] where the motion runs away.
     pub fn residual(&self, unknowns: &[f64]) -> Result<Vec<f64>, Trouble> {
         let mut out = Vec::new();
-        for (number, p) in self.pieces.iter().enumerate() {
+        for (p, made) in self.pieces.iter().zip(self.made(unknowns)?) {
             let line = self.line(p.number);
-            let made = self.piece(p, unknowns, self.states_of(number, unknowns))?;
             let noise = self.noise[p.number];
             let counted = p.samples.clone().zip(made).filter(|(i, _)| line.usable[*i]);
             out.extend(counted.map(|(i, x)| (x - line.x[i]) / noise));
@@ -906,9 +950,7 @@ impl<'a> MotionResidual<'a> {
     /// # Errors
     /// [`Trouble`] where the motion runs away.
     pub fn courses(&self, unknowns: &[f64]) -> Result<Vec<Vec<f64>>, Trouble> {
-        (0..self.pieces.len())
-            .map(|n| self.piece(&self.pieces[n], unknowns, self.states_of(n, unknowns)))
-            .collect()
+        self.made(unknowns)
     }
 }
 
@@ -959,7 +1001,9 @@ fn smooth(values: &[f64], places: impl Iterator<Item = f64>) -> Vec<f64> {
             let taps = &kernels[k].1;
             if first >= 0 && first + 2 * REACH - 1 <= last {
                 let own = &values[first as usize..][..taps.len()];
-                return own.iter().zip(taps).map(|(v, t)| v * t).sum();
+                // nalgebra's product adds in eight lanes at once
+                return DVectorView::from_slice(own, own.len())
+                    .dot(&DVectorView::from_slice(taps, taps.len()));
             }
             let at = |i: i64| values[(first + i).clamp(0, last) as usize];
             (0..2 * REACH).zip(taps).map(|(i, t)| at(i) * t).sum()

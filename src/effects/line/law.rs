@@ -74,8 +74,8 @@ impl Real for f64 {
     }
 }
 
-/// Unknowns whose derivatives are carried at once.
-pub const LANES: usize = 12;
+/// Unknowns whose derivatives are carried at once: mass, damping, stiffness, bias and both initial states.
+pub const LANES: usize = 6;
 
 /// A number with its derivatives by up to [`LANES`] unknowns.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -255,7 +255,8 @@ pub(super) fn along<L: Law>(law: &L, v: &[f64], view: &View, terms: &mut Terms) 
             step_s: view.time_s[i] - view.time_s[i.saturating_sub(1)],
             xi: view.xi[i],
             rate: view.rate[i],
-            elastic: view.elastic[i],
+            // empty where only what becomes of the input is asked
+            elastic: view.elastic.get(i).copied().unwrap_or(0.0),
         };
         let mut point = Point {
             xi: terms.xi[i],

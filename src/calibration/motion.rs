@@ -13,6 +13,10 @@
 //! autoregression through what is left, its order by BIC (Schwarz 1978): R = s^2 L L', L the filter that
 //! makes the residual of white innovations, so that X'RX = s^2 |L'X|^2.
 //!
+//! Where two ways of the input between its samples leave nearly the same, the intervals count that it may be
+//! the other (Bayesian model averaging: Hoeting et al. 1999): with likelihoods p of the ways and d from the
+//! model that was taken to each, p dd' joins the covariance.
+//!
 //! # Which causes
 //! All of it on the recordings given. A cause is foretold by what it would change of the motion ([`near`] its
 //! off value, all that the others can absorb projected out), which also tells its size to first order and
@@ -102,8 +106,8 @@ pub struct AxisMotion {
 /// [`Between::ALL`].
 pub const BETWEEN: &str = "input_between";
 
-/// Pieces of a recording, and samples over all recordings at most: where a search begins and causes are chosen,
-/// and on the way from there to all.
+/// Pieces of a recording, and samples over all recordings at most: where a search begins and causes are
+/// chosen, and on the way from there to all.
 const PARTS: [(usize, usize); 2] = [(16, 10_000), (4, 20_000)];
 /// One piece, all samples.
 const WHOLE: (usize, usize) = (1, usize::MAX);
@@ -378,9 +382,8 @@ impl<'a> Search<'a> {
             on: [true; 3],
         });
         free.extend((0..values.len()).map(|v| (number, v)));
-        let (between, steps) = (from.residual.between(), from.residual.steps());
-        let residual =
-            self.residual((effects, free), between, steps, from.residual.cut(), &beta)?;
+        let inverse = inverse.with_effects(effects, free, &inverse.series());
+        let residual = from.residual.with_inverse(inverse)?;
         let spreads = cause.parameters().iter().map(|q| q.spread);
         let own = values.iter().zip(spreads).map(|(v, s)| v / s);
         let eta: Vec<f64> = eta.into_iter().chain(own).collect();
@@ -403,7 +406,10 @@ impl<'a> Search<'a> {
             let made = residual.residual(&at).ok()?;
             Some(made.iter().map(|r| r * r).sum())
         };
-        let [large, near] = promise.values.each_ref().map(|v| square(v).unwrap_or(f64::INFINITY));
+        let [large, near] = promise
+            .values
+            .each_ref()
+            .map(|v| square(v).unwrap_or(f64::INFINITY));
         let values = &promise.values[usize::from(near < large)];
         let (residual, at) = self.joined(from, promise.cause, values)?;
         self.go(residual, &at, effort)
@@ -420,18 +426,18 @@ const WELL: (usize, &Options) = (
         step_tolerance: 1e-9,
     },
 );
-/// One that another will follow: half a percent of the cost, which makes a cause worth taking, shows fifty
-/// times over.
+/// One that another will follow: half a percent of the cost, which makes a cause worth taking, shows five
+/// hundred times over.
 const ROUGHLY: (usize, &Options) = (
     1,
     &Options {
         evaluations: 15,
-        cost_tolerance: 1e-4,
+        cost_tolerance: 1e-5,
         step_tolerance: 1e-6,
     },
 );
 
-/// The residual with steps so short that half of them change it by no more than `share` of what is left.
+/// The residual with steps so short that they are off by no more than `share` of what is left.
 fn settled<'a>(
     residual: &MotionResidual<'a>,
     at: &[f64],
@@ -439,23 +445,34 @@ fn settled<'a>(
 ) -> Result<MotionResidual<'a>, Error> {
     let mut own = residual.clone();
     let mut coarse = own.residual(at);
-    loop {
+    let mut before = None;
+    while own.steps() < MOST_STEPS {
         let finer = own.with_steps(2 * own.steps());
         let fine = finer.residual(at);
         if let (Ok(coarse), Ok(fine)) = (&coarse, &fine) {
             let change: f64 = coarse.iter().zip(fine).map(|(a, b)| (a - b).powi(2)).sum();
             let left: f64 = fine.iter().map(|r| r * r).sum();
-            let rows = fine.len() as f64;
-            if change.sqrt() < share * left.max(rows).sqrt() {
+            let enough = share * left.max(fine.len() as f64).sqrt();
+            let [here, half] = off(change.sqrt(), before);
+            if here < enough {
                 return Ok(own);
             }
-        }
-        if finer.steps() > MOST_STEPS {
-            fine?;
-            return Ok(own);
+            if half < enough {
+                return Ok(finer);
+            }
+            before = Some(change.sqrt());
         }
         (own, coarse) = (finer, fine);
     }
+    coarse?;
+    Ok(own)
+}
+
+/// How far off a course is at some steps, and at half of them, from the change between the two and the one
+/// before it: changes go on to fall by the same ratio, by half at worst (a motion with kinks).
+fn off(change: f64, before: Option<f64>) -> [f64; 2] {
+    let ratio = before.map_or(0.5, |b| (change / b).min(0.5));
+    [change / (1.0 - ratio), change * ratio / (1.0 - ratio)]
 }
 
 /// Mean squares of blocks that were left out, each foretold by a fit to the others, to first order. Initial
@@ -588,12 +605,10 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
     }
     plain.sort_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
     let mut evaluations: usize = plain.iter().map(|b| b.evaluations).sum();
-    let mut rest = plain.into_iter();
-    let Some(first) = rest.next() else {
+    // causes join in pieces, and on a part of what is long: a strong one would run away at first
+    let Some(mut best) = plain.first().cloned() else {
         return Err(trouble.unwrap_or_else(|| Error::NothingToFit("no search".into())));
     };
-    // causes join in pieces, and on a part of what is long: a strong one would run away at first
-    let mut best = first;
     let mut tried = Vec::new();
     let unit_square = unit_of_rows(&refs);
     match &request.causes {
@@ -635,22 +650,23 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
     }
     // the causes may have told what the input does between samples
     if request.between.is_none() && !best.residual.inverse().acting().is_empty() {
-        let all: Vec<Best> = Between::ALL
+        plain = Between::ALL
             .into_par_iter()
             .filter_map(|w| search.again(&best, w, PARTS[0], ROUGHLY).ok())
             .collect();
-        evaluations += all.iter().map(|b| b.evaluations).sum::<usize>();
-        compared = all
+        evaluations += plain.iter().map(|b| b.evaluations).sum::<usize>();
+        compared = plain
             .iter()
             .map(|b| (b.residual.between(), b.mean_square()))
             .collect();
-        let least = all
+        let least = plain
             .iter()
             .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
-        if let Some(other) = least.filter(|o| o.residual.between() != best.residual.between()) {
-            best = other.clone();
+        if let Some(least) = least {
+            best = least.clone();
         }
     }
+    let others = others(&best, &plain);
     for (cut, effort) in [(PARTS[1], ROUGHLY), (WHOLE, WELL)] {
         best = search.again(&best, best.residual.between(), cut, effort)?;
         evaluations += best.evaluations;
@@ -662,7 +678,27 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
         best = search.polished(best, fine)?;
     }
     best.evaluations = evaluations;
-    outcome(&search, &best, &refs, tried, compared)
+    outcome(&search, &best, &refs, tried, compared, &others)
+}
+
+/// How likely other ways of the input are beside the one that was taken, and how far away in beta and eta
+/// they put the model.
+fn others(best: &Best, ways: &[Best]) -> Vec<(Between, f64, DVector<f64>)> {
+    let point = |b: &Best| {
+        let (beta, eta) = b.residual.model(&b.unknowns);
+        DVector::from_iterator(beta.len() + eta.len(), beta.into_iter().chain(eta))
+    };
+    let here = point(best);
+    let likely = |b: &Best| {
+        let rows = b.design.nrows() as f64;
+        (b.mean_square() / best.mean_square()).powf(-0.5 * rows)
+    };
+    let sum: f64 = ways.iter().map(likely).sum();
+    let way = |b: &Best| b.residual.between();
+    ways.iter()
+        .filter(|b| way(b) != way(best))
+        .map(|b| (way(b), likely(b) / sum, point(b) - &here))
+        .collect()
 }
 
 /// The cause of an id that can be run forward on an axis.
@@ -773,7 +809,11 @@ fn sized(cause: &dyn LineEffect, group: &[Vec<f64>], times: &[f64]) -> Option<Ve
     let mut out = beginning(cause, group);
     let mut moved = false;
     for (i, q) in cause.parameters().iter().enumerate() {
-        let away: f64 = group.iter().zip(times).map(|(v, t)| t * (v[i] - q.off)).sum();
+        let away: f64 = group
+            .iter()
+            .zip(times)
+            .map(|(v, t)| t * (v[i] - q.off))
+            .sum();
         if q.off.is_finite() && q.size {
             out[i] = (q.off + away).clamp(q.lower, q.upper);
             moved |= out[i] != q.off;
@@ -963,16 +1003,24 @@ fn outcome(
     refs: &[&Line],
     tried: Vec<Tried>,
     compared: Vec<(Between, f64)>,
+    others: &[(Between, f64, DVector<f64>)],
 ) -> Result<AxisMotion, Error> {
     let residual = &best.residual;
     let inverse = residual.inverse();
     let linear = inverse.linear();
     let (beta, eta) = residual.model(&best.unknowns);
     let unknowns = search.unknowns(residual, &best.unknowns);
-    let own = covariance(best, &unknowns);
+    let mut own = covariance(best, &unknowns);
     let offsets = inverse.free_offsets().len();
     // as the balance has them: offsets, then beta
     let unit = |i: usize| if i < linear { residual.unit()[i] } else { 1.0 };
+    for (_, likely, away) in others {
+        for i in 0..away.len() {
+            for j in 0..away.len() {
+                own[(i, j)] += likely * away[i] * away[j] / (unit(i) * unit(j));
+            }
+        }
+    }
     let order: Vec<usize> = (linear..linear + offsets).chain(0..linear).collect();
     let covariance = DMatrix::from_fn(order.len(), order.len(), |i, j| {
         let (i, j) = (order[i], order[j]);
@@ -1087,6 +1135,13 @@ fn outcome(
         },
         residual.steps()
     ));
+    for (way, likely, _) in others.iter().filter(|o| o.1 > 0.05) {
+        out.remarks.push(format!(
+            "That the input is {} between samples is as likely as {:.0} %: the intervals count it.",
+            way.name(),
+            100.0 * likely
+        ));
+    }
     for t in &tried {
         out.remarks.push(format!(
             "{}: error on blocks that were left out {:.4e} to {:.4e} {} ({:.1} standard errors): {}.",
@@ -1171,6 +1226,7 @@ fn ready<'a>(
     let unit = vec![1.0; beta.len()];
     let mut residual = MotionResidual::new(inverse, between, 1, WHOLE, unit)?.blind();
     let mut before: Option<Vec<f64>> = None;
+    let mut last = None;
     loop {
         let mut at = beta.clone();
         at.extend(&eta);
@@ -1185,10 +1241,12 @@ fn ready<'a>(
             (Ok((course, states)), Some(coarse)) => {
                 let size = course.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
                 let change = course.iter().zip(&coarse).map(|(a, b)| (a - b).abs());
-                if most || change.fold(0.0, f64::max) < 1e-5 * size {
+                let change = change.fold(0.0, f64::max);
+                let [_, half] = off(change, last);
+                if most || half < 1e-5 * size {
                     return Ok((residual, states, course));
                 }
-                before = Some(course);
+                (before, last) = (Some(course), Some(change));
             }
             (Ok((course, _)), None) => before = Some(course),
             (Err(e), _) if most => return Err(e.into()),
@@ -1236,19 +1294,24 @@ mod tests {
 
     #[test]
     fn a_promise_sizes_a_cause_and_minds_its_sign() {
-        let of = |id: &str, group: &[Vec<f64>], times: &[f64]| {
-            sized(by_id(id).unwrap(), group, times)
-        };
+        let of =
+            |id: &str, group: &[Vec<f64>], times: &[f64]| sized(by_id(id).unwrap(), group, times);
         let spring = [vec![0.0, 0.02], vec![0.02, 0.0]];
         let both = of("x_nonlinear_stiffness", &spring, &[10.0, -5.0]).unwrap();
         assert!((both[0] + 0.1).abs() < 1e-12 && (both[1] - 0.2).abs() < 1e-12);
         // friction pushes back, and keeps the shape that was looked for
         let friction = [vec![0.02, 0.05]];
-        assert_eq!(of("joint_friction", &friction, &[2.0]), Some(vec![0.04, 0.05]));
+        assert_eq!(
+            of("joint_friction", &friction, &[2.0]),
+            Some(vec![0.04, 0.05])
+        );
         assert_eq!(of("joint_friction", &friction, &[-2.0]), None);
         // a ceiling has no size at which it does nothing
         let ceiling = [vec![0.8]];
-        assert_eq!(of("amplifier_saturation", &ceiling, &[2.0]), Some(vec![0.8]));
+        assert_eq!(
+            of("amplifier_saturation", &ceiling, &[2.0]),
+            Some(vec![0.8])
+        );
         assert_eq!(of("amplifier_saturation", &ceiling, &[-2.0]), None);
     }
 

@@ -19,6 +19,9 @@
 //! each piece, over the largest excursion and the largest speed. A recording may be cut into pieces that
 //! begin anew, which keeps a poor start from running away (multiple shooting: Bock 1981).
 
+use std::borrow::Cow;
+use std::sync::{Arc, OnceLock};
+
 use nalgebra::{DMatrix, DVectorView};
 use rayon::prelude::*;
 
@@ -151,6 +154,12 @@ pub struct MotionResidual<'a> {
     speed: f64,
     /// Noise of each recording.
     noise: Vec<f64>,
+    /// The recorded input of each piece, once it has been worked out.
+    tables: Arc<Vec<OnceLock<Vec<f64>>>>,
+}
+
+fn empty(pieces: usize) -> Arc<Vec<OnceLock<Vec<f64>>>> {
+    Arc::new((0..pieces).map(|_| OnceLock::new()).collect())
 }
 
 fn axis(line: &Line) -> Result<&AxisLine, Trouble> {
@@ -162,8 +171,8 @@ fn axis(line: &Line) -> Result<&AxisLine, Trouble> {
 
 impl<'a> MotionResidual<'a> {
     /// Recordings of axes run forward in `steps` steps a sample, each cut into `pieces`, of which only the
-    /// first samples are kept where all would be more than so many. `inverse` states what is known of them and
-    /// which causes are at work; `unit` is what the unknowns beta are counted in.
+    /// first samples are kept where all would be more than so many. `inverse` states what is known of them
+    /// and which causes are at work; `unit` is what the unknowns beta are counted in.
     ///
     /// # Errors
     /// [`Trouble`] where something cannot be run forward.
@@ -195,11 +204,7 @@ impl<'a> MotionResidual<'a> {
                 p.samples.end = p.samples.start + own.max(SHORTEST).min(p.samples.len());
             }
         }
-        for a in inverse.acting() {
-            if !runs_forward(a.effect) {
-                return Err(Trouble::Cause(a.effect.id().into()));
-            }
-        }
+        forward(&inverse)?;
         let speed = (0..lines.len())
             .flat_map(|n| inverse.course(n).2.iter())
             .fold(0.0_f64, |m, r| m.max(r.abs()))
@@ -209,6 +214,7 @@ impl<'a> MotionResidual<'a> {
             between,
             steps,
             cut: (pieces, most),
+            tables: empty(parts.len()),
             pieces: parts,
             unit,
             speed,
@@ -216,6 +222,18 @@ impl<'a> MotionResidual<'a> {
                 .iter()
                 .map(|l| l.x_noise.max(f64::MIN_POSITIVE))
                 .collect(),
+        })
+    }
+
+    /// The same with other causes at work: `inverse` of the same recordings.
+    ///
+    /// # Errors
+    /// [`Trouble`] where a cause cannot be run forward.
+    pub fn with_inverse(&self, inverse: LineResidual<'a>) -> Result<Self, Trouble> {
+        forward(&inverse)?;
+        Ok(MotionResidual {
+            inverse,
+            ..self.clone()
         })
     }
 
@@ -230,6 +248,7 @@ impl<'a> MotionResidual<'a> {
     pub fn with_steps(&self, steps: usize) -> Self {
         MotionResidual {
             steps,
+            tables: empty(self.pieces.len()),
             ..self.clone()
         }
     }
@@ -373,6 +392,21 @@ impl<'a> MotionResidual<'a> {
 
     fn line(&self, number: usize) -> &'a Line {
         self.inverse.line_of(number)
+    }
+
+    /// The same of one of the pieces; where nothing acts on the input it is worked out once.
+    fn table_of(&self, piece: usize, sent: &Sent) -> Cow<'_, [f64]> {
+        let own = &self.pieces[piece];
+        let touched = self.inverse.free_offsets().contains(&own.number)
+            || self
+                .inverse
+                .acting()
+                .iter()
+                .any(|a| a.effect.law().is_none());
+        if touched {
+            return Cow::Owned(self.table(own, sent));
+        }
+        Cow::Borrowed(self.tables[piece].get_or_init(|| self.table(own, sent)))
     }
 
     /// The input of a recording, and what the unknowns that act on it make of it.
@@ -629,13 +663,12 @@ impl<'a> MotionResidual<'a> {
         piece: &Piece,
         unknowns: &[f64],
         states: &[f64],
-        sent: &Sent,
+        table: &[f64],
     ) -> Result<Vec<f64>, Trouble> {
         self.check()?;
         let (beta, eta) = self.model(unknowns);
         let effects = self.inverse.effects(&eta);
         let values: Vec<Vec<f64>> = effects.iter().map(|a| a.values.clone()).collect();
-        let table = self.table(piece, sent);
         let mut out = Vec::with_capacity(piece.samples.len());
         self.run(
             piece,
@@ -663,14 +696,16 @@ impl<'a> MotionResidual<'a> {
         states: &[f64],
     ) -> Result<Vec<f64>, Trouble> {
         let samples = self.line(number).captured.clone();
-        let sent = self.sent(number, unknowns);
-        self.piece(&Piece { number, samples }, unknowns, states, &sent)
+        let piece = Piece { number, samples };
+        let table = self.table(&piece, &self.sent(number, unknowns));
+        self.piece(&piece, unknowns, states, &table)
     }
 
     /// The input of a recording at the unknowns.
     fn sent(&self, number: usize, unknowns: &[f64]) -> Sent {
         let (_, eta) = self.model(unknowns);
-        self.inverse.driven(number, &eta, &self.inverse.effects(&eta))
+        self.inverse
+            .driven(number, &eta, &self.inverse.effects(&eta))
     }
 
     /// What the model makes of each piece, in their order.
@@ -680,7 +715,10 @@ impl<'a> MotionResidual<'a> {
         self.pieces
             .par_iter()
             .enumerate()
-            .map(|(n, p)| self.piece(p, unknowns, self.states_of(n, unknowns), &sent[p.number]))
+            .map(|(n, p)| {
+                let table = self.table_of(n, &sent[p.number]);
+                self.piece(p, unknowns, self.states_of(n, unknowns), &table)
+            })
             .collect()
     }
 
@@ -775,8 +813,10 @@ impl<'a> MotionResidual<'a> {
         let mut all = unknowns[..self.shared()].to_vec();
         all.extend(&states);
         let inputs = self.inputs(number, &self.model(unknowns).1);
+        let value = self.table(&piece, &inputs.value);
         for _ in 0..8 {
-            let rows = self.rows(&piece, &all, (self.shared(), &states), &own, &inputs)?;
+            let table = (&inputs, &*value);
+            let rows = self.rows(&piece, &all, (self.shared(), &states), &own, table)?;
             let width = own.len();
             let j = rows.columns(0, width);
             let gram = j.tr_mul(&j);
@@ -800,7 +840,7 @@ impl<'a> MotionResidual<'a> {
         unknowns: &[f64],
         states: (usize, &[f64]),
         wanted: &[usize],
-        inputs: &Inputs,
+        (inputs, value): (&Inputs, &[f64]),
     ) -> Result<DMatrix<f64>, Trouble> {
         self.check()?;
         let line = self.line(piece.number);
@@ -809,7 +849,6 @@ impl<'a> MotionResidual<'a> {
         let effects = self.inverse.effects(&eta);
         let linear = self.inverse.linear();
         let noise = self.noise[piece.number];
-        let value = self.table(piece, &inputs.value);
         let passes: Vec<DMatrix<f64>> = wanted
             .par_chunks(LANES)
             .map(|own| {
@@ -902,7 +941,9 @@ impl<'a> MotionResidual<'a> {
                     .chain(first..first + self.states())
                     .collect();
                 let states = (first, self.states_of(number, unknowns));
-                let own = self.rows(p, unknowns, states, &wanted, &inputs[p.number])?;
+                let inputs = &inputs[p.number];
+                let value = self.table_of(number, &inputs.value);
+                let own = self.rows(p, unknowns, states, &wanted, (inputs, &value))?;
                 Ok((wanted, own))
             })
             .collect::<Result<_, Trouble>>()?;
@@ -951,6 +992,14 @@ impl<'a> MotionResidual<'a> {
     /// [`Trouble`] where the motion runs away.
     pub fn courses(&self, unknowns: &[f64]) -> Result<Vec<Vec<f64>>, Trouble> {
         self.made(unknowns)
+    }
+}
+
+/// Whether all causes at work can be run forward.
+fn forward(inverse: &LineResidual) -> Result<(), Trouble> {
+    match inverse.acting().iter().find(|a| !runs_forward(a.effect)) {
+        Some(a) => Err(Trouble::Cause(a.effect.id().into())),
+        None => Ok(()),
     }
 }
 

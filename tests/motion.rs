@@ -548,24 +548,29 @@ fn silverbox_in_the_public_table() {
     for (name, of) in PUBLISHED {
         println!("  {name}: {of:?}");
     }
-    // one cause of the catalogue was thought of after errors on these tests had been seen
-    for (without, bars) in [
-        (vec!["x_stroke_damping"], [0.24, 0.315, 0.245]),
-        (vec![], [0.24, 0.31, 0.24]),
+    let given = ["x_nonlinear_stiffness", "x_quadratic_damping"];
+    for (what, causes) in [
+        ("chosen", choose(&[])),
+        ("given", Causes::These(given.map(str::to_owned).to_vec())),
     ] {
         let started = std::time::Instant::now();
         let train = [silverbox("train")];
         assert_eq!(train[0].samples(), 65_062);
         let request = MotionRequest {
-            causes: choose(&without),
+            causes: causes.clone(),
             ..MotionRequest::default()
         };
         let fit = calibrate_motion(&train, &request).unwrap();
         let fitted = started.elapsed().as_secs_f64();
         let errors = errors_mv(&fit.outcome);
         let seconds = started.elapsed().as_secs_f64();
-        println!("  without {without:?}: {errors:.4?}, {seconds:.1} s, the fit {fitted:.1} s");
-        println!("{} ({} evaluations)", fit.outcome.verdict, fit.outcome.evaluations);
+        let names = fit.outcome.causes.iter().map(|c| c.acting.effect.id());
+        let names: Vec<&str> = names.collect();
+        println!("  {what} {names:?}: {errors:.4?}, {seconds:.1} s, the fit {fitted:.1} s");
+        println!(
+            "{} ({} evaluations)",
+            fit.outcome.verdict, fit.outcome.evaluations
+        );
         for remark in &fit.outcome.remarks {
             println!("{remark}");
         }
@@ -575,7 +580,8 @@ fn silverbox_in_the_public_table() {
                 e.name, e.value, e.std_error, e.unit
             );
         }
-        for (error, bar) in errors.iter().zip(bars) {
+        // the worse of the two as measured, and no more than a hundredth of it
+        for (error, bar) in errors.iter().zip([0.240, 0.313, 0.246]) {
             assert!(*error <= bar, "{errors:?}");
         }
     }

@@ -343,11 +343,11 @@ fn drawn(seed: u64) -> Axis {
         gain: log(0.5, 20.0),
         more,
         amplitude,
-        held: seed % 2 == 0,
+        held: seed.is_multiple_of(2),
         rate_hz: 200.0,
         samples: 4000,
         noise,
-        shaken: if seed % 3 == 0 { 0.03 } else { 0.0 },
+        shaken: if seed.is_multiple_of(3) { 0.03 } else { 0.0 },
         seed: 5000 + seed,
     }
 }

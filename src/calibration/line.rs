@@ -142,10 +142,22 @@ impl LineOutcome {
     #[must_use]
     pub fn standing(&self) -> Standing {
         let (rmse, _, _, noise) = self.total();
-        match noise > SEEN * rmse {
-            true => Standing::of(rmse / noise),
-            false => Standing::CannotBeJudged,
-        }
+        standing(rmse, noise)
+    }
+}
+
+impl LineFit {
+    /// How the error stands to the noise.
+    #[must_use]
+    pub fn standing(&self) -> Standing {
+        standing(self.rmse, self.noise)
+    }
+}
+
+fn standing(rmse: f64, noise: f64) -> Standing {
+    match noise > SEEN * rmse {
+        true => Standing::of(rmse / noise),
+        false => Standing::CannotBeJudged,
     }
 }
 
@@ -573,7 +585,8 @@ fn mean_square(design: &DMatrix<f64>) -> f64 {
     errors.norm_squared() / errors.len() as f64
 }
 
-/// Covariance of eta and beta from a whitened design: what is left is wider than the noise and follows itself.
+/// Covariance of eta and beta from a whitened design: what is left is wider than the noise and follows
+/// itself.
 fn covariance(design: &DMatrix<f64>, nonlinear: usize, linear: &[Unknown]) -> DMatrix<f64> {
     let width = design.ncols() - 1;
     let errors = design.column(width);

@@ -1164,7 +1164,9 @@ fn outcome(
         let told = 1.0 - variance / whole.max(f64::MIN_POSITIVE);
         if told > 0.1 {
             out.remarks.push(format!(
-                "{}: {:.0} % of what is left follows from what came before it (an autoregression of order {}): noise that moves the axis, or what the model lacks, not noise of the sensor; the intervals count it.",
+                "{}: {:.0} % of what is left follows from what came before it (an autoregression of order {}): \
+                 noise that moves the axis, or what the model lacks, not noise of the sensor; the intervals \
+                 count it.",
                 line.id,
                 100.0 * told,
                 a.len()

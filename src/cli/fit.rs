@@ -131,8 +131,8 @@ pub(super) struct Lines {
 /// What a fit of an axis makes small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Objective {
-    /// The error of the input that the motion needs (the balance): linear, nothing to be searched, but noise in
-    /// the motion shortens mass and damping
+    /// The error of the input that the motion needs (the balance): linear, nothing to be searched, but noise
+    /// in the motion shortens mass and damping
     Input,
     /// The error of the motion that the input makes (output error): nothing is differentiated, and noise
     /// shortens nothing
@@ -168,8 +168,8 @@ pub(super) struct AxisFit {
     /// What is made small
     #[arg(long, value_enum, default_value = "input")]
     objective: Objective,
-    /// With --objective motion: a cause to fit as well, by its id (again for another), or `choose`: those that
-    /// foretell what was left out
+    /// With --objective motion: a cause to fit as well, by its id (again for another), or `choose`: those
+    /// that foretell what was left out
     #[arg(long, value_name = "ID")]
     cause: Vec<String>,
     /// With --cause choose: a cause that is not thought of, by its id (again for another)
@@ -390,7 +390,9 @@ fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     if a.objective == Objective::Input {
         if !a.cause.is_empty() || !a.without.is_empty() || a.between.is_some() {
             return Err(
-                "--cause, --without and --between are for --objective motion; `deacal diagnose` looks for causes in the input".into(),
+                "--cause, --without and --between are for --objective motion; `deacal diagnose` looks for \
+                 causes in the input"
+                    .into(),
             );
         }
         return line(&a.lines, Kind::Axis, command, talk, &calibrate_lines);

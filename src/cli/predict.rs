@@ -14,7 +14,6 @@ use crate::calibration::{
 };
 use crate::dataset::line::Measured;
 use crate::dataset::{Dataset, OffsetSource};
-use crate::diagnosis::in_unit;
 use crate::effects::Site;
 use crate::model::{Parameters, Robot};
 use crate::recording::{Kind, Recording};
@@ -42,7 +41,8 @@ pub(super) enum Predict {
     /// bench its torque, of a film coupon its stress
     Force(Arguments),
     /// Forward dynamics from rest: voltages to motion (CSV: time_s, x_mm, y_mm, z_mm, flag; a hanging sample
-    /// has x_mm downwards, zero at rest; an axis x_mm, angle_rad, or what it was measured as: v_mm_s, rate_rad_s)
+    /// has x_mm downwards, zero at rest; an axis x_mm, angle_rad, or what it was measured as: v_mm_s,
+    /// rate_rad_s)
     Motion(Arguments),
 }
 
@@ -349,11 +349,11 @@ fn axis_motion(
     let lines = load::lines(recordings, &progress)?;
     let r = predict_line_motion(&lines[0], &file.line_model()?, a.begin)?;
     drop(progress);
-    let column = match &lines[0].measured {
-        Measured::Axis(x) if x.turns && x.velocity => ("rate_rad_s", 1.0),
-        Measured::Axis(x) if x.turns => ("angle_rad", 1.0),
-        Measured::Axis(x) if x.velocity => ("v_mm_s", 1e3),
-        _ => ("x_mm", 1e3),
+    let (column, unit) = match &lines[0].measured {
+        Measured::Axis(x) if x.turns && x.velocity => (("rate_rad_s", 1.0), "rad/s"),
+        Measured::Axis(x) if x.turns => (("angle_rad", 1.0), "rad"),
+        Measured::Axis(x) if x.velocity => (("v_mm_s", 1e3), "m/s"),
+        _ => (("x_mm", 1e3), "m"),
     };
     let read = || Missing::Other("read, to tell where the motion begins".into());
     let flags: Vec<Option<Missing>> = (0..r.predicted.len())
@@ -364,8 +364,20 @@ fn axis_motion(
     })?;
     talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
     if a.output.is_some() {
-        let n = r.predicted.len();
-        talk.say(&format!("{}: {n} samples predicted.", r.id));
+        talk.tell(&Answer::of_line(&r, "motion", unit).says);
+        let name = column.0.split('_').next().unwrap_or("x").to_owned();
+        say_ranges(
+            [(name, r.predicted.iter().copied())].into_iter(),
+            unit,
+            talk,
+        );
+        talk.say(&match a.begin {
+            0 => format!("{} samples predicted, from rest.", r.predicted.len()),
+            n => format!(
+                "{} samples predicted; {n} of the measured motion tell where it begins.",
+                r.predicted.len().saturating_sub(n)
+            ),
+        });
     }
     Ok(())
 }
@@ -407,12 +419,12 @@ fn line(
     })?;
     talk.result(&PredictionJson::new(&r.id, a.output.as_deref(), &flags));
     if a.output.is_some() {
-        talk.say(&format!(
-            "{}: {} rms, noise alone {}.",
-            r.id,
-            in_unit(r.rmse, &unit),
-            in_unit(r.noise, &unit)
-        ));
+        let driven = match &lines[0].measured {
+            Measured::Torque(_) => "torque",
+            Measured::Axis(_) => "input",
+            Measured::Coupon(_) => "stress",
+        };
+        talk.tell(&Answer::of_line(&r, driven, &unit).says);
     }
     Ok(())
 }

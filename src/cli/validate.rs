@@ -203,8 +203,8 @@ fn lines(
             let forward = r.forward.as_ref().map_or_else(String::new, |f| {
                 format!(
                     "; run forward {} rms over a range of {}",
-                    in_unit(f.rmse, f.unit),
-                    in_unit(f.range, f.unit)
+                    number::sized(f.rmse, f.unit, 3),
+                    number::sized(f.range, f.unit, 3)
                 )
             });
             format!(

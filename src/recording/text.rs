@@ -127,8 +127,8 @@ const CELLS: u64 = 1 << 23;
 const CELLS_PER_BYTE: u64 = 16;
 
 impl LineReader {
-    /// Opens a file, unpacked where it is gzipped. Without a declared encoding it is UTF-8, or UTF-16 if a byte-order mark says so; a cell
-    /// that is not UTF-8 is then read as Latin-1.
+    /// Opens a file, unpacked where it is gzipped. Without a declared encoding it is UTF-8, or UTF-16 if a
+    /// byte-order mark says so; a cell that is not UTF-8 is then read as Latin-1.
     ///
     /// # Errors
     /// The file cannot be opened, or the encoding is not known.

@@ -5,7 +5,8 @@ use super::effect_entries::{self, actuators};
 use super::html::capital;
 use super::html::number::{self, Quantity};
 use crate::calibration::{
-    CouponFit, CouponOutcome, Estimate, LineOutcome, Outcome, SampleFit, SampleOutcome, Standing,
+    CouponFit, CouponOutcome, Estimate, LineFit, LineOutcome, Outcome, SampleFit, SampleOutcome,
+    Standing,
 };
 use crate::diagnosis::{Candidate, Diagnosis, RigKind, Value, Verdict};
 use crate::effects::line::Kind;
@@ -166,10 +167,22 @@ impl Answer {
                         means: e.meaning.clone(),
                     })
                     .collect();
+                let of_a_cause = |e: &&Estimate| {
+                    let mut all = outcome.causes.iter().flat_map(|c| &c.estimates);
+                    all.any(|own| own.name == e.name)
+                };
                 let list: Vec<String> = estimates()
+                    .filter(|e| !of_a_cause(e))
                     .map(|e| format!("{} {}", e.name, half_of(e)))
                     .collect();
-                (capital(&list.join(", ")), facts)
+                let causes = outcome.causes.iter();
+                let causes: Vec<String> =
+                    causes.map(|c| plain_name(c.acting.effect.id())).collect();
+                let with = match causes.is_empty() {
+                    true => String::new(),
+                    false => format!(", with {}", causes.join(" and ")),
+                };
+                (capital(&(list.join(", ") + &with)), facts)
             }
         };
         let (rmse, _, _, noise) = outcome.total();
@@ -178,14 +191,15 @@ impl Answer {
             true => "predicted",
             false => "met",
         };
-        let size = |v: f64| number::sized(v, &outcome.unit, 2);
-        let fit = against(
-            outcome.standing(),
-            &format!("the {what} is {verb}"),
-            [&size(rmse), &size(noise)],
-            rmse / noise,
-        );
+        let fit = of_the(what, verb, outcome.standing(), [rmse, noise], &outcome.unit);
         Answer::of(&[says, fit], facts, open(&outcome.estimates, None, HELD))
+    }
+
+    /// Of a prediction of what drives a single coordinate, or of its motion.
+    #[must_use]
+    pub fn of_line(r: &LineFit, what: &str, unit: &str) -> Self {
+        let fit = of_the(what, "predicted", r.standing(), [r.rmse, r.noise], unit);
+        Answer::of(&[fit], Vec::new(), Vec::new())
     }
 
     /// Of a diagnosis.
@@ -343,6 +357,19 @@ fn against(standing: Standing, what: &str, [error, noise]: [&str; 2], ratio: f64
             number::significant(ratio, 2)
         ),
     }
+}
+
+/// The same of a single coordinate.
+fn of_the(
+    what: &str,
+    verb: &str,
+    standing: Standing,
+    [rmse, noise]: [f64; 2],
+    unit: &str,
+) -> String {
+    let size = |v: f64| number::sized(v, unit, 2);
+    let what = format!("the {what} is {verb}");
+    against(standing, &what, [&size(rmse), &size(noise)], rmse / noise)
 }
 
 /// The estimates with their standard errors and correlation.

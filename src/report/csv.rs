@@ -328,8 +328,8 @@ pub fn predicted_sample_motion(
     flagged(out, &columns, flags)
 }
 
-/// The motion that a model makes of the input of an axis: `time_s`, and the coordinate under the header and in
-/// the unit that `column` says, with its factor. A sample with a flag has empty cells.
+/// The motion that a model makes of the input of an axis: `time_s`, and the coordinate under the header and
+/// in the unit that `column` says, with its factor. A sample with a flag has empty cells.
 ///
 /// # Errors
 /// Those of the writer.

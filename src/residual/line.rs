@@ -605,8 +605,8 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// The input of a recording as the causes that act on it alone leave it, in its unit on its own clock, and
-    /// how much later than the motion's clock it is read, s.
+    /// The input of a recording as the causes that act on it alone leave it, in its unit on its own clock,
+    /// and how much later than the motion's clock it is read, s.
     pub(super) fn driven(&self, number: usize, eta: &[f64], effects: &[Acting]) -> (Vec<f64>, f64) {
         let own = effects.iter().filter(|a| a.effect.law().is_none());
         let own: Vec<Acting> = own.cloned().collect();

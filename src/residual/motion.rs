@@ -94,12 +94,14 @@ pub enum Trouble {
     Massless,
     /// The input's clock is uneven.
     #[error(
-        "recording `{0}`: the input's samples are not evenly spaced, so that nothing says what is smooth between them: take `straight` or `held`"
+        "recording `{0}`: the input's samples are not evenly spaced, so that nothing says what is smooth \
+         between them: take `straight` or `held`"
     )]
     Uneven(String),
     /// The motion runs away.
     #[error(
-        "recording `{id}`: at {at_s:.4} s the motion that the model makes runs away: a negative damping or stiffness, or a mass so small that {steps} steps a sample are too few"
+        "recording `{id}`: at {at_s:.4} s the motion that the model makes runs away: a negative damping or \
+         stiffness, or a mass so small that {steps} steps a sample are too few"
     )]
     RunsAway {
         /// Recording.

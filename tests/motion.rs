@@ -1,5 +1,7 @@
 //! Axes run forward and fitted by their motion, against an integrator of this file's own.
 
+mod common;
+
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -513,6 +515,43 @@ fn a_predicted_motion_reads_nothing_of_what_it_predicts() {
     assert!(bits(&own, 0) == bits(&another, 0));
     assert!(bits(&own, 60) == bits(&other, 60));
     assert!(bits(&own, 60) != bits(&another, 60));
+}
+
+/// A fit by the motion and a prediction of it answer before anything else, in the same words.
+#[test]
+fn a_fit_and_a_prediction_answer_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let axis = Axis {
+        more: More::Spring(0.1, 0.25),
+        seed: 77,
+        ..AXIS
+    };
+    axis.line(dir.path());
+    let (recording, out) = (dir.path().join("a77"), dir.path().join("out"));
+    let said = |words: &[&str], paths: [&Path; 2]| {
+        let done = common::run(|d| d.args(words).arg(paths[0]).arg("-o").arg(paths[1]));
+        let text = String::from_utf8(done).unwrap();
+        text.lines().take(5).collect::<Vec<_>>().join("\n")
+    };
+    let spring = "x_nonlinear_stiffness";
+    let fit = ["fit", "axis", "--objective", "motion", "--cause", spring];
+    let fit = said(&fit, [&recording, &out]);
+    assert!(fit.starts_with("Mass "), "{fit}");
+    assert!(
+        fit.contains(", with nonlinear stiffness; the motion is met within "),
+        "{fit}"
+    );
+    let params = out.join("parameters.toml");
+    let predict = ["predict", "motion", "--params", params.to_str().unwrap()];
+    let predict = said(&predict, [&recording, &dir.path().join("x.csv")]);
+    assert!(
+        predict.starts_with("The motion is predicted within "),
+        "{predict}"
+    );
+    assert!(
+        predict.contains("samples predicted, from rest."),
+        "{predict}"
+    );
 }
 
 fn silverbox(name: &str) -> Line {

@@ -127,7 +127,7 @@ fn outcome(d: &Dataset) -> Outcome {
     let estimate = |name: &str, value: f64, fixed: bool| Estimate {
         name: name.into(),
         meaning: "m".into(),
-        unit: "Pa",
+        unit: "Pa".into(),
         value,
         std_error: if fixed { f64::NAN } else { 0.1 * value },
         ci95: [0.8 * value, 1.2 * value],

@@ -553,13 +553,16 @@ fn import_json_says_what_is_there() {
     import.aligned = Some(AlignedJson::new(&dataset(1000), None));
     let motion = dir.join("motion.csv");
     let survey = survey_file(&motion, None, &ReadOptions::default()).unwrap();
-    let file = ImportJson {
+    let mut file = ImportJson {
         recordings: vec![import],
         files: vec![ImportFile::new(&motion, &survey)],
         provenance: Provenance::of("deacal import robot", [&recording]),
     };
     let text = to_text(&file);
     check("import", &text);
+    // what only the head of a page says is not in the file
+    file.provenance.rig_ids.clear();
+    file.provenance.days.clear();
     assert_eq!(serde_json::from_str::<ImportJson>(&text).unwrap(), file);
     let json: Value = serde_json::from_str(&text).unwrap();
     let r = &json["recordings"][0];

@@ -238,12 +238,15 @@ impl Answer {
             }
             Verdict::Unexplained if d.learnt.is_some() => {
                 format!(
-                    "Something in no catalogue is missing; learnt from the recordings, {}.",
+                    "No cause of the catalogue accounts for what is left; learnt from the recordings, {}.",
                     falls()
                 )
             }
             Verdict::Unexplained => {
-                format!("Something in no catalogue is missing: {}.", leaves())
+                format!(
+                    "No cause of the catalogue accounts for what is left: {}.",
+                    leaves()
+                )
             }
         };
         let facts = named.iter().flat_map(|c| sizes(d, c)).collect();

@@ -473,99 +473,70 @@ fn a_hang_up_ends_a_run_unless_it_was_asked_to_stay() {
 
 /// What a campaign runs: a name, arguments that leave a set in `out`, and others that leave another one
 /// there.
-type Job = (
-    &'static str,
-    &'static [&'static str],
-    &'static [&'static str],
-);
+type Job = (&'static str, &'static str, &'static str);
 
-const JOBS: [Job; 7] = [
+const JOBS: [Job; 8] = [
     (
         "simulate",
-        &[
-            "simulate",
-            "--rig",
-            "rig.toml",
-            "--params",
-            "p.toml",
-            "--drive",
-            "sine:peak_V=3000,hz=1",
-            "--duration",
-            "2",
-            "-o",
-            "out",
-        ],
-        &[
-            "simulate",
-            "--rig",
-            "rig.toml",
-            "--params",
-            "p.toml",
-            "--drive",
-            "sine:peak_V=3000,hz=1",
-            "--duration",
-            "2",
-            "--seed",
-            "2",
-            "-o",
-            "out",
-        ],
+        "simulate --rig rig.toml --params p.toml --drive sine:peak_V=3000,hz=1 --duration 2 -o out",
+        "simulate --rig rig.toml --params p.toml --drive sine:peak_V=3000,hz=1 --duration 2 --seed 2 -o out",
     ),
     (
         "import",
-        &["import", "rec", "-o", "out"],
-        &["import", "rec", "--also", "mat", "-o", "out"],
+        "import rec -o out",
+        "import rec --also mat -o out",
     ),
     (
         "validate",
-        &["validate", "s", "--params", "p.toml", "-o", "out"],
-        &["validate", "s", "--params", "p2.toml", "-o", "out"],
+        "validate s --params p.toml -o out",
+        "validate s --params p2.toml -o out",
     ),
     (
         "fit",
-        &[
-            "fit",
-            "film",
-            "s",
-            "--branches",
-            "1",
-            "--starts",
-            "1",
-            "-o",
-            "out",
-        ],
-        &[
-            "fit",
-            "film",
-            "s",
-            "--branches",
-            "0",
-            "--starts",
-            "1",
-            "-o",
-            "out",
-        ],
+        "fit film s --branches 1 --starts 1 -o out",
+        "fit film s --branches 0 --starts 1 -o out",
     ),
     (
         "ageing",
-        &["ageing", "h1", "h2", "-o", "out"],
-        &["ageing", "h1", "h2", "--threshold", "7", "-o", "out"],
+        "ageing h1 h2 -o out",
+        "ageing h1 h2 --threshold 7 -o out",
     ),
     (
         "diagnose",
-        &["diagnose", "s", "--only", "marker_offset", "-o", "out"],
-        &["diagnose", "s", "--only", "time_offset", "-o", "out"],
+        "diagnose s --only marker_offset -o out",
+        "diagnose s --only time_offset -o out",
     ),
     (
         "prove",
-        &[
-            "prove", "--number", "9", "--kinds", "clean", "--drive", "short", "-o", "out",
-        ],
-        &[
-            "prove", "--number", "9", "--kinds", "clean", "--drive", "short", "-o", "out",
-        ],
+        "prove --number 9 --kinds clean --drive short -o out",
+        "prove --number 9 --kinds clean --drive short -o out",
+    ),
+    (
+        "batch",
+        "batch batch.toml -o out",
+        "batch batch2.toml -o out",
     ),
 ];
+
+/// Jobs that take long, for stops alone: what a stop finds is a loop of every kind.
+const LONG: [(&str, &str); 6] = [
+    (
+        "fit by the motion",
+        "fit axis axis --objective motion --cause choose -o out",
+    ),
+    (
+        "predict motion",
+        "predict motion rec --params p.toml -o out/m.csv",
+    ),
+    ("validate, long", "validate rec s --params p.toml -o out"),
+    ("diagnose, all", "diagnose s -o out"),
+    ("fit robot", "fit robot s -o out"),
+    ("prove of axes", "prove --rigs line --number 6 -o out"),
+];
+
+fn split(arguments: &str) -> Vec<&str> {
+    arguments.split(' ').collect()
+}
 
 /// A room with short recordings `s` (a robot's) and `h1`, `h2` (of a hanging sample on two days).
 fn furnished() -> Room {
@@ -612,7 +583,49 @@ fn furnished() -> Room {
         let own = ["--day", day, "--seed", day, "--id", name, "-o", name];
         room.done(&[&strip[..], &drive, &own].concat());
     }
+    let fit = "fit = \"sample --branches 1 --starts 1\"\n";
+    let set = |n: &str| format!("[[set]]\nname = \"{n}\"\nrecordings = [\"{n}\"]\n");
+    fs::write(
+        room.path("batch.toml"),
+        format!("{fit}{}{}", set("h1"), set("h2")),
+    )
+    .unwrap();
+    fs::write(
+        room.path("batch2.toml"),
+        format!(
+            "{}{}{}",
+            fit.replace("branches 1", "branches 0"),
+            set("h1"),
+            set("h2")
+        ),
+    )
+    .unwrap();
+    axis(&room);
     room
+}
+
+/// An axis with friction in the folder `axis`: a mass on a spring, pushed by two sines.
+fn axis(room: &Room) {
+    let (mass, damping, stiffness, friction, step) = (0.3, 1.2, 60.0, 0.4, 1e-4);
+    let (mut x, mut v) = (0.0_f64, 0.0_f64);
+    let mut table = String::from("t_s,x_m,u_N\n");
+    for i in 0..400_000 {
+        let t = f64::from(i) * step;
+        let push = 3.0 * (1.7 * t).sin() + 2.0 * (5.3 * t).sin();
+        if i % 100 == 0 {
+            let noise = 1e-6 * f64::from((i / 100 * 7919) % 101 - 50);
+            table += &format!("{t:.2},{:.8},{push:.6}\n", x + noise);
+        }
+        let force = push - damping * v - stiffness * x - friction * (v / 1e-3).tanh();
+        v += step * force / mass;
+        x += step * v;
+    }
+    fs::create_dir_all(room.path("axis")).unwrap();
+    fs::write(room.path("axis/data.csv"), table).unwrap();
+    let manifest = "[recording]\nid = \"axis\"\nkind = \"axis\"\n[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\n\
+        position = \"x_m\"\ninput = \"u_N\"\nunits = { time = \"s\", position = \"m\", input = \"N\" }\n\
+        input_gain = 1.0\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\n";
+    fs::write(room.path("axis/recording.toml"), manifest).unwrap();
 }
 
 struct Dice(u64);
@@ -635,6 +648,49 @@ fn copy_all(files: &BTreeMap<PathBuf, Vec<u8>>, to: &Path) {
     }
 }
 
+type Files = BTreeMap<PathBuf, Vec<u8>>;
+
+/// Of a set what is in one folder of it, beside its folders (`""`), or all of it (`"*"`), without what a proof
+/// and a run that lasts keep of what they have done, and without what tells shards of whose plan they are.
+fn of_part(files: &Files, part: &str) -> Files {
+    let kept = ["trials.part.jsonl", "searches.part.jsonl", "campaign.json"];
+    let mut out = files.clone();
+    out.retain(|path, _| {
+        let name = path.file_name().unwrap_or_default();
+        let folder = path.parent().unwrap_or(Path::new(""));
+        (part == "*" || folder == Path::new(part)) && !kept.iter().any(|k| name == *k)
+    });
+    out
+}
+
+/// Whether files are those of before or those of after.
+fn place(there: &Files, old: &Files, new: &Files) -> Option<&'static str> {
+    match there {
+        files if files == old => Some("old"),
+        files if files == new => Some("new"),
+        _ => None,
+    }
+}
+
+/// What a kill left of a part of `out`. Cut off between two renames, the mark says so, and the next reader
+/// ends it.
+fn state(
+    room: &Room,
+    part: &str,
+    looks: &dyn Fn() -> Option<&'static str>,
+) -> Option<&'static str> {
+    looks().or_else(|| {
+        let folder = room.path("out").join(part);
+        if !folder.join(".deacal-work/commit").exists() {
+            return None;
+        }
+        deacal::report::output::settle(&folder).unwrap();
+        looks()
+            .filter(|s| *s == "new")
+            .map(|_| "ended by the reader")
+    })
+}
+
 /// Kills runs at random moments, every other one onto earlier results, and checks what is there.
 fn kills(count: usize, jobs: &[&str], seed: u64) {
     let room = furnished();
@@ -649,14 +705,14 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
             for arguments in [old, new] {
                 let _ = fs::remove_dir_all(room.path("out"));
                 let begin = Instant::now();
-                room.done(arguments);
+                room.done(&split(arguments));
                 took = begin.elapsed();
                 sets.push(room.files("out").unwrap());
             }
             // what is replaced and what stays, as the second run onto the first leaves it
             let _ = fs::remove_dir_all(room.path("out"));
             copy_all(&sets[0], &room.path("out"));
-            room.done(new);
+            room.done(&split(new));
             (
                 *name,
                 *new,
@@ -667,8 +723,6 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
             )
         })
         .collect();
-    // what a proof and a run that lasts keep of what they have done
-    let parts = ["trials.part.jsonl", "searches.part.jsonl"];
     let mut tally: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for i in 0..count {
         let (name, new, took, old, fresh, over) = &known[i % known.len()];
@@ -677,7 +731,7 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
         if onto_old {
             copy_all(old, &room.path("out"));
         }
-        let mut child = room.start(new);
+        let mut child = room.start(&split(new));
         // half of them while results are written
         let share = if dice.unit() < 0.5 {
             dice.unit()
@@ -688,39 +742,42 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
         child.kill().unwrap();
         let ended = child.wait().unwrap();
         let killed = ended.signal() == Some(9);
-        let whole = |there: Option<BTreeMap<PathBuf, Vec<u8>>>| {
-            let there = there.map(|mut files| {
-                files.retain(|name, _| !parts.iter().any(|p| name == Path::new(p)));
-                files
-            });
-            match there {
-                None => (!onto_old).then_some("old"),
-                Some(files) if onto_old && files == *old => Some("old"),
-                Some(files) if onto_old && files == *over => Some("new"),
-                Some(files) if !onto_old && files == *fresh => Some("new"),
-                Some(files) if !onto_old && files.is_empty() => Some("old"),
-                Some(_) => None,
+        // a batch puts each of its sets in place when it has it
+        let state = match *name {
+            "batch" => {
+                let before = onto_old.then_some(old);
+                let after = if onto_old { over } else { fresh };
+                let all = ["h1", "h2", ""].map(|part| {
+                    let of = |all: &Files| of_part(all, part);
+                    let old = before.map(of).unwrap_or_default();
+                    state(&room, part, &|| {
+                        let there = room.files("out").unwrap_or_default();
+                        let there = of_part(&there, part);
+                        place(&there, &old, &of(after))
+                    })
+                });
+                let new = all.iter().filter(|s| **s != Some("old")).count();
+                let state = ["old", "one set is new", "both sets are new", "new"][new];
+                (!all.contains(&None)).then_some(state)
             }
+            _ => state(&room, "", &|| {
+                let there = room.files("out").unwrap_or_default();
+                let empty = Files::new();
+                let (old, new) = if onto_old {
+                    (old, over)
+                } else {
+                    (&empty, fresh)
+                };
+                place(&of_part(&there, "*"), old, new)
+            }),
         };
-        let mut state = whole(room.files("out"));
-        if state.is_none() {
-            // cut off between two renames: the mark says so, and the next reader ends it
-            assert!(
-                room.path("out/.deacal-work/commit").exists(),
-                "{name}: kill {i}: mixed"
-            );
-            deacal::report::output::settle(&room.path("out")).unwrap();
-            state = whole(room.files("out"))
-                .filter(|s| *s == "new")
-                .map(|_| "ended by the reader");
-        }
         let state = state.unwrap_or_else(|| panic!("{name}: kill {i}: neither old nor new"));
         *tally
             .entry((name, if killed { state } else { "not killed" }))
             .or_default() += 1;
         // the same command again: the whole set, the same bytes, and nothing beside it
-        if i % 5 == 0 || *name == "prove" {
-            room.done(new);
+        if i % 5 == 0 || ["prove", "batch"].contains(name) {
+            room.done(&split(new));
             let wanted = if onto_old { over } else { fresh };
             assert!(
                 room.files("out").as_ref() == Some(wanted),
@@ -736,13 +793,15 @@ fn kills(count: usize, jobs: &[&str], seed: u64) {
 fn stops(count: usize, jobs: &[&str], seed: u64) -> Vec<f64> {
     let room = furnished();
     let mut dice = Dice(seed);
-    let jobs: Vec<&Job> = JOBS.iter().filter(|j| jobs.contains(&j.0)).collect();
+    let short = JOBS.iter().map(|j| (j.0, j.1));
+    let jobs: Vec<(&str, &str)> = short.chain(LONG).filter(|j| jobs.contains(&j.0)).collect();
     let took: Vec<Duration> = jobs
         .iter()
         .map(|job| {
             let _ = fs::remove_dir_all(room.path("out"));
             let begin = Instant::now();
-            room.done(job.1);
+            room.done(&split(job.1));
+            eprintln!("{}: {:.1} s", job.0, begin.elapsed().as_secs_f64());
             begin.elapsed()
         })
         .collect();
@@ -752,7 +811,7 @@ fn stops(count: usize, jobs: &[&str], seed: u64) -> Vec<f64> {
         let (job, took) = (jobs[i % jobs.len()], took[i % jobs.len()]);
         i += 1;
         let _ = fs::remove_dir_all(room.path("out"));
-        let mut child = room.start(job.1);
+        let mut child = room.start(&split(job.1));
         // the first milliseconds belong to the loader
         std::thread::sleep(Duration::from_millis(20) + took.mul_f64(0.9 * dice.unit()));
         let (name, code) = if dice.unit() < 0.5 {
@@ -770,6 +829,9 @@ fn stops(count: usize, jobs: &[&str], seed: u64) -> Vec<f64> {
             continue; // done before it heard
         }
         times.push(begin.elapsed().as_secs_f64());
+        if times.last().is_some_and(|t| *t > 0.5) {
+            eprintln!("{}: {:.2} s", job.0, begin.elapsed().as_secs_f64());
+        }
         let mut text = String::new();
         child
             .stderr
@@ -780,7 +842,7 @@ fn stops(count: usize, jobs: &[&str], seed: u64) -> Vec<f64> {
         assert_eq!(ended.code(), Some(code), "{}: {text}", job.0);
         assert!(text.contains("stopped by"), "{}: {text}", job.0);
         assert_eq!(room.leftovers(), Vec::<PathBuf>::new(), "{}", job.0);
-        if job.0 != "prove" && text.contains("nothing was written") {
+        if !job.0.starts_with("prove") && job.0 != "batch" && text.contains("nothing was written") {
             assert!(!room.path("out").exists(), "{}", job.0);
         }
     }
@@ -871,13 +933,13 @@ fn two_at_once_leave_the_set_of_one_of_them() {
     let (_, old, new) = JOBS[0];
     for _ in 0..4 {
         let _ = fs::remove_dir_all(room.path("out"));
-        let mut children = [room.start(old), room.start(new)];
+        let mut children = [old, new].map(|job| room.start(&split(job)));
         let codes = children.each_mut().map(|c| c.wait().unwrap().code());
         assert_eq!(codes, [Some(0); 2]);
         let both = room.files("out").unwrap();
         let either = [old, new].map(|job| {
             let _ = fs::remove_dir_all(room.path("out"));
-            room.done(job);
+            room.done(&split(job));
             room.files("out").unwrap()
         });
         assert!(either.contains(&both));
@@ -890,7 +952,8 @@ fn the_long_campaigns() {
     let names: Vec<&str> = JOBS.iter().map(|j| j.0).collect();
     let (many_kills, many_stops) = (number("DEACAL_KILLS", 500), number("DEACAL_STOPS", 100));
     if many_stops > 0 {
-        let times = stops(many_stops, &names, 11);
+        let all: Vec<&str> = names.iter().copied().chain(LONG.map(|j| j.0)).collect();
+        let times = stops(many_stops, &all, 11);
         let late = times.iter().filter(|t| **t > 0.5).count();
         assert!(
             late <= many_stops / 100,

@@ -1,6 +1,7 @@
 //! What several test programs share.
 #![allow(dead_code)]
 
+pub mod bench;
 pub mod recordings;
 
 use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};

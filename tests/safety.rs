@@ -508,8 +508,8 @@ const JOBS: [Job; 8] = [
     ),
     (
         "prove",
-        "prove --number 9 --kinds clean --drive short -o out",
-        "prove --number 9 --kinds clean --drive short -o out",
+        "prove --number 4 --kinds clean --drive short -o out",
+        "prove --number 4 --kinds clean --drive short -o out",
     ),
     (
         "batch",

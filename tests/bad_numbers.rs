@@ -168,6 +168,14 @@ fn what_cannot_be_is_refused_with_its_place() {
     let said = run(dir.path(), "fit axis axis -o out");
     let said = String::from_utf8_lossy(&said.stdout).into_owned();
     assert!(said.contains("no noise to hold it against"), "{said}");
+    // a size that no step of the integrator is short enough for is not followed for minutes
+    refused(
+        300,
+        &nothing,
+        "simulate --rig rig.toml --params parameters.toml --drive sine:peak_V=3000,hz=1 --duration 2 \
+         --effect joint_friction:torque=5e-4,presliding=1e-9 -o out",
+        &["does not get beyond", "sizes of [[effect]]"],
+    );
     let axis = |dir: &std::path::Path| cell(&dir.join("axis/data.csv"), 99, 1, "1e300");
     for command in ["fit axis axis -o out", "diagnose axis -o out"] {
         refused(300, &axis, command, &["coordinate of sample 99", "1e300"]);

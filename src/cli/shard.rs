@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::Failure;
 use super::resume::Run;
 use crate::report::json::to_text;
-use crate::report::output::{OutputError, Overwrite};
+use crate::report::output::{HELD, OutputError, Overwrite};
 
 /// Shard `number` of `of`, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -164,12 +164,18 @@ impl Campaign {
         let text = to_text(self);
         // shards of several machines may have the same number of process
         let own = RandomState::new().build_hasher().finish();
-        let own = dir.join(format!(".deacal-campaign-{own:016x}"));
-        let written = File::create(&own).and_then(|mut file| {
-            file.write_all(text.as_bytes())
-                .and_then(|()| file.sync_all())
-        });
-        written.map_err(io)?;
+        let own = dir.join(format!("{HELD}{own:016x}"));
+        // held until it has its name: who clears up behind a run that was killed leaves it alone
+        let mut file = loop {
+            let file = File::create(&own).map_err(io)?;
+            let _ = file.try_lock();
+            if own.exists() {
+                break file;
+            }
+        };
+        file.write_all(text.as_bytes())
+            .and_then(|()| file.sync_all())
+            .map_err(io)?;
         // a second name: never over what is there
         let linked = std::fs::hard_link(&own, &path);
         if linked.is_ok() || !path.exists() {

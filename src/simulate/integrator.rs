@@ -252,6 +252,10 @@ pub struct Effort {
     pub rejected: usize,
 }
 
+/// Steps, kept or not, in which a second has to be done: 10 us each on average, where what an actuator and
+/// its causes do takes milliseconds. What takes more would take hours, and is no motion of anything.
+const MOST_TRIES_A_SECOND: usize = 100_000;
+
 /// Step control.
 #[derive(Debug, Clone, Copy)]
 pub struct Control {
@@ -309,6 +313,8 @@ pub struct Integrator<const D: usize> {
     last_s: f64,
     /// The last step ended where an input jumps.
     broken: bool,
+    /// When the tries were last counted, s, and how many there had been.
+    counted: (f64, usize),
     /// Steps so far.
     pub effort: Effort,
 }
@@ -351,6 +357,7 @@ impl<const D: usize> Integrator<D> {
             slope: [0.0; D],
             last_s: 0.0,
             broken: false,
+            counted: (t_s, 0),
             effort: Effort::default(),
             state,
         };
@@ -560,7 +567,13 @@ impl<const D: usize> Integrator<D> {
         let limit = system.next_break_s(self.t_s).min(end_s);
         let mut blocked = None;
         let mut tries = 0;
+        if self.t_s - self.counted.0 >= 1.0 {
+            self.counted = (self.t_s, self.effort.steps + self.effort.rejected);
+        }
         loop {
+            if self.effort.steps + self.effort.rejected - self.counted.1 > MOST_TRIES_A_SECOND {
+                return Err(system.stuck(self.t_s, &self.state));
+            }
             let mut h = self.step_s.min(self.control.longest_s);
             let left = limit - self.t_s;
             let last = h >= left * (1.0 - 1e-9);

@@ -187,7 +187,7 @@ pub enum Error {
         /// What the balance asks for, V^2.
         phi_squared_v2: f64,
     },
-    /// No step is short enough for the integrator.
+    /// No step is short enough for the integrator, or so many that the end is not in sight.
     #[error(
         "the integration does not get beyond {at_s:.6} s, at {}",
         millimetres(position_m)
@@ -230,7 +230,9 @@ impl Error {
             Error::NoVoltage { .. } => {
                 "films only push the end effector down: lower the payload, or keep the path below the rest pose and slow enough"
             }
-            Error::Stuck { .. } => "lower the voltages, or make their steps smaller",
+            Error::Stuck { .. } => {
+                "lower the voltages, make their steps smaller, or check the sizes of [[effect]] and --effect"
+            }
             Error::Refused(_) => "",
         }
     }

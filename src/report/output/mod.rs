@@ -19,7 +19,7 @@ use std::path::{Component, Path, PathBuf};
 use crate::recording::was_opened;
 use made::{Lists, Made, Origin, sum_of};
 use work::Work;
-pub use work::{abandon, settle};
+pub use work::{HELD, abandon, settle};
 
 /// What kept a file from being written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

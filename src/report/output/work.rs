@@ -16,6 +16,8 @@ use super::{Cause, OutputError, follow, make_folders, sync_folder};
 
 /// Every work folder begins so.
 const PREFIX: &str = ".deacal-";
+/// What the name of a file begins with that its writer holds locked until it has its own name.
+pub const HELD: &str = ".deacal-held-";
 /// The work folder inside a folder that is there.
 const INSIDE: &str = ".deacal-work";
 /// Names inside a work folder.
@@ -427,6 +429,11 @@ fn sweep(home: &Path, own: &Path) {
         }
         if is_dir {
             clear_if_left(&path);
+        } else if name.starts_with(HELD) {
+            let left = File::options().read(true).write(true).open(&path);
+            if left.is_ok_and(|file| file.try_lock().is_ok()) {
+                let _ = fs::remove_file(path);
+            }
         } else if name.ends_with(".part") || name.ends_with(".old") {
             let _ = fs::remove_file(path);
         }
@@ -461,13 +468,16 @@ fn list(root: &Path, inside: &Path, out: &mut Vec<PathBuf>) -> Result<(), Output
 }
 
 /// For readers: where a run was cut off while it put its files in place in `dir`, ends that, so that the
-/// files there are of one run.
+/// files there are of one run. What else it left of its work there goes.
 ///
 /// # Errors
 /// The files cannot be put in place.
 pub fn settle(dir: &Path) -> Result<(), OutputError> {
-    if dir.join(INSIDE).join(COMMIT).exists() {
+    let inside = dir.join(INSIDE);
+    if inside.join(COMMIT).exists() {
         drop(Work::open(dir)?);
+    } else if inside.exists() {
+        clear_if_left(&inside);
     }
     Ok(())
 }
@@ -506,10 +516,18 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         cut_off(root.path());
         fs::remove_file(root.path().join(INSIDE).join(COMMIT)).unwrap();
-        settle(root.path()).unwrap();
         drop(OutputSet::new(root.path(), Overwrite::Own).unwrap());
         assert_eq!(fs::read(root.path().join("b")).unwrap(), b"old");
         assert!(!root.path().join(INSIDE).exists());
+        // so does a reader, but while somebody is at work
+        cut_off(root.path());
+        fs::remove_file(root.path().join(INSIDE).join(COMMIT)).unwrap();
+        settle(root.path()).unwrap();
+        assert_eq!(fs::read(root.path().join("b")).unwrap(), b"old");
+        assert!(!root.path().join(INSIDE).exists());
+        let work = Work::open(root.path()).unwrap();
+        settle(root.path()).unwrap();
+        assert!(work.staging().exists());
     }
 
     #[test]
@@ -522,12 +540,17 @@ mod tests {
         fs::create_dir_all(dead_root.join(NEW)).unwrap();
         fs::write(dead_root.join(LOCK), b"1").unwrap();
         fs::write(root.path().join(".deacal-x1y2z3.part"), b"").unwrap();
+        fs::write(root.path().join(format!("{HELD}dead")), b"").unwrap();
+        let alive = root.path().join(format!("{HELD}alive"));
+        let alive = (File::create(&alive).unwrap(), alive);
+        alive.0.try_lock().unwrap();
         fs::write(root.path().join(".deacal.json"), b"{}").unwrap();
         fs::write(root.path().join(".other"), b"").unwrap();
         let mut set = OutputSet::new(root.path().join("one"), Overwrite::Own).unwrap();
         set.write("f", b"1").unwrap();
         set.commit().unwrap();
         assert!(held_root.exists() && !dead_root.exists());
+        assert!(alive.1.exists() && !root.path().join(format!("{HELD}dead")).exists());
         // also where the folder has come into being since
         fs::create_dir_all(dead_root.join(NEW)).unwrap();
         fs::write(dead_root.join(LOCK), b"1").unwrap();

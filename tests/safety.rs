@@ -658,7 +658,9 @@ fn of_part(files: &Files, part: &str) -> Files {
     out.retain(|path, _| {
         let name = path.file_name().unwrap_or_default();
         let folder = path.parent().unwrap_or(Path::new(""));
-        (part == "*" || folder == Path::new(part)) && !kept.iter().any(|k| name == *k)
+        let in_work = name.to_string_lossy().starts_with(".deacal-");
+        let named = !in_work && !kept.iter().any(|k| name == *k);
+        named && (part == "*" || folder == Path::new(part))
     });
     out
 }

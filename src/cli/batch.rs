@@ -324,16 +324,20 @@ impl Set {
         let mut files = Vec::new();
         let mut set = SetJson::new(&self.name, self.batch.clone(), self.day, &self.fit[2]);
         let fitted = Self::parse(&self.fit, folder).and_then(|cli| match cli.command {
-            Command::Fit(f) => fit::run(&f, &self.fit.join(" "), quiet),
+            Command::Fit(f) => fit::complete(&f, &self.fit.join(" "), quiet),
             _ => Err("is no fit".into()),
         });
-        match fitted {
-            Ok(fit) => {
-                add(&mut files, &fit.provenance);
-                set = set.with_fit(&fit);
+        let fitted = match fitted {
+            Ok(complete) => {
+                add(&mut files, &complete.fit.provenance);
+                set = set.with_fit(&complete.fit);
+                Some(complete)
             }
-            Err(why) => set.failure = Some(why.to_string()),
-        }
+            Err(why) => {
+                set.failure = Some(why.to_string());
+                None
+            }
+        };
         if let (Some(words), None) = (&self.diagnose, &set.failure) {
             let into = folder.join("diagnosis");
             let found = Self::parse(words, &into).and_then(|cli| match cli.command {
@@ -351,10 +355,15 @@ impl Set {
                 Err(why) => SetDiagnosis::failed(why.to_string()),
             });
         }
-        let mut out = OutputSet::new(folder, talk.overwrite())?;
-        out.write(SET, to_text(&Done { run, files, set }))?;
-        out.commit()?;
-        Ok(())
+        let done = to_text(&Done { run, files, set });
+        let Some(mut fitted) = fitted else {
+            let mut out = OutputSet::new(folder, talk.overwrite())?;
+            out.write(SET, done)?;
+            out.commit()?;
+            return Ok(());
+        };
+        fitted.files.write(SET, done)?;
+        fitted.in_place(quiet)
     }
 }
 

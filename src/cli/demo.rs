@@ -76,7 +76,8 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         provenance,
         &[],
         talk.overwrite(),
-    )?;
+    )?
+    .commit()?;
 
     talk.say("\nThe forearms, from one actuator at a time; their hinges are relaxed at 0 degrees");
     let relaxed = vec![("torque_0deg".to_owned(), 0.0)];
@@ -96,7 +97,8 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         provenance,
         &[],
         talk.overwrite(),
-    )?;
+    )?
+    .commit()?;
 
     talk.say("\nBoth, jointly from all four");
     let request = Request {
@@ -109,7 +111,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let fit = FitJson::new(&joint, provenance.clone());
     let answer = Answer::of_robot(&joint, &robot);
     let found = (&joint, &answer);
-    write_fit(output, found, &fit, provenance, &[], talk.overwrite())?;
+    write_fit(output, found, &fit, provenance, &[], talk.overwrite())?.commit()?;
     say_fit(&answer, &fit, &answer::remarks(&joint), talk);
 
     talk.say("\nHeld against a circle that was not fitted");

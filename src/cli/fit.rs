@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 
@@ -197,8 +198,35 @@ fn parse_bound(text: &str) -> Result<(String, [f64; 2]), String> {
     Ok((name.to_string(), [number(low)?, number(high)?]))
 }
 
-/// Fits, and gives what `fit.json` has.
-pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+/// Fits, puts the results in place and says them.
+pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<(), Failure> {
+    complete(fit, command, talk)?.in_place(talk)
+}
+
+/// A fit whose files are complete and not in place yet.
+pub(super) struct Complete {
+    pub(super) fit: FitJson,
+    pub(super) files: OutputSet,
+    answer: Answer,
+    remarks: Vec<String>,
+    lasting: Option<Arc<Lasting>>,
+}
+
+impl Complete {
+    /// Puts the files in place, all or none, and says what they hold.
+    pub(super) fn in_place(self, talk: Talk) -> Result<(), Failure> {
+        let folder = self.files.dir().to_owned();
+        self.files.commit()?;
+        self.lasting.map_or(Ok(()), |l| l.done())?;
+        talk.result(&self.fit);
+        say_fit(&self.answer, &self.fit, &self.remarks, talk);
+        talk.report(&folder);
+        Ok(())
+    }
+}
+
+/// Fits and writes the results, which whoever asked puts in place.
+pub(super) fn complete(fit: &Fit, command: &str, talk: Talk) -> Result<Complete, Failure> {
     match fit {
         Fit::Film(a) => robot(Stage::Film, a, command, talk),
         Fit::Forearm(a) => robot(Stage::Forearm, a, command, talk),
@@ -210,7 +238,7 @@ pub(super) fn run(fit: &Fit, command: &str, talk: Talk) -> Result<FitJson, Failu
     }
 }
 
-fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings =
@@ -243,7 +271,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<FitJson, 
     progress.step("writing");
     let mut fit = FitJson::new(&outcome, provenance.clone());
     fit.findings = FindingJson::of(&findings);
-    write_fit(
+    let files = write_fit(
         &a.common.output,
         (&outcome, &answer),
         &fit,
@@ -251,18 +279,19 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<FitJson, 
         &findings,
         talk.overwrite(),
     )?;
-    lasting.done()?;
-    drop(progress);
-    talk.result(&fit);
-    say_fit(&answer, &fit, &answer::remarks(&outcome), talk);
-    talk.report(&a.common.output);
-    Ok(fit)
+    Ok(Complete {
+        fit,
+        files,
+        remarks: answer::remarks(&outcome),
+        answer,
+        lasting: Some(lasting),
+    })
 }
 
 /// The files of a fit.
 const FILES: [&str; 4] = ["report.html", "parameters.toml", "fit.json", "plan.toml"];
 
-/// Parameters, numbers, choices and report of a fit, all or none.
+/// Parameters, numbers, choices and report of a fit, complete and not in place yet.
 pub(super) fn write_fit(
     output: &Path,
     (outcome, answer): (&Outcome, &Answer),
@@ -270,7 +299,7 @@ pub(super) fn write_fit(
     provenance: Provenance,
     findings: &[Finding],
     overwrite: Overwrite,
-) -> Result<(), Failure> {
+) -> Result<OutputSet, Failure> {
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
     let mut set = OutputSet::new(output, overwrite)?;
     let page = html::render(outcome, answer, &provenance);
@@ -281,8 +310,7 @@ pub(super) fn write_fit(
     )?;
     set.write("fit.json", results_to_text("fit.json", fit)?)?;
     set.write("plan.toml", plan_to_toml(&plans))?;
-    set.commit()?;
-    Ok(())
+    Ok(set)
 }
 
 /// The first screen of the report, in the terminal: the answer, its quantities, then the parameters and what
@@ -309,7 +337,7 @@ pub(super) fn say_fit(answer: &Answer, fit: &FitJson, remarks: &[String], talk: 
     remarks.iter().for_each(|r| talk.tell(r));
 }
 
-fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+fn sample(a: &Samples, command: &str, talk: Talk) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(
@@ -339,7 +367,7 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     let mut outcome = calibrate_samples(&refs, &samples, &request, &|_| ControlFlow::Continue(()))?;
     outcome.remarks.extend(copies);
     let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
-    let written = Written {
+    let found = Found {
         answer: Answer::of_samples(&outcome),
         report: html::render_samples(&outcome, &provenance),
         fit: FitJson::of_samples(&outcome, provenance.clone()),
@@ -347,11 +375,11 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<FitJson, Failure> {
         plan: Some(plan_to_toml(&plans)),
         findings,
     };
-    finish(&a.common.output, written, Some(&lasting), progress, talk)
+    found.complete(&a.common.output, Some(lasting), talk)
 }
 
-/// What a fit of samples, lines or coupons leaves.
-struct Written {
+/// What a fit of samples, lines or coupons finds.
+struct Found {
     answer: Answer,
     report: String,
     fit: FitJson,
@@ -360,33 +388,35 @@ struct Written {
     findings: Vec<Finding>,
 }
 
-/// Writes it, all or none, and says it.
-fn finish(
-    output: &Path,
-    mut w: Written,
-    lasting: Option<&Lasting>,
-    progress: Progress,
-    talk: Talk,
-) -> Result<FitJson, Failure> {
-    w.fit.findings = FindingJson::of(&w.findings);
-    w.report = html::with_findings(w.report, &w.findings);
-    let mut set = OutputSet::new(output, talk.overwrite())?;
-    set.write("report.html", &w.report)?;
-    set.write("parameters.toml", w.parameters.to_toml()?)?;
-    set.write("fit.json", results_to_text("fit.json", &w.fit)?)?;
-    if let Some(plan) = &w.plan {
-        set.write("plan.toml", plan)?;
+impl Found {
+    /// Writes it.
+    fn complete(
+        self,
+        output: &Path,
+        lasting: Option<Arc<Lasting>>,
+        talk: Talk,
+    ) -> Result<Complete, Failure> {
+        let mut fit = self.fit;
+        fit.findings = FindingJson::of(&self.findings);
+        let mut files = OutputSet::new(output, talk.overwrite())?;
+        let page = html::with_findings(self.report, &self.findings);
+        files.write("report.html", page)?;
+        files.write("parameters.toml", self.parameters.to_toml()?)?;
+        files.write("fit.json", results_to_text("fit.json", &fit)?)?;
+        if let Some(plan) = &self.plan {
+            files.write("plan.toml", plan)?;
+        }
+        Ok(Complete {
+            remarks: fit.remarks.clone(),
+            fit,
+            files,
+            answer: self.answer,
+            lasting,
+        })
     }
-    set.commit()?;
-    lasting.map_or(Ok(()), Lasting::done)?;
-    drop(progress);
-    talk.result(&w.fit);
-    say_fit(&w.answer, &w.fit, &w.fit.remarks, talk);
-    talk.report(output);
-    Ok(w.fit)
 }
 
-fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<Complete, Failure> {
     if a.objective == Objective::Input {
         if !a.cause.is_empty() || !a.without.is_empty() || a.between.is_some() {
             return Err(
@@ -431,7 +461,7 @@ fn line(
     command: &str,
     talk: Talk,
     fit: &FitLines,
-) -> Result<FitJson, Failure> {
+) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
@@ -447,7 +477,7 @@ fn line(
     progress.step("fitting");
     let mut outcome = fit(&lines, &request)?;
     outcome.remarks.extend(copies);
-    let written = Written {
+    let found = Found {
         answer: Answer::of_lines(&outcome),
         report: html::render_lines(&outcome, &provenance),
         fit: FitJson::of_lines(&outcome, provenance.clone()),
@@ -455,10 +485,10 @@ fn line(
         plan: None,
         findings,
     };
-    finish(&a.output, written, None, progress, talk)
+    found.complete(&a.output, None, talk)
 }
 
-fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<FitJson, Failure> {
+fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
@@ -481,7 +511,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<FitJson, Failure> {
     };
     let mut outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
-    let written = Written {
+    let found = Found {
         answer: Answer::of_coupons(&outcome),
         report: html::render_coupons(&outcome, &provenance),
         fit: FitJson::of_coupons(&outcome, provenance.clone()),
@@ -489,5 +519,5 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<FitJson, Failure> {
         plan: None,
         findings,
     };
-    finish(&a.common.output, written, Some(&lasting), progress, talk)
+    found.complete(&a.common.output, Some(lasting), talk)
 }

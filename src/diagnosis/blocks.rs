@@ -209,6 +209,12 @@ fn lomax(medians: f64) -> f64 {
 /// had been told wrongly left 0.1.
 const ROBOT_FORM_LEAVES: f64 = 0.01;
 
+/// What it costs a model of robots at most, in ln, to leave so much more mean square than the best one does,
+/// where the plain model leaves `way` more than that.
+pub(super) fn form_costs(left: f64, way: f64) -> f64 {
+    -lomax(left / (ROBOT_FORM_LEAVES * way.max(0.0) + MATTERS)).ln()
+}
+
 /// What the share that a model leaves is told by.
 pub(super) enum Forms<'a> {
     /// The best of all models, these among them.
@@ -258,9 +264,8 @@ pub(super) fn odds(models: &[(&Foretold, f64)], forms: Forms<'_>, independent: f
                 let peers = (0..models.len()).filter(|&i| causes[i] == causes[at]);
                 let first = peers.min_by(|a, b| told[*a].total_cmp(&told[*b]));
                 let first = first.unwrap_or(at);
-                let typical = ROBOT_FORM_LEAVES * (squares[0] - squares[first]).max(0.0) + MATTERS;
-                let form = lomax((squares[at] - squares[first]) / typical);
-                told[first] + (told[at] - told[first]).min(-form.ln())
+                let (way, left) = (squares[0] - squares[first], squares[at] - squares[first]);
+                told[first] + (told[at] - told[first]).min(form_costs(left, way))
             }
         };
         let scores: Vec<f64> = (0..models.len()).map(|at| -costs(at)).collect();

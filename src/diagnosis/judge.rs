@@ -76,8 +76,13 @@ impl Judged {
     /// Logarithm of the prior odds against no cause, where each cause has those of `each`: the moment of a
     /// change, forms and places are as many chances to be wrong.
     pub fn prior(&self, each: f64) -> f64 {
-        let free = 0.5 * steps(&self.fitted) as f64 * self.foretold.rows().max(1.0).ln();
-        self.fitted.effects.len() as f64 * each - choices(&self.fitted).ln() - free
+        Judged::prior_of(&self.fitted, self.foretold.rows(), each)
+    }
+
+    /// The same of a fit on so many rows.
+    pub fn prior_of(fitted: &Fitted, rows: f64, each: f64) -> f64 {
+        let free = 0.5 * steps(fitted) as f64 * rows.max(1.0).ln();
+        fitted.effects.len() as f64 * each - choices(fitted).ln() - free
     }
 
     /// Mean square beyond noise.

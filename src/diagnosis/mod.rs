@@ -52,7 +52,7 @@ pub use words::in_unit;
 
 use rayon::prelude::*;
 
-use crate::effects::{Acting, is_rare};
+use crate::effects::{Acting, by_id, is_rare};
 use errors::{above_noise, gain, raises_error, spots, taken_away};
 use fits::{
     baseline, choose, of_the_rare, ordinary, plainest, polish, refit, rising, with_partner,
@@ -165,8 +165,11 @@ fn chain<S: Subject>(
 ) -> Result<Diagnosis, Error> {
     let words = problem.train.words();
     let rare = |id: &str| is_rare(id);
+    // what scales all that voltages make shrinks all torques with parts, and the error with them
+    let parts_differ = built.is_some();
+    let scales = |id: &str| parts_differ && by_id(id).is_some_and(|e| e.scales_made());
     let wanted = |id: &str| match &request.only[..] {
-        [] => !rare(id),
+        [] => !rare(id) && !scales(id),
         only => only.iter().any(|o| o == id),
     };
     watch("fitting the plain model");
@@ -426,6 +429,7 @@ fn chain<S: Subject>(
             unexplained: verdict == Verdict::Unexplained,
             allowed,
             noise,
+            colour: chance.colour,
             each,
         };
         let scanned = |problem: &Problem<S>, fit: &Fitted| {

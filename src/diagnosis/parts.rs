@@ -1,17 +1,19 @@
 //! Parts that differ within their tolerances in the causes' place: whether they, alone or beside one cause,
 //! explain more than the causes do.
 //!
-//! All are priced alike: -2 ln L, ln n for every value of a cause, and what it costs to pick the causes among
-//! all that there are. What lies within its tolerance is to be expected and has to be outdone by parts no
-//! more than chance allows; any other cause by more than that.
+//! The model that foretells most likely, -ln L with what its values and the directions of its parts cost, is
+//! what all others are held against. A cause that leaves more than it does may do so by its form: that costs it
+//! no more than the law of forms (`blocks`) allows. Parts have no form; parts far beyond their tolerances cost
+//! what normal ones as far off would. Each cause costs its prior odds, one within its tolerance what chance
+//! makes of a scan besides, and a cause beside parts has to outdo parts alone by as much.
 
 use rayon::prelude::*;
 
 use super::POLISH;
-use super::blocks::Blocks;
+use super::blocks::{Blocks, form_costs};
 use super::fits::{choose, refit};
 use super::judge::{INDEPENDENT, Judged};
-use super::outcome::{Departed, Error};
+use super::outcome::Error;
 use super::problem::{Fitted, Problem};
 use super::scan::Scanned;
 use super::subject::Subject;
@@ -21,13 +23,10 @@ use crate::effects::Acting;
 /// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of
 /// them to be worth while.
 const WORTH_A_FIT: f64 = 0.5;
-/// Mean square of parts on blocks that the fits left out, over that of causes, from which it speaks against
-/// them: three times the error.
-const FORETELLS_WORSE: f64 = 9.0;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
 /// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
-/// stand in for a cause go there.
+/// stand in for a cause go there, and so do parts that shrink all torques with one.
 const FAR: f64 = 10.0;
 /// Causes that are fitted beside parts that differ.
 const BESIDE_PARTS: usize = 6;
@@ -44,10 +43,49 @@ pub(super) struct Causes<'a> {
     pub unexplained: bool,
     /// What chance makes of a sum of squares in a scan.
     pub allowed: f64,
-    /// Variance of the noise over the one that the weights promise.
+    /// Variance of the noise over the one that the weights promise, as the plain model's misfit looks; and of
+    /// a score over the one of white noise.
     pub noise: f64,
+    pub colour: f64,
     /// Logarithm of the prior odds of one cause.
     pub each: f64,
+}
+
+/// A model that is held against the others.
+struct Tried {
+    parts: Option<Built>,
+    fitted: Fitted,
+    /// Mean square with priors; of a model with causes the larger of both of [`Judged::new`].
+    square: f64,
+    /// Minus the logarithm of the prior odds of its causes, and what it costs that parts are far off.
+    prior: f64,
+}
+
+impl Tried {
+    /// -ln L with so much noise, and what free values cost.
+    fn told(&self, noise: f64) -> f64 {
+        let rows = self.fitted.state.rows as f64;
+        let parts = self.parts.as_ref().map_or(0.0, |p| p.spread(noise));
+        let free = self.fitted.free.len() as f64 * (INDEPENDENT * rows).ln();
+        0.5 * (self.square * rows / noise + parts + free)
+    }
+}
+
+/// -ln of the posterior odds of each model, but for a constant; `plain` is the mean square of the plain one,
+/// `colour` the variance of a score over the one that white noise would give it.
+fn costs(tried: &[Tried], plain: f64, colour: f64) -> Vec<f64> {
+    let least = tried.iter().map(|t| t.square).fold(f64::INFINITY, f64::min);
+    let noise = colour.max(1.0) * least.max(1.0);
+    let told: Vec<f64> = tried.iter().map(|t| t.told(noise)).collect();
+    let likeliest =
+        (tried.iter().zip(&told)).min_by(|a, b| (a.1 + a.0.prior).total_cmp(&(b.1 + b.0.prior)));
+    let (best, left) = likeliest.map_or((0.0, least), |(t, told)| (*told, t.square));
+    let each = tried.iter().zip(&told).map(|(t, told)| {
+        let form = best + form_costs((t.square - left).max(0.0), plain - left);
+        let of_form = !t.fitted.effects.is_empty();
+        t.prior + if of_form { told.min(form) } else { *told }
+    });
+    each.collect()
 }
 
 impl Causes<'_> {
@@ -61,81 +99,93 @@ impl Causes<'_> {
         blocks: &Blocks,
         scanned: impl Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error>,
     ) -> Result<Option<(Built, Fitted)>, Error> {
-        let rows = self.plain.fitted.state.rows as f64;
-        let picked = |f: &Fitted| {
-            f.free.len() as f64 * (INDEPENDENT * rows).ln()
-                - 2.0 * f.effects.len() as f64 * self.each
-        };
         let own = &self.best.fitted;
-        // Parts and causes are priced by the noise that the plain misfit looks like: a textbook form leaves part
-        // of a loud cause, which is no reason to believe in parts.
-        let causes = own.cost() / self.noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
-            - 2.0 * self.best.prior(self.each);
-        let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
-        let most = causes + WORTH_A_FIT * explained;
+        let rows = own.state.rows as f64;
         let list = problem.train.tolerances();
         let within = |f: &Fitted| f.effects.iter().any(|a| tolerance::holds(&list, a));
         let expected = within(own);
-        let by_chance = self.allowed / self.noise;
-        let margin = if expected { -by_chance } else { by_chance };
+        let by_chance = 0.5 * self.allowed / self.noise;
+        let prior = |f: &Fitted| Judged::prior_of(f, rows, self.each);
+        // work that linear theory, by the noise that the plain misfit looks like, says is in vain
+        let causes = own.cost() / self.noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
+            - 2.0 * prior(own);
+        let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
+        let most = causes + WORTH_A_FIT * explained;
         // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
         // does not, and the second of two names, to parts beside a cause too.
         let doubtful = expected || self.unexplained;
         let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
+        let noise = [self.noise, self.colour.max(1.0)];
         let mut starts = vec![self.plain.fitted.clone()];
         if expected || own.effects.len() > 1 || (loud && self.unexplained) {
             starts.extend(self.beside(problem, &list));
         }
-        let mut chosen: Option<(Built, Fitted)> = None;
+        // `by_chance` is what chance makes of a scan: what a cause within its tolerance, and one beside parts,
+        // has to make up for
+        let tried_of = |problem: &Problem<S>, parts: Option<Built>, fitted: Fitted| {
+            let causes = -prior(&fitted)
+                + match &parts {
+                    Some(_) if fitted.effects.is_empty() => 0.0,
+                    None if !expected => 0.0,
+                    _ => by_chance,
+                };
+            Tried {
+                prior: causes + parts.as_ref().map_or(0.0, |p| p.strange(&fitted)),
+                square: Judged::new(problem, blocks, fitted.clone()).mean_square,
+                parts,
+                fitted,
+            }
+        };
+        let mut tried = Vec::new();
         for start in starts {
-            if let Ok(Some((mut built, mut fitted))) = Built::fit(problem, &start, self.noise, most)
-            {
-                let price = |built: &Built, f: &Fitted| built.likelihood(f, self.noise) + picked(f);
-                if doubtful && start.effects.is_empty() {
-                    // the same parts with a cause, then told about that
-                    let beside = scanned(problem, &fitted)?;
+            let alone = start.effects.is_empty();
+            let told = Built::fit(problem, &start, noise, most);
+            if let Ok(Some((mut built, mut fitted))) = told {
+                if doubtful && alone {
+                    // the same parts with a cause, both told once more: parts that are not settled yet leave
+                    // something to any cause
+                    let mut beside = scanned(problem, &fitted)?;
+                    beside.retain(|s| !s.acting.effect.scales_made());
                     let with = refit(problem, &fitted, &choose(&beside, BESIDE_PARTS), &[]);
-                    let by_price =
-                        |a: &Fitted, b: &Fitted| price(&built, a).total_cmp(&price(&built, b));
-                    let cheapest = with.into_par_iter().min_by(by_price);
-                    // both told once more: parts that are not settled yet leave something to any cause
-                    if let Ok(alone) = built.again(problem, &fitted) {
-                        let with = cheapest.and_then(|f| {
-                            built.restore(problem).ok()?;
-                            built.again(problem, &f).ok()
-                        });
-                        let wins = |w: &(Built, Fitted)| {
-                            price(&w.0, &w.1) < price(&alone.0, &alone.1) - by_chance
-                        };
-                        (built, fitted) = with.filter(wins).unwrap_or(alone);
+                    let square = |f: &Fitted| Judged::new(problem, blocks, f.clone()).mean_square;
+                    let with = with.into_par_iter().map(|f| (square(&f), f));
+                    let mut with: Vec<(f64, Fitted)> = with.collect();
+                    with.sort_by(|a, b| a.0.total_cmp(&b.0));
+                    for (_, with) in with {
+                        let again = built.again(problem, &with);
+                        built.restore(problem)?;
+                        let near = |(parts, f): &(Built, Fitted)| parts.farthest(f) < FAR;
+                        if let Some((parts, with)) = again.ok().filter(near) {
+                            parts.restore(problem)?;
+                            tried.push(tried_of(problem, Some(parts), with));
+                            break;
+                        }
                     }
                     built.restore(problem)?;
+                    if let Ok(again) = built.again(problem, &fitted) {
+                        (built, fitted) = again;
+                    } else {
+                        built.restore(problem)?;
+                    }
                 }
-                let judged = Judged::new(problem, blocks, fitted.clone());
-                // where names leave only noise as drawn, parts beyond their tolerances do not take their
-                // place; parts far beyond stand in for something else
-                let within = |p: Departed| (self.unexplained || loud) && p.times() < FAR;
-                let believed = built.beyond(&fitted).is_none_or(within)
-                    && judged.foretold.mean_square()
-                        <= FORETELLS_WORSE * self.best.foretold.mean_square();
-                // a cause beside parts has to outdo parts alone, which come first, by more than chance too
-                let alone = |f: &Fitted| f.effects.is_empty() && !fitted.effects.is_empty();
-                let bar = chosen.as_ref().map_or(f64::INFINITY, |(b, f)| {
-                    price(b, f) - if alone(f) { by_chance } else { 0.0 }
-                });
-                if price(&built, &fitted) < (causes - margin).min(bar) && believed {
-                    chosen = Some((built, fitted));
+                if built.farthest(&fitted) < FAR {
+                    tried.push(tried_of(problem, Some(built), fitted));
                 }
             }
             Built::leave(problem)?;
         }
-        Ok(chosen)
+        tried.push(tried_of(problem, None, own.clone()));
+        let costs = costs(&tried, self.plain.mean_square, self.colour);
+        let best = (0..tried.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]));
+        let best = tried.swap_remove(best.unwrap_or(0));
+        Ok(best.parts.map(|parts| (parts, best.fitted)))
     }
 
     /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the
-    /// one beside which parts promise most in linear theory; none that is a departure within its tolerance.
+    /// one beside which parts promise most in linear theory; none that is a departure within its tolerance, or
+    /// scales all that voltages make.
     fn beside<S: Subject>(&self, problem: &Problem<S>, list: &[Tolerance]) -> Vec<Fitted> {
-        let free = |a: &Acting| !tolerance::holds(list, a);
+        let free = |a: &Acting| !tolerance::holds(list, a) && !a.effect.scales_made();
         let alone = |own: &Acting| {
             let known = self.singles.iter().find(|s| s.fitted.effects[0].is(own));
             let fit = || problem.nominal(std::slice::from_ref(own), POLISH);
@@ -148,7 +198,7 @@ impl Causes<'_> {
             free(own) && !out.iter().any(|o| o.effects[0].is(own))
         });
         let promised = others.filter_map(|f| {
-            let promise = Built::promise(problem, f, self.noise).ok()?;
+            let promise = Built::promise(problem, f, [self.noise, self.colour.max(1.0)]).ok()?;
             // less than nothing is what linear theory cannot promise
             (promise > 0.0).then_some((promise, f))
         });

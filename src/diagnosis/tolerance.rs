@@ -331,6 +331,8 @@ pub(super) struct Built {
     seen: DVector<f64>,
     /// Variance of the noise over the one that the weights promise, as it was told with.
     pub noise: f64,
+    /// Variance of a score over the one that white noise would give it.
+    colour: f64,
     /// Combinations of tolerances that are unknowns, and the means of their priors.
     combine: DMatrix<f64>,
     means: Vec<f64>,
@@ -372,15 +374,15 @@ fn refit<S: Subject>(problem: &Problem<S>, from: &Fitted) -> Fitted {
 impl Built {
     /// What the tolerances of the rig make of a plain model, in whose problem none are allowed yet:
     /// the scale that explains most, and what the problem needs to have them in its tangent. `noise` is the
-    /// variance of the noise over the one that the weights promise, `base` what the mechanism has of each
-    /// tolerance already (none yet where it is `None`).
+    /// variance of the noise over the one that the weights promise, and that of a score over what white noise
+    /// would give it; `base` what the mechanism has of each tolerance already (none yet where it is `None`).
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
     fn tell<S: Subject>(
         problem: &Problem<S>,
         plain: &Fitted,
-        noise: f64,
+        [noise, colour]: [f64; 2],
         base: Option<(DVector<f64>, Vec<Acting>)>,
     ) -> Result<Built, Locked> {
         let list = problem.train.tolerances();
@@ -398,6 +400,7 @@ impl Built {
             promised: spread.at(scale),
             seen,
             noise,
+            colour,
             combine,
             means,
             train,
@@ -417,13 +420,13 @@ impl Built {
     pub fn fit<S: Subject>(
         problem: &mut Problem<S>,
         plain: &Fitted,
-        noise: f64,
+        noise: [f64; 2],
         most: f64,
     ) -> Result<Option<(Built, Fitted)>, Locked> {
         if problem.train.tolerances().is_empty() {
             return Ok(None);
         }
-        let mut built = Built::tell(problem, plain, noise, None)?;
+        let built = Built::tell(problem, plain, noise, None)?;
         if !built.worth(most) {
             return Ok(None);
         }
@@ -431,11 +434,21 @@ impl Built {
         let warm = refit(problem, plain);
         // a film that bent to a mechanism which was not so
         let cold = problem.nominal(&plain.effects, BASELINE);
-        let mut fitted = if cold.cost() < warm.cost() {
+        let fitted = if cold.cost() < warm.cost() {
             cold
         } else {
             warm
         };
+        built.settled(problem, fitted)
+    }
+
+    /// Parts told about the mechanism and the film that a fit with them finds, until they stay.
+    fn settled<S: Subject>(
+        self,
+        problem: &mut Problem<S>,
+        fitted: Fitted,
+    ) -> Result<Option<(Built, Fitted)>, Locked> {
+        let (mut built, mut fitted) = (self, fitted);
         for round in 1..ROUNDS[1] {
             let before = fitted.cost();
             (built, fitted) = built.again(problem, &fitted)?;
@@ -456,7 +469,7 @@ impl Built {
     pub fn promise<S: Subject>(
         problem: &Problem<S>,
         plain: &Fitted,
-        noise: f64,
+        noise: [f64; 2],
     ) -> Result<f64, Locked> {
         Ok(Built::tell(problem, plain, noise, None)?.promised)
     }
@@ -478,11 +491,12 @@ impl Built {
     ) -> Result<(Built, Fitted), Locked> {
         // what a fit leaves is the most that the noise can be; a misfit had looked like more, and more noise
         // hides directions
-        let noise = (self.noise).min((fitted.cost() / fitted.state.rows as f64).max(1.0));
+        let left = (fitted.cost() / fitted.state.rows as f64).max(1.0);
+        let noise = self.noise.min(self.colour * left);
         let base = self.settle(problem, fitted)?;
         let mut about = fitted.clone();
         about.state.beta.truncate(problem.linear.len());
-        let built = Built::tell(problem, &about, noise, Some(base))?;
+        let built = Built::tell(problem, &about, [noise, self.colour], Some(base))?;
         built.enter(problem);
         let fitted = refit(problem, &about);
         Ok((built, fitted))
@@ -550,11 +564,12 @@ impl Built {
         &self.combine * DVector::from_iterator(sizes.len(), from_drawing)
     }
 
-    /// -2 ln L of a fit of the plain model with departures, were this the variance of the noise.
-    pub fn likelihood(&self, fitted: &Fitted, noise: f64) -> f64 {
+    /// What the priors of the parts have of -2 ln L beside the sum of squares, were this the variance of the
+    /// noise.
+    pub fn spread(&self, noise: f64) -> f64 {
         let share = self.noise / noise;
-        let priors = self.seen.iter().map(|s| (share * s.max(0.0)).ln_1p());
-        fitted.cost() / noise + priors.sum::<f64>()
+        let each = self.seen.iter().map(|s| (share * s.max(0.0)).ln_1p());
+        each.sum()
     }
 
     /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives
@@ -596,8 +611,23 @@ impl Built {
 
     /// The part that a fit takes farthest from its drawing, where that is more than tolerances make.
     pub fn beyond(&self, fitted: &Fitted) -> Option<Departed> {
-        let departed = self.departed(fitted);
-        largest(&departed).filter(|d| d.times() >= WITHIN).cloned()
+        self.largest(fitted).filter(|d| d.times() >= WITHIN)
+    }
+
+    /// The part that a fit takes farthest from its drawing.
+    fn largest(&self, fitted: &Fitted) -> Option<Departed> {
+        largest(&self.departed(fitted)).cloned()
+    }
+
+    /// How many times its tolerance the part is off that a fit takes farthest.
+    pub fn farthest(&self, fitted: &Fitted) -> f64 {
+        self.largest(fitted).map_or(0.0, |d| d.times())
+    }
+
+    /// How much less likely, in ln, normal parts are to be as far off as the farthest is than not to: 0 up to
+    /// where the largest of so many lies.
+    pub fn strange(&self, fitted: &Fitted) -> f64 {
+        (0.5 * self.farthest(fitted).powi(2) - (self.list.len() as f64).ln()).max(0.0)
     }
 
     /// What a fit makes of each tolerance.

@@ -35,6 +35,12 @@ impl Effect for AmplifierGain {
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         vec![vec![vec![0.01, 0.0], vec![0.0, 10.0]]]
     }
+    fn share_of_made(&self, v: &[f64]) -> f64 {
+        2.0 * v[0]
+    }
+    fn scales_made(&self) -> bool {
+        true
+    }
     fn brought_out_by(&self) -> &'static str {
         "a known payload on and off under the same voltages, and the amplifier's own monitor output"
     }
@@ -43,5 +49,22 @@ impl Effect for AmplifierGain {
             let fade = 1.0 - (-(*phi / FADE_V).powi(2)).exp();
             *phi += v[0] * *phi + v[1] * fade * phi.signum();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_of_the_gain_is_two_of_the_torque() {
+        let v = [1e-4, 0.0];
+        let share = AmplifierGain.share_of_made(&v);
+        assert!(((1.0 + v[0]).powi(2) - 1.0 - share).abs() < 1e-7);
+        assert!(scales_made(&AmplifierGain) && scales_made(&ThicknessError));
+        let others = crate::effects::CATALOGUE
+            .iter()
+            .filter(|e| scales_made(**e));
+        assert_eq!(others.count(), 1);
     }
 }

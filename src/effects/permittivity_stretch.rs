@@ -32,6 +32,9 @@ impl Effect for PermittivityStretch {
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         vec![vec![vec![0.02, 0.0]]]
     }
+    fn scales_made(&self) -> bool {
+        true
+    }
     fn brought_out_by(&self) -> &'static str {
         "the same pose at several voltages: payload steps under held voltages"
     }

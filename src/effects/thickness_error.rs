@@ -31,6 +31,12 @@ impl Effect for ThicknessError {
     fn reach(&self) -> Reach {
         Reach::One
     }
+    fn share_of_made(&self, v: &[f64]) -> f64 {
+        1.0 - v[0]
+    }
+    fn scales_made(&self) -> bool {
+        true
+    }
     fn brought_out_by(&self) -> &'static str {
         "the actuators driven one after the other with the same voltage"
     }

@@ -103,6 +103,18 @@ pub enum Departure {
     },
 }
 
+/// Tells what an effect changes of a torque error at the torque that the model asks for, where it changes what
+/// a voltage makes by a share. At the recorded one the error's noise would stand in the column: a film that is
+/// thicker and softer, with a smaller load, shrinks all torques, and the error with them.
+fn as_asked_for(acting: &Acting, error: &Chains, change: &mut Chains) {
+    let share = acting.effect.share_of_made(&acting.values);
+    for k in (0..3).filter(|&k| share != 0.0 && acting.on[k]) {
+        for (c, e) in change[k].iter_mut().zip(&error[k]) {
+            *c -= share * e;
+        }
+    }
+}
+
 /// Changes of the torque error that departures make, N m: for each recording, each departure (or direction of
 /// several).
 pub type DepartureTorques = Vec<Vec<Chains>>;
@@ -1245,7 +1257,8 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Whitened change of the residual of all recordings, row by row as in [`RobotResidual::design`], when
-    /// `acting` joins the effects at the parameters.
+    /// `acting` joins the effects at the parameters. What changes the torque that a voltage makes by a share is
+    /// told at the torque that the model asks for.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
@@ -1263,7 +1276,7 @@ impl<'a> RobotResidual<'a> {
         for recording in 0..self.recordings.len() {
             let mechanics = self.mechanics_with(recording, &effects)?;
             let offset = self.offset_s(recording, eta);
-            let change = self.change(
+            let mut change = self.change(
                 recording,
                 &parameters,
                 offset,
@@ -1272,6 +1285,12 @@ impl<'a> RobotResidual<'a> {
                 effects.len(),
                 &OnceLock::new(),
             )?;
+            if acting.effect.share_of_made(&acting.values) != 0.0 {
+                let mut error =
+                    self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+                self.depart(recording, beta, &mut error);
+                as_asked_for(acting, &error, &mut change);
+            }
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
             for (f, w) in filtered.iter().zip(&r.whitening) {
@@ -1286,7 +1305,8 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// What each of `list` changes of the torque error at the parameters, with the effects that are at work:
-    /// recording by recording.
+    /// recording by recording. What changes the torque that a voltage makes by a share is told at the torque
+    /// that the model asks for.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
@@ -1304,6 +1324,8 @@ impl<'a> RobotResidual<'a> {
                 let offset = self.offset_s(recording, eta);
                 let none = || [(); 3].map(|()| vec![0.0; mechanics.samples()]);
                 let base = OnceLock::new();
+                let error =
+                    self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
                 let of = |k: usize| mechanics.spring_torques_n_m(k, &parameters);
                 let springs = [of(0)?, of(1)?, of(2)?];
                 let change = |departure: &Departure| {
@@ -1330,6 +1352,9 @@ impl<'a> RobotResidual<'a> {
                             out
                         }
                     };
+                    if let Departure::Effect { acting, .. } = departure {
+                        as_asked_for(acting, &error, &mut out);
+                    }
                     for (i, _) in &mechanics.unreachable {
                         for chain in &mut out {
                             chain[*i] = 0.0;

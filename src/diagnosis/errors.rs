@@ -185,13 +185,13 @@ pub(super) fn raises_error<S: Subject>(
     ))
 }
 
-/// Error that a model takes away from another's, as a root of the difference of squares: on the held-out
-/// recordings, where there are any.
+/// Error that a model takes away from another's, as a root of the difference of squares, and what noise makes:
+/// on the held-out recordings, where there are any.
 pub(super) fn taken_away<S: Subject>(
     problem: &Problem<S>,
     before: &Fitted,
     after: &Fitted,
-) -> Result<f64, Error> {
+) -> Result<[f64; 2], Error> {
     let gain = match &problem.holdout {
         Some(h) => {
             let eta = |f: &Fitted| problem.holdout_eta(f);
@@ -211,5 +211,5 @@ pub(super) fn taken_away<S: Subject>(
         }
     };
     let squares = gain.before_v.powi(2) - gain.after_v.powi(2);
-    Ok(squares.max(0.0).sqrt())
+    Ok([squares.max(0.0).sqrt(), gain.noise_floor_v])
 }

@@ -464,12 +464,17 @@ fn chain<S: Subject>(
             verdict = Verdict::MissingPhysics;
         }
     }
-    if let (Verdict::MissingPhysics, Some(relevant)) = (verdict, request.relevant) {
-        let taken = taken_away(&problem, &plain.fitted, &best.fitted)?;
+    // Parts within their tolerances explain so much that what they leave of no size is no evidence of a cause.
+    if verdict == Verdict::MissingPhysics && (built.is_some() || request.relevant.is_some()) {
+        let [taken, noise] = taken_away(&problem, &plain.fitted, &best.fitted)?;
+        let (relevant, asked) = match request.relevant {
+            Some(asked) => (asked, "that were asked for"),
+            None => (noise, "that noise makes"),
+        };
         if taken < relevant {
             let names: Vec<&str> = ids(&best).collect();
             remarks.push(format!(
-                "{} takes {} of error away: it may be there, but matters less than the {} that were asked for.",
+                "{} takes {} of error away: it may be there, but matters less than the {} {asked}.",
                 names.join(" and "),
                 in_unit(taken, &words.unit),
                 in_unit(relevant, &words.unit)

@@ -59,6 +59,8 @@ struct Tried {
     square: f64,
     /// Minus the logarithm of the prior odds of its causes, and what it costs that parts are far off.
     prior: f64,
+    /// What a scan finds by chance, where the model is to outdo others by as much.
+    chance: f64,
 }
 
 impl Tried {
@@ -83,7 +85,7 @@ fn costs(tried: &[Tried], plain: f64, colour: f64) -> Vec<f64> {
     let each = tried.iter().zip(&told).map(|(t, told)| {
         let form = best + form_costs((t.square - left).max(0.0), plain - left);
         let of_form = !t.fitted.effects.is_empty();
-        t.prior + if of_form { told.min(form) } else { *told }
+        t.prior + t.chance + if of_form { told.min(form) } else { *told }
     });
     each.collect()
 }
@@ -116,28 +118,31 @@ impl Causes<'_> {
         let doubtful = expected || self.unexplained;
         let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
         let noise = [self.noise, self.colour.max(1.0)];
-        let mut starts = vec![self.plain.fitted.clone()];
-        if expected || own.effects.len() > 1 || (loud && self.unexplained) {
-            starts.extend(self.beside(problem, &list));
-        }
+        let beside = expected || own.effects.len() > 1 || (loud && self.unexplained);
         // `by_chance` is what chance makes of a scan: what a cause within its tolerance, and one beside parts,
         // has to make up for
-        let tried_of = |problem: &Problem<S>, parts: Option<Built>, fitted: Fitted| {
-            let causes = -prior(&fitted)
-                + match &parts {
-                    Some(_) if fitted.effects.is_empty() => 0.0,
-                    None if !expected => 0.0,
-                    _ => by_chance,
-                };
-            Tried {
-                prior: causes + parts.as_ref().map_or(0.0, |p| p.strange(&fitted)),
-                square: Judged::new(problem, blocks, fitted.clone()).mean_square,
-                parts,
-                fitted,
-            }
+        let tried_of = |problem: &Problem<S>, parts: Option<Built>, fitted: Fitted| Tried {
+            prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior(&fitted),
+            chance: match &parts {
+                Some(_) if fitted.effects.is_empty() => 0.0,
+                None if !expected => 0.0,
+                _ => by_chance,
+            },
+            square: Judged::new(problem, blocks, fitted.clone()).mean_square,
+            parts,
+            fitted,
         };
-        let mut tried = Vec::new();
-        for start in starts {
+        let likeliest = |tried: &[Tried]| {
+            let costs = costs(tried, self.plain.mean_square, self.colour);
+            (0..tried.len())
+                .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
+                .unwrap_or(0)
+        };
+        let mut tried = vec![tried_of(problem, None, own.clone())];
+        let mut starts = vec![self.plain.fitted.clone()];
+        let mut at = 0;
+        while at < starts.len() {
+            let start = starts[at].clone();
             let alone = start.effects.is_empty();
             let told = Built::fit(problem, &start, noise, most);
             if let Ok(Some((mut built, mut fitted))) = told {
@@ -173,11 +178,14 @@ impl Causes<'_> {
                 }
             }
             Built::leave(problem)?;
+            at += 1;
+            // no name gives way to parts alone before the same parts were tried beside it
+            if alone && (beside || likeliest(&tried) > 0) {
+                starts.extend(self.beside(problem, &list));
+            }
         }
-        tried.push(tried_of(problem, None, own.clone()));
-        let costs = costs(&tried, self.plain.mean_square, self.colour);
-        let best = (0..tried.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]));
-        let best = tried.swap_remove(best.unwrap_or(0));
+        let best = likeliest(&tried);
+        let best = tried.swap_remove(best);
         Ok(best.parts.map(|parts| (parts, best.fitted)))
     }
 

@@ -7,6 +7,8 @@
 //! what normal ones as far off would. Each cause costs its prior odds, one within its tolerance what chance
 //! makes of a scan besides, and a cause beside parts has to outdo parts alone by as much.
 
+use std::collections::VecDeque;
+
 use rayon::prelude::*;
 
 use super::POLISH;
@@ -139,10 +141,8 @@ impl Causes<'_> {
                 .unwrap_or(0)
         };
         let mut tried = vec![tried_of(problem, None, own.clone())];
-        let mut starts = vec![self.plain.fitted.clone()];
-        let mut at = 0;
-        while at < starts.len() {
-            let start = starts[at].clone();
+        let mut starts = VecDeque::from([self.plain.fitted.clone()]);
+        while let Some(start) = starts.pop_front() {
             let alone = start.effects.is_empty();
             let told = Built::fit(problem, &start, noise, most);
             if let Ok(Some((mut built, mut fitted))) = told {
@@ -178,7 +178,6 @@ impl Causes<'_> {
                 }
             }
             Built::leave(problem)?;
-            at += 1;
             // no name gives way to parts alone before the same parts were tried beside it
             if alone && (beside || likeliest(&tried) > 0) {
                 starts.extend(self.beside(problem, &list));

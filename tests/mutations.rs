@@ -169,6 +169,15 @@ impl Template {
         let text = text.replacen("id = \"symmetric\"", "id = \"rich\"", 1);
         let text = text.replacen("offset_s = 0.0", "offset_s = \"estimate\"", 1);
         fs::write(at("rich/recording.toml"), text).unwrap();
+        // and a motion of its own, by its last row: a copy is no further evidence
+        let motion = fs::read_to_string(at("rich/motion.csv")).unwrap();
+        let mut rows: Vec<String> = motion.lines().map(str::to_owned).collect();
+        let [.., before, last] = &mut rows[..] else {
+            panic!("{motion}")
+        };
+        let (time, pose) = (last.split_once(','), before.split_once(','));
+        *last = format!("{},{}", time.unwrap().0, pose.unwrap().1);
+        fs::write(at("rich/motion.csv"), rows.join("\n") + "\n").unwrap();
         for (day, name) in [(1, "one"), (2, "two")] {
             copy(&at("sample"), &at(&format!("films/{name}")));
             let path = at(&format!("films/{name}/recording.toml"));

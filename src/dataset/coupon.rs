@@ -193,7 +193,7 @@ pub enum CouponError {
     },
     /// A number whose powers are none.
     #[error(
-        "coupon `{id}`: the {what} of row {} is {value:e}, and nothing beyond {LARGEST:e} can be worked with: mend it, or empty the cell", row + 1
+        "coupon `{id}`: the {what} of row {} is {value:e}, and nothing beyond {largest:e} can be worked with: mend it, or empty the cell", row + 1
     )]
     Beyond {
         /// Recording.
@@ -204,6 +204,8 @@ pub enum CouponError {
         row: usize,
         /// Its value.
         value: f64,
+        /// The largest that there may be.
+        largest: f64,
     },
     /// Stress or stretch that never changes.
     #[error("coupon `{id}`: the {what} is {value} in every row: nothing can be learned from it")]
@@ -219,6 +221,9 @@ pub enum CouponError {
 
 /// Largest magnitude in SI units: fourth powers of more, summed over a recording, need not be numbers.
 pub(super) const LARGEST: f64 = 1e60;
+/// Largest stretch: far beyond any elastomer, and any slip of percent or mm for m. The film's history of more
+/// need not be numbers.
+const LARGEST_STRETCH: f64 = 1e6;
 /// Fewest rows of a coupon.
 const FEWEST_ROWS: usize = 4;
 
@@ -312,14 +317,14 @@ impl Coupon {
                 stress: stress_pa.len(),
             });
         }
-        for (what, values) in [
-            ("time", &time_s),
-            ("stretch", &stretch),
-            ("stress", &stress_pa),
+        for (what, values, largest) in [
+            ("time", &time_s, LARGEST),
+            ("stretch", &stretch, LARGEST_STRETCH),
+            ("stress", &stress_pa, LARGEST),
         ] {
             if let Some(row) = values
                 .iter()
-                .position(|v| v.is_finite() && v.abs() > LARGEST)
+                .position(|v| v.is_finite() && v.abs() > largest)
             {
                 let value = values[row];
                 return Err(CouponError::Beyond {
@@ -327,6 +332,7 @@ impl Coupon {
                     what,
                     row,
                     value,
+                    largest,
                 });
             }
         }
@@ -786,6 +792,14 @@ mod tests {
         assert!(flat.to_string().contains("stretch is 1.5"), "{flat}");
         let odd = Coupon::new(parts(time, vec![1.5; 3], vec![0.0; 9]), &grid).unwrap_err();
         assert!(matches!(odd, CouponError::Lengths { .. }));
+        let time: Vec<f64> = (0..9).map(f64::from).collect();
+        let mut far = time.iter().map(|t| 1.0 + t).collect::<Vec<_>>();
+        far[3] = 1.8e19;
+        let far = Coupon::new(parts(time.clone(), far, time), &grid).unwrap_err();
+        assert!(
+            far.to_string().contains("stretch of row 4 is 1.8e19"),
+            "{far}"
+        );
         assert!(Coupon::new(parts(vec![], vec![], vec![]), &grid).is_err());
     }
 }

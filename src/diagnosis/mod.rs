@@ -330,7 +330,7 @@ fn chain<S: Subject>(
     // A cause that is named foretells more, and is likelier than not: itself, or with those that the
     // recordings cannot tell from it, of which none is far likelier.
     let beyond_noise = never_adequate(&plain.fitted, &chance);
-    let supported = |j: &Judged, odds: &Odds| {
+    let supported = |problem: &Problem<S>, j: &Judged, odds: &Odds| {
         foretells(&plain, j)
             && (0..j.fitted.effects.len()).all(|own| {
                 let id = j.fitted.effects[own].effect.id();
@@ -338,18 +338,36 @@ fn chain<S: Subject>(
                 if alone >= 0.5 {
                     return alone > odds.nothing();
                 }
-                let others = alike(&problem, &j.fitted, own, &groups);
+                let others = alike(problem, &j.fitted, own, &groups);
                 let others = || others.iter().map(|o| odds.cause(o));
                 alone + others().sum::<f64>() >= 0.5 && others().all(|o| alone >= RIVALS * o)
             })
     };
     let first_odds = told(&singles, &[]);
-    let adequate =
-        adequate || (!beyond_noise && singles.first().is_some_and(|j| !supported(j, &first_odds)));
+    let adequate = adequate
+        || (!beyond_noise
+            && singles
+                .first()
+                .is_some_and(|j| !supported(&problem, j, &first_odds)));
     // Nothing confirms a cause where nothing was held out: the error itself has to stand out of the noise
     // then.
     let adequate =
         adequate || (!beyond_noise && holdout.is_none() && !above_noise(&problem, &plain.fitted)?);
+    // Parts that were told without a cause that matters lean towards it: they are told once more beside the one
+    // that leads.
+    if let (Some(built), None, false, Some(first)) = (&built, &start, adequate, singles.first())
+        && supported(&problem, first, &first_odds)
+        && let [taken, noise] = taken_away(&problem, &plain.fitted, &first.fitted)?
+        && taken >= request.relevant.unwrap_or(noise)
+    {
+        watch("telling parts beside the leading cause");
+        let first = first.fitted.clone();
+        if let Some(beside) = built.settled(&mut problem, &first)? {
+            beside.0.restore(&mut problem)?;
+            return chain(problem, holdout, remarks, request, watch, Some(beside));
+        }
+        built.restore(&mut problem)?;
+    }
     // More than one
     let mut pair: Option<Judged> = None;
     let mut partners: Vec<Judged> = Vec::new();
@@ -404,12 +422,12 @@ fn chain<S: Subject>(
         let mut others = p.fitted.effects.iter().filter(|a| !is_first(a));
         others.any(|a| tolerance::holds(&list, a))
     };
-    pair = pair.filter(|p| supported(p, &odds) && !part(p));
+    pair = pair.filter(|p| supported(&problem, p, &odds) && !part(p));
     if let (false, Some(named)) = (adequate, pair.as_mut().or(singles.first_mut())) {
         *named = plainest(&problem, &chance.blocks, named, allowed);
     }
     let mut best = pair.as_ref().or(singles.first()).unwrap_or(&plain).clone();
-    let best_is_supported = supported(&best, &odds);
+    let best_is_supported = supported(&problem, &best, &odds);
     problem.take_up(holdout, built.as_ref())?;
     let raises = !adequate && raises_error(&problem, &plain.fitted, &best.fitted)?;
     let mut verdict = if adequate || singles.is_empty() || (raises && !beyond_noise) {

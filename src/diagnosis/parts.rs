@@ -63,6 +63,8 @@ struct Tried {
     prior: f64,
     /// What a scan finds by chance, where the model is to outdo others by as much.
     chance: f64,
+    /// Whether what it leaves may be its form.
+    of_form: bool,
 }
 
 impl Tried {
@@ -75,18 +77,37 @@ impl Tried {
     }
 }
 
-/// -ln of the posterior odds of each model, but for a constant; `plain` is the mean square of the plain one,
-/// `colour` the variance of a score over the one that white noise would give it.
-fn costs(tried: &[Tried], plain: f64, colour: f64) -> Vec<f64> {
+/// -ln of the posterior odds of each model, but for a constant; the causes as drawn come first. `plain` is the
+/// mean square of the plain model, `alone` that of parts alone, where they were fitted; `colour` the variance of
+/// a score over the one that white noise would give it.
+fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f64> {
     let least = tried.iter().map(|t| t.square).fold(f64::INFINITY, f64::min);
     let noise = colour.max(1.0) * least.max(1.0);
     let told: Vec<f64> = tried.iter().map(|t| t.told(noise)).collect();
+    let whole = |at: usize| tried[at].prior + tried[at].chance + told[at];
+    // Parts that do with some of the names, or with none, are no other form of them: they are held against all
+    // that the names leave. (Parts that go beyond their tolerances beside a name may take up its form.)
+    let own = &tried[0];
+    let fewer = |t: &Tried| {
+        let known = |a: &Acting| {
+            let mut names = own.fitted.effects.iter();
+            names.any(|o| o.effect.id() == a.effect.id())
+        };
+        let effects = &t.fitted.effects;
+        let within = |p: &Built| effects.is_empty() || p.beyond(&t.fitted).is_none();
+        t.parts.as_ref().is_some_and(within) && effects.iter().all(known)
+    };
+    let gives_way = (1..tried.len()).any(|at| fewer(&tried[at]) && whole(at) < whole(0));
     let likeliest =
         (tried.iter().zip(&told)).min_by(|a, b| (a.1 + a.0.prior).total_cmp(&(b.1 + b.0.prior)));
     let (best, left) = likeliest.map_or((0.0, least), |(t, told)| (*told, t.square));
-    let each = tried.iter().zip(&told).map(|(t, told)| {
-        let form = best + form_costs((t.square - left).max(0.0), plain - left);
-        let of_form = !t.fitted.effects.is_empty();
+    let each = tried.iter().zip(&told).enumerate().map(|(at, (t, told))| {
+        let way = match &t.parts {
+            Some(_) => alone.unwrap_or(plain),
+            None => plain,
+        };
+        let form = best + form_costs((t.square - left).max(0.0), way - left);
+        let of_form = t.of_form && !(at == 0 && gives_way);
         t.prior + t.chance + if of_form { told.min(form) } else { *told }
     });
     each.collect()
@@ -131,16 +152,19 @@ impl Causes<'_> {
                 _ => by_chance,
             },
             square: Judged::new(problem, blocks, fitted.clone()).mean_square,
+            // causes as drawn that leave too much for their forms say nothing
+            of_form: !fitted.effects.is_empty() && (parts.is_some() || !self.unexplained),
             parts,
             fitted,
         };
-        let likeliest = |tried: &[Tried]| {
-            let costs = costs(tried, self.plain.mean_square, self.colour);
+        let likeliest = |tried: &[Tried], alone: Option<f64>| {
+            let costs = costs(tried, self.plain.mean_square, alone, self.colour);
             (0..tried.len())
                 .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
                 .unwrap_or(0)
         };
         let mut tried = vec![tried_of(problem, None, own.clone())];
+        let mut of_parts = None;
         let mut starts = VecDeque::from([self.plain.fitted.clone()]);
         while let Some(start) = starts.pop_front() {
             let alone = start.effects.is_empty();
@@ -156,11 +180,11 @@ impl Causes<'_> {
                     let with = with.into_par_iter().map(|f| (square(&f), f));
                     let mut with: Vec<(f64, Fitted)> = with.collect();
                     with.sort_by(|a, b| a.0.total_cmp(&b.0));
-                    for (_, with) in with {
-                        let again = built.again(problem, &with);
+                    for (_, with) in &with {
+                        let again = built.settled(problem, with);
                         built.restore(problem)?;
                         let near = |(parts, f): &(Built, Fitted)| parts.farthest(f) < FAR;
-                        if let Some((parts, with)) = again.ok().filter(near) {
+                        if let Some((parts, with)) = again.ok().flatten().filter(near) {
                             parts.restore(problem)?;
                             tried.push(tried_of(problem, Some(parts), with));
                             break;
@@ -173,17 +197,21 @@ impl Causes<'_> {
                         built.restore(problem)?;
                     }
                 }
+                if alone {
+                    let judged = Judged::new(problem, blocks, fitted.clone());
+                    of_parts = Some(judged.mean_square);
+                }
                 if built.farthest(&fitted) < FAR {
                     tried.push(tried_of(problem, Some(built), fitted));
                 }
             }
             Built::leave(problem)?;
             // no name gives way to parts alone before the same parts were tried beside it
-            if alone && (beside || likeliest(&tried) > 0) {
+            if alone && (beside || likeliest(&tried, of_parts) > 0) {
                 starts.extend(self.beside(problem, &list));
             }
         }
-        let best = likeliest(&tried);
+        let best = likeliest(&tried, of_parts);
         let best = tried.swap_remove(best);
         Ok(best.parts.map(|parts| (parts, best.fitted)))
     }

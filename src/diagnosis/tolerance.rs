@@ -394,7 +394,16 @@ impl Built {
         let cost = tangent.residual.norm_squared() + priors(problem, plain);
         let spread = Spread::new(&list, &rows, &tangent, cost, noise, &mean);
         let scale = spread.best();
-        let (combine, means, seen) = spread.directions(scale, &mean);
+        let (combine, means, mut seen) = spread.directions(scale, &mean);
+        // What parts may do costs the same whether a cause that does the like is beside them or not.
+        if !plain.free.is_empty() {
+            let mut held = plain.clone();
+            held.free.clear();
+            held.state.eta.truncate(problem.nonlinear.len());
+            let film = Tangent::new(problem, &held)?;
+            let whole = Spread::new(&list, &rows, &film, cost, noise, &mean);
+            seen = whole.scaled(scale).symmetric_eigenvalues();
+        }
         Ok(Built {
             scale,
             promised: spread.at(scale),
@@ -439,25 +448,30 @@ impl Built {
         } else {
             warm
         };
-        built.settled(problem, fitted)
+        built.settled(problem, &fitted)
     }
 
-    /// Parts told about the mechanism and the film that a fit with them finds, until they stay.
-    fn settled<S: Subject>(
-        self,
+    /// Parts told about the mechanism and the film of `fitted`, a fit with them, and again about those of the
+    /// next, until they stay.
+    ///
+    /// # Errors
+    /// As [`Built::fit`].
+    pub fn settled<S: Subject>(
+        &self,
         problem: &mut Problem<S>,
-        fitted: Fitted,
+        fitted: &Fitted,
     ) -> Result<Option<(Built, Fitted)>, Locked> {
-        let (mut built, mut fitted) = (self, fitted);
-        for round in 1..ROUNDS[1] {
-            let before = fitted.cost();
-            (built, fitted) = built.again(problem, &fitted)?;
+        let mut before = fitted.cost();
+        let (mut built, mut fitted) = self.again(problem, fitted)?;
+        for round in 2..ROUNDS[1] {
             if built.combine.ncols() == 0 {
                 return Ok(None);
             }
-            if round + 1 >= ROUNDS[0] && fitted.cost() > SETTLED * before {
+            if round >= ROUNDS[0] && fitted.cost() > SETTLED * before {
                 break;
             }
+            before = fitted.cost();
+            (built, fitted) = built.again(problem, &fitted)?;
         }
         Ok(Some((built, fitted)))
     }

@@ -48,7 +48,7 @@ pub(super) struct Arguments {
     #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
     false_alarms: f64,
     /// Error that a cause of a robot must take away to be named, V (default: a seventh of what the noise
-    /// makes; all of it beside parts that differ within their tolerances)
+    /// makes; all of it where parts that differ within their tolerances leave about as much)
     #[arg(long, value_name = "V", value_parser = parse_relevant)]
     relevant: Option<f64>,
     /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis

@@ -358,7 +358,7 @@ fn chain<S: Subject>(
     if let (Some(built), None, false, Some(first)) = (&built, &start, adequate, singles.first())
         && supported(&problem, first, &first_odds)
         && let [taken, noise] = taken_away(&problem, &plain.fitted, &first.fitted)?
-        && taken >= request.relevant.unwrap_or(noise)
+        && (beyond_noise || taken >= request.relevant.unwrap_or(noise))
     {
         watch("telling parts beside the leading cause");
         let first = first.fitted.clone();
@@ -482,8 +482,10 @@ fn chain<S: Subject>(
             verdict = Verdict::MissingPhysics;
         }
     }
-    // Parts within their tolerances explain so much that what they leave of no size is no evidence of a cause.
-    if verdict == Verdict::MissingPhysics && (built.is_some() || request.relevant.is_some()) {
+    // Parts within their tolerances explain so much that what they leave of no size is no evidence of a cause;
+    // what is more than any noise is.
+    let small = built.is_some() && !beyond_noise;
+    if verdict == Verdict::MissingPhysics && (small || request.relevant.is_some()) {
         let [taken, noise] = taken_away(&problem, &plain.fitted, &best.fitted)?;
         let (relevant, asked) = match request.relevant {
             Some(asked) => (asked, "that were asked for"),

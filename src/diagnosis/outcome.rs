@@ -437,7 +437,7 @@ pub struct Request {
     /// Whether the models that simpler methods end with are built too.
     pub rivals: bool,
     /// Error, in the unit of the rig's errors, that a cause of a robot must take away to matter; without,
-    /// what must be taken away is a share of the noise, or all of it beside parts that differ.
+    /// what must be taken away is a share of the noise, or all of it beside parts that leave about as much.
     pub relevant: Option<f64>,
     /// What was found before the run was stopped.
     pub memory: Memory,

@@ -138,18 +138,17 @@ impl Causes<'_> {
         let most = causes + WORTH_A_FIT * explained;
         // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
         // does not, and the second of two names, to parts beside a cause too.
-        let doubtful = expected || self.unexplained;
         let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
+        let doubtful = expected || self.unexplained || loud;
         let noise = [self.noise, self.colour.max(1.0)];
         let beside = expected || own.effects.len() > 1 || (loud && self.unexplained);
-        // `by_chance` is what chance makes of a scan: what a cause within its tolerance, and one beside parts,
-        // has to make up for
+        // `by_chance` is what chance makes of a scan: what a cause within its tolerance, one beside parts, and
+        // every further one has to make up for
         let tried_of = |problem: &Problem<S>, parts: Option<Built>, fitted: Fitted| Tried {
             prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior(&fitted),
-            chance: match &parts {
-                Some(_) if fitted.effects.is_empty() => 0.0,
-                None if !expected => 0.0,
-                _ => by_chance,
+            chance: {
+                let free = usize::from(parts.is_none() && !expected);
+                by_chance * fitted.effects.len().saturating_sub(free) as f64
             },
             square: Judged::new(problem, blocks, fitted.clone()).mean_square,
             // causes as drawn that leave too much for their forms say nothing

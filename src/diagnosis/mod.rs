@@ -176,6 +176,8 @@ fn chain<S: Subject>(
     let own = problem.nonlinear.len();
     let (built, start, mut plain, ordinary) = match built {
         Some((built, start)) => {
+            // it was that of another mechanism
+            problem.put_back_smoothing();
             let ordinary = ordinary(&mut problem)?;
             problem.weigh_if_believed(&start, ordinary)?;
             let (eta, beta) = (&start.state.eta[..own], &start.state.beta);

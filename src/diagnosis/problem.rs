@@ -425,6 +425,12 @@ impl<S: Subject> Problem<S> {
         Some(other)
     }
 
+    /// Puts back what [`Problem::take_out_smoothing`] took out.
+    pub fn put_back_smoothing(&mut self) {
+        self.train.take_out(None);
+        self.smoothed_at = None;
+    }
+
     /// Takes up recordings that were held out of all choices, as the fitted ones are by now: of a robot that
     /// differs alike, with the same weights, and without what capture and smoothing make of the plain model's
     /// motion.

@@ -11,7 +11,6 @@ use std::collections::VecDeque;
 
 use rayon::prelude::*;
 
-use super::POLISH;
 use super::blocks::{Blocks, form_costs};
 use super::fits::{choose, refit};
 use super::judge::{INDEPENDENT, Judged};
@@ -20,6 +19,7 @@ use super::problem::{Fitted, Problem};
 use super::scan::Scanned;
 use super::subject::Subject;
 use super::tolerance::{self, Built, Tolerance};
+use super::{PAIR_ABOVE, POLISH};
 use crate::effects::Acting;
 
 /// Share of what causes explain that parts within their tolerances may miss in linear theory for a fit of
@@ -85,19 +85,20 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
     let noise = colour.max(1.0) * least.max(1.0);
     let told: Vec<f64> = tried.iter().map(|t| t.told(noise)).collect();
     let whole = |at: usize| tried[at].prior + tried[at].chance + told[at];
-    // Parts that do with some of the names, or with none, are no other form of them: they are held against all
-    // that the names leave. (Parts that go beyond their tolerances beside a name may take up its form.)
+    // Parts within their tolerances that do with some of the names, or with none, are no other form of them:
+    // they are held against all that the names leave. (Parts beyond may be what is named, or take up its form.)
+    // Names that leave what noise does keep their place.
     let own = &tried[0];
     let fewer = |t: &Tried| {
         let known = |a: &Acting| {
             let mut names = own.fitted.effects.iter();
             names.any(|o| o.effect.id() == a.effect.id())
         };
-        let effects = &t.fitted.effects;
-        let within = |p: &Built| effects.is_empty() || p.beyond(&t.fitted).is_none();
-        t.parts.as_ref().is_some_and(within) && effects.iter().all(known)
+        let within = |p: &Built| p.beyond(&t.fitted).is_none();
+        t.parts.as_ref().is_some_and(within) && t.fitted.effects.iter().all(known)
     };
-    let gives_way = (1..tried.len()).any(|at| fewer(&tried[at]) && whole(at) < whole(0));
+    let loses = |at: usize| fewer(&tried[at]) && whole(at) < whole(0);
+    let gives_way = own.square > PAIR_ABOVE && (1..tried.len()).any(loses);
     let likeliest =
         (tried.iter().zip(&told)).min_by(|a, b| (a.1 + a.0.prior).total_cmp(&(b.1 + b.0.prior)));
     let (best, left) = likeliest.map_or((0.0, least), |(t, told)| (*told, t.square));

@@ -298,7 +298,7 @@ fn a_long_gap_is_masked_and_said() {
 }
 
 #[test]
-fn parameters_are_as_good_on_a_recording_whose_marker_was_lost() {
+fn a_marker_that_was_lost_costs_less_than_the_noise_again() {
     let bench = Bench::new("symmetric");
     bench.film(&[]);
     let whole = fs::read_to_string(bench.path("rec/motion.csv")).unwrap();
@@ -313,7 +313,7 @@ fn parameters_are_as_good_on_a_recording_whose_marker_was_lost() {
         let validation: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
         ["rmse_V", "noise_floor_V"].map(|key| validation[key].as_f64().unwrap())
     };
-    // what the film did before is not known, which costs a volt or two, not hundreds
+    // what the film did before is not known, which cost hundreds of volts
     for lost in [0..0, 5..105, 5..305, 805..1805] {
         let [error, floor] = error_v(lost.clone());
         assert!(

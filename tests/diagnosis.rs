@@ -109,6 +109,17 @@ fn dry_friction_is_named_though_smoothing_rounds_its_reversals() {
 }
 
 #[test]
+fn what_was_held_out_is_judged_with_parts_where_smoothing_was_taken_out_without() {
+    let spec = spec(
+        Kind::Effect("loss_of_tension"),
+        2167447900339442,
+        0.15248738780493926,
+    );
+    let t = trial(&generate(&spec).unwrap());
+    assert_eq!(t.failure, None, "{t:?}");
+}
+
+#[test]
 fn links_that_the_recordings_cannot_tell_are_said_together() {
     // base and effector count by the difference of their lengths alone
     let case = generate(&spec(Kind::Effect("link_length_error"), 0, 0.7)).unwrap();

@@ -3,9 +3,11 @@
 //!
 //! The model that foretells most likely, -ln L with what its values and the directions of its parts cost, is
 //! what all others are held against. A cause that leaves more than it does may do so by its form: that costs it
-//! no more than the law of forms (`blocks`) allows. Parts have no form; parts far beyond their tolerances cost
-//! what normal ones as far off would. Each cause costs its prior odds, one within its tolerance what chance
-//! makes of a scan besides, and a cause beside parts has to outdo parts alone by as much.
+//! no more than the law of forms (`blocks`) allows. Two kinds of names are not spared so: those that leave too
+//! much to be believed, and those that leave more than noise where parts within their tolerances do better,
+//! alone or beside some of the same names. Parts have no form; parts far beyond their tolerances cost what
+//! normal ones as far off would. Each cause costs its prior odds; one within its tolerance, one beside parts and
+//! every further one cost what chance makes of a scan besides.
 
 use std::collections::VecDeque;
 

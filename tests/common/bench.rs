@@ -166,12 +166,12 @@ pub struct End {
     pub took_s: f64,
 }
 
-/// Runs the program with ten seconds of two processors and 4 GB, and ends it after a minute of the clock:
+/// Runs the program with ten seconds of processor time and 4 GB, and ends it after a minute of the clock:
 /// what waits for nothing is found too.
 pub fn within_limits(dir: &Path, arguments: &str) -> End {
     let program = env!("CARGO_BIN_EXE_deacal");
     let limits = if cfg!(target_os = "linux") {
-        "ulimit -v 4194304; ulimit -t 20; ulimit -c 0;"
+        "ulimit -v 4194304; ulimit -t 10; ulimit -c 0;"
     } else {
         ""
     };

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::POLISH;
 use super::blocks::{Blocks, Foretold, Forms, odds};
 use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::Group;
@@ -10,6 +11,8 @@ use crate::film::Locked;
 
 /// Share of the residuals that count as independent.
 pub(super) const INDEPENDENT: f64 = 0.8;
+/// Squares at the weights of a model's own noise over those at the shared ones, from which its noise is another.
+const ANOTHER: f64 = 1.5;
 /// Smallest weighted mean square that is believed.
 const NOISE: f64 = 0.1;
 /// Directions of fingerprints whose cosine is above this cannot be told apart.
@@ -34,26 +37,38 @@ impl Judged {
     /// Judges a fit. A cause changes how much torque the noise of the capture makes: one that softens the
     /// film makes less of it, and would earn by shrinking what it is weighed by, the more the longer the
     /// recordings. So a model with causes is held against the noise of its own as well, and the larger of
-    /// both squares counts.
+    /// both squares counts. Where its own noise is another (a film without tension makes hardly any), a fit at
+    /// the shared weights says nothing of what the cause can do at its own, and it is fitted there.
     pub fn new<S: Subject>(problem: &Problem<S>, blocks: &Blocks, fitted: Fitted) -> Self {
         let n = fitted.state.rows as f64;
         let share = problem.independent;
-        let foretell = |train: &S| {
-            Tangent::of(train, problem, &fitted)
-                .map(|t| (t.residual.norm_squared(), blocks.foretell(&t, None)))
+        let foretell = |train: &S, fitted: &Fitted| {
+            let tangent = Tangent::of(train, problem, fitted)?;
+            let priors = fitted.cost() - fitted.state.data_cost;
+            let squares = tangent.residual.norm_squared() + priors;
+            Ok::<_, Locked>((squares, blocks.foretell(&tangent, None)))
         };
-        let mut squares = fitted.state.data_cost;
-        let mut foretold = foretell(&problem.train).map_or_else(|_| blocks.untold(), |f| f.1);
+        let mut squares = fitted.cost();
+        let told = foretell(&problem.train, &fitted);
+        let mut foretold = told.map_or_else(|_| blocks.untold(), |f| f.1);
         let own = (!fitted.effects.is_empty()).then(|| problem.weighed(&fitted));
         if let Some(Ok((train, _))) = own
-            && let Ok((own, told)) = foretell(&train)
+            && let Ok(mut own) = foretell(&train, &fitted)
         {
-            squares = squares.max(own);
-            if told.mean_square() > foretold.mean_square() {
-                foretold = told;
+            if own.0 > ANOTHER * squares {
+                let plain = problem.nonlinear.len();
+                let (eta, beta) = (&fitted.state.eta[..plain], &fitted.state.beta);
+                let there = problem.with(train);
+                let fit = there.fit(&fitted.effects, eta, beta, POLISH);
+                let again = foretell(&there.train, &fit);
+                own = again.ok().filter(|a| a.0 < own.0).unwrap_or(own);
+            }
+            squares = squares.max(own.0);
+            if own.1.mean_square() > foretold.mean_square() {
+                foretold = own.1;
             }
         }
-        let mean_square = (squares + fitted.cost() - fitted.state.data_cost) / n;
+        let mean_square = squares / n;
         let free = informed(problem, &fitted) + steps(&fitted) as f64;
         let score = share * n * mean_square.max(NOISE).ln()
             + free * (share * n).max(1.0).ln()

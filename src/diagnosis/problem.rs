@@ -312,17 +312,26 @@ impl<S: Subject> Problem<S> {
         for x in begun.iter_mut().flatten().flatten().flatten() {
             *x /= noise.sqrt();
         }
+        let train = (self.train).with_effects(Vec::new(), Vec::new(), &self.train_when);
         Problem {
-            train: self
-                .train
-                .with_effects(Vec::new(), Vec::new(), &self.train_when),
+            nonlinear: closer(&self.nonlinear),
+            linear: closer(&self.linear),
+            begun,
+            ..self.with(train)
+        }
+    }
+
+    /// The same with other weights, those of `train`, and nothing held out.
+    pub fn with(&self, train: S) -> Self {
+        Problem {
+            train,
             holdout: None,
             train_when: self.train_when.clone(),
             holdout_when: Vec::new(),
-            nonlinear: closer(&self.nonlinear),
-            linear: closer(&self.linear),
+            nonlinear: self.nonlinear.clone(),
+            linear: self.linear.clone(),
             independent: self.independent,
-            begun,
+            begun: self.begun.clone(),
             weighed_at: None,
             smoothed_at: None,
             memory: self.memory.clone(),

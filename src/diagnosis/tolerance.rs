@@ -339,7 +339,8 @@ pub(super) struct Built {
     train: DepartureTorques,
     /// The fit about which they were told.
     about: Fitted,
-    /// What the mechanism has of the tolerances already.
+    /// What the mechanism has of the tolerances already, and what it does.
+    base: DVector<f64>,
     acts: Vec<Acting>,
 }
 
@@ -414,6 +415,7 @@ impl Built {
             means,
             train,
             about: plain.clone(),
+            base,
             acts,
             list,
         })
@@ -494,7 +496,9 @@ impl Built {
     }
 
     /// The parts told once more about the mechanism and the film of `fitted`, a fit with them. (A film that
-    /// was refitted without those parts that are not in the mechanism would be bent by them again.)
+    /// was refitted without those parts that are not in the mechanism would be bent by them again.) What is
+    /// linear about one mechanism need not be so about the next, where a bicep rests against a stop: a step that
+    /// leaves far more than it promised is made shorter.
     ///
     /// # Errors
     /// As [`Built::fit`].
@@ -503,11 +507,33 @@ impl Built {
         problem: &mut Problem<S>,
         fitted: &Fitted,
     ) -> Result<(Built, Fitted), Locked> {
+        let mut out = self.step(problem, fitted, 1.0)?;
+        for share in SHORTER {
+            if out.1.cost() <= MISSED * fitted.cost() {
+                break;
+            }
+            let shorter = self.step(problem, fitted, share);
+            if let Some(shorter) = shorter.ok().filter(|s| s.1.cost() < out.1.cost()) {
+                out = shorter;
+            } else {
+                out.0.restore(problem)?;
+            }
+        }
+        Ok(out)
+    }
+
+    /// The parts told about a mechanism that goes a share of the way to that of `fitted`.
+    fn step<S: Subject>(
+        &self,
+        problem: &mut Problem<S>,
+        fitted: &Fitted,
+        share: f64,
+    ) -> Result<(Built, Fitted), Locked> {
         // what a fit leaves is the most that the noise can be; a misfit had looked like more, and more noise
         // hides directions
         let left = (fitted.cost() / fitted.state.rows as f64).max(1.0);
         let noise = self.noise.min(self.colour * left);
-        let base = self.settle(problem, fitted)?;
+        let base = self.settle(problem, fitted, share)?;
         let mut about = fitted.clone();
         about.state.beta.truncate(problem.linear.len());
         let built = Built::tell(problem, &about, [noise, self.colour], Some(base))?;
@@ -586,14 +612,15 @@ impl Built {
         each.sum()
     }
 
-    /// Takes the mechanism to be what a fit makes of it, and all that was allowed out of the problem. Gives
-    /// the departures that the mechanism then has.
+    /// Takes the mechanism a share of the way to what a fit makes of it, and all that was allowed out of the
+    /// problem. Gives the departures that the mechanism then has.
     fn settle<S: Subject>(
         &self,
         problem: &mut Problem<S>,
         fitted: &Fitted,
+        share: f64,
     ) -> Result<(DVector<f64>, Vec<Acting>), Locked> {
-        let mut found = self.found(fitted);
+        let mut found = &self.base + share * (self.found(fitted) - &self.base);
         let mut acts = Vec::new();
         for (t, size) in self.list.iter().zip(found.iter_mut()) {
             match &t.departure {
@@ -720,6 +747,9 @@ const WORTH_SAYING: f64 = 0.05;
 /// and the share of the cost before from which they are settled.
 const ROUNDS: [usize; 2] = [3, 6];
 const SETTLED: f64 = 0.95;
+/// What a step leaves over what it promised, from which it is made shorter, and the shares of it that are tried.
+const MISSED: f64 = 4.0;
+const SHORTER: [f64; 2] = [0.25, 0.06];
 /// Departure, in tolerances, above which a part that was picked is not within them: of normal ones one in
 /// 370.
 const OF_ONE_PART: f64 = 3.0;

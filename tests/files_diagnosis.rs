@@ -405,7 +405,8 @@ fn the_report_answers_in_words_first() {
         Verdict::MissingPhysics,
         Verdict::Unexplained,
     ] {
-        let html = render_diagnosis(&diagnosis(verdict), &Provenance::new("deacal diagnose"));
+        let html = render_diagnosis(&diagnosis(verdict), &Provenance::new("deacal diagnose"))
+            .replace('\u{a0}', " ");
         if let Some(dir) = std::env::var_os("DEACAL_WRITE_LOOK") {
             let path = std::path::Path::new(&dir).join(format!("{}.html", verdict.name()));
             std::fs::write(path, &html).unwrap();
@@ -454,7 +455,7 @@ fn a_part_beyond_its_tolerance_is_said_as_such() {
         unit: "1",
         stated: false,
     });
-    let html = render_diagnosis(&d, &Provenance::new("deacal diagnose"));
+    let html = render_diagnosis(&d, &Provenance::new("deacal diagnose")).replace('\u{a0}', " ");
     let first = html.split("<nav").next().unwrap();
     for words in [
         "Only with a part beyond its tolerance",

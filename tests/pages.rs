@@ -168,13 +168,19 @@ fn reports_are_whole_in_a_browser() {
 }
 
 /// Opens a page in a browser, where there is one.
-fn browse(page: &Path, what: &str) -> Option<std::process::Output> {
+fn browse(page: &Path, what: &[&str]) -> Option<std::process::Output> {
     let user = tempfile::tempdir().unwrap();
     let open = |browser: &&str| {
         std::process::Command::new(browser)
-            .args(["--headless=new", "--no-sandbox", "--disable-gpu", what])
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--hide-scrollbars",
+            ])
             .args(["--allow-file-access-from-files", "--enable-logging=stderr"])
             .args(["--virtual-time-budget=10000", "--window-size=1280,1000"])
+            .args(what)
             .arg(format!("--user-data-dir={}", user.path().display()))
             .arg(format!("file://{}", page.display()))
             .output()
@@ -186,54 +192,183 @@ fn browse(page: &Path, what: &str) -> Option<std::process::Output> {
 
 #[test]
 fn the_demo_is_printed_on_eight_pages() {
-    let dir = tempfile::tempdir().unwrap();
-    let pdf = dir.path().join("demo.pdf");
-    let print = format!("--print-to-pdf={}", pdf.display());
-    if browse(&root().join("reports/demo.html"), &print).is_none() {
-        eprintln!("skipped: no browser prints the demo");
-        return;
+    if let Some(sheets) = printed(&root().join("reports/demo.html")) {
+        assert!((1..=8).contains(&sheets), "{sheets}");
     }
-    let bytes = std::fs::read(&pdf).unwrap();
-    let text = String::from_utf8_lossy(&bytes);
-    let sheets = text.matches("/Type /Page\n").count();
-    assert!((1..=8).contains(&sheets), "{sheets}");
 }
 
-/// Width of a small phone, pixels of the style sheet.
-const PHONE: u32 = 390;
+/// Sheets of A4 that a page fills, where there is a browser: no heading and no caption of a table ends one.
+fn printed(page: &Path) -> Option<usize> {
+    let dir = tempfile::tempdir().unwrap();
+    let pdf = dir.path().join("page.pdf");
+    let print = format!("--print-to-pdf={}", pdf.display());
+    browse(page, &[&print])?;
+    let bytes = std::fs::read(&pdf).unwrap();
+    let text: String = bytes.iter().map(|b| char::from(*b)).collect();
+    let print = Print::read(&text);
+    let orphans = print.orphans();
+    assert!(orphans.is_empty(), "{}: {orphans:?}", page.display());
+    assert!(
+        print.pieces.len() > 20,
+        "{}: nothing is tagged",
+        page.display()
+    );
+    Some(text.matches("/Type /Page\n").count())
+}
 
-/// Opens a report on a phone, where there is a browser: it is no wider than the screen and nothing is an
-/// error.
+/// Pieces of text of a tagged PDF in the order of the page: what they stand in, and their sheet.
+struct Print {
+    pieces: Vec<(String, usize)>,
+}
+
+impl Print {
+    /// From the tree of structure, which Chromium writes as plain text.
+    fn read(pdf: &str) -> Print {
+        let mut elements = std::collections::BTreeMap::new();
+        for piece in pdf
+            .split("\nendobj")
+            .filter(|p| p.contains("/Type /StructElem"))
+        {
+            let Some((head, body)) = piece.rsplit_once(" 0 obj\n") else {
+                continue;
+            };
+            let number = head.rsplit('\n').next().unwrap();
+            elements.insert(number.trim().parse::<usize>().unwrap(), body);
+        }
+        let mut print = Print { pieces: Vec::new() };
+        let roots: Vec<usize> = elements
+            .iter()
+            .filter(|(_, body)| Print::kind(body) == "Document")
+            .map(|(number, _)| *number)
+            .collect();
+        for root in roots {
+            print.walk(&elements, root, "");
+        }
+        print
+    }
+
+    fn kind(body: &str) -> &str {
+        let rest = body.split_once("/S /").map_or("", |(_, rest)| rest);
+        rest.split(|c: char| !c.is_alphanumeric()).next().unwrap()
+    }
+
+    /// The sheet that a piece of an element says it is on.
+    fn sheet(text: &str) -> Option<usize> {
+        let (_, rest) = text.split_once("/Pg ")?;
+        rest.split(' ').next()?.parse().ok()
+    }
+
+    fn walk(
+        &mut self,
+        elements: &std::collections::BTreeMap<usize, &str>,
+        number: usize,
+        within: &str,
+    ) {
+        let body = elements[&number];
+        let kind = match (Print::kind(body), within) {
+            (own @ ("H1" | "H2" | "H3"), _) => own,
+            // the words below a figure head nothing
+            ("Caption", "Table") => "Caption",
+            ("Table", _) => "Table",
+            ("Figure" | "TR" | "Caption", _) => "",
+            _ => within,
+        };
+        let Some((before, children)) = body.split_once("/K ") else {
+            return;
+        };
+        let own = Print::sheet(before).or_else(|| Print::sheet(children.split(']').nth(1)?));
+        let mut rest = children.trim_start_matches('[');
+        while let Some(c) = rest.chars().next() {
+            let (piece, after) = match c {
+                '<' => rest.split_once(">>").unwrap(),
+                '0'..='9' => {
+                    let end = rest.find([' ', ']', '\n', '>']).unwrap_or(rest.len());
+                    match rest[end..].strip_prefix(" 0 R") {
+                        Some(after) => {
+                            let child = rest[..end].parse().unwrap();
+                            if elements.contains_key(&child) {
+                                self.walk(elements, child, kind);
+                            }
+                            rest = after;
+                            continue;
+                        }
+                        None => rest.split_at(end),
+                    }
+                }
+                ' ' | '\n' => ("", &rest[1..]),
+                _ => break,
+            };
+            if let Some(sheet) = Print::sheet(piece).or(own).filter(|_| !piece.is_empty()) {
+                self.pieces.push((kind.to_owned(), sheet));
+            }
+            rest = after;
+        }
+    }
+
+    /// Headings with nothing below them on their sheet.
+    fn orphans(&self) -> Vec<String> {
+        let heads = |p: &&[(String, usize)]| {
+            ["H1", "H2", "H3", "Caption"].contains(&p[0].0.as_str())
+                && p[0].0 != p[1].0
+                && p[0].1 != p[1].1
+        };
+        let pairs = self.pieces.windows(2).filter(heads);
+        pairs.map(|p| format!("{p:?}")).collect()
+    }
+}
+
+#[test]
+fn a_heading_at_the_foot_of_a_sheet_is_seen() {
+    let piece = |kind: &str, sheet| (kind.to_owned(), sheet);
+    let print = |pieces| Print { pieces }.orphans().len();
+    assert_eq!(print(vec![piece("H2", 1), piece("", 2)]), 1);
+    assert_eq!(print(vec![piece("H2", 1), piece("", 1), piece("", 2)]), 0);
+    let text = "1 0 obj\n<</Type /StructElem\n/S /Document\n/K [2 0 R 3 0 R]>>\nendobj\n\
+                2 0 obj\n<</Type /StructElem\n/S /H2\n/P 1 0 R\n/Pg 7 0 R\n/K 4>>\nendobj\n\
+                3 0 obj\n<</Type /StructElem\n/S /P\n/P 1 0 R\n/K [<</Type /MCR\n/Pg 9 0 R\n/MCID 1>> \
+                <</Type /MCR\n/Pg 9 0 R\n/MCID 2>>]>>\nendobj\n";
+    let read = Print::read(text);
+    assert_eq!(read.pieces, [piece("H2", 7), piece("", 9), piece("", 9)]);
+    assert_eq!(read.orphans().len(), 1);
+}
+
+/// Opens a report where there is a browser, on a phone and on a desk, light and dark and printed: no wider
+/// than the screen, no blank row, every text to be read, every axis with its unit, nothing is an error
+/// (`scripts/look.js` has the bars).
 fn look(page: &Path) {
     let dir = tempfile::tempdir().unwrap();
     std::fs::copy(page, dir.path().join("report.html")).unwrap();
-    let frame = format!(
-        "<!DOCTYPE html><iframe id=\"of\" style=\"width:{PHONE}px;height:844px;border:0\"></iframe><script>\
-         const of = document.getElementById('of');\
-         of.onload = () => {{ document.title = 'wide ' + of.contentDocument.documentElement.scrollWidth; }};\
-         of.src = 'report.html';</script>"
-    );
+    let script = include_str!("scripts/look.js");
+    let frame =
+        format!("<!DOCTYPE html><body><pre id=\"told\"></pre><script>{script}</script></body>");
     std::fs::write(dir.path().join("frame.html"), frame).unwrap();
-    let Some(done) = browse(&dir.path().join("frame.html"), "--dump-dom") else {
-        eprintln!("skipped: no browser looks at {}", page.display());
-        return;
-    };
-    let dom = String::from_utf8_lossy(&done.stdout);
-    let wide = dom
-        .split("<title>wide ")
-        .nth(1)
-        .and_then(|t| t.split('<').next());
-    let wide: u32 = wide
-        .and_then(|w| w.parse().ok())
-        .unwrap_or_else(|| panic!("{}: {dom}", page.display()));
-    assert!(
-        wide <= PHONE,
-        "{}: {wide} pixels wide on a phone",
-        page.display()
-    );
-    let said = String::from_utf8_lossy(&done.stderr);
-    let errors: Vec<&str> = said.lines().filter(|l| l.contains("CONSOLE")).collect();
-    assert!(errors.is_empty(), "{}: {errors:?}", page.display());
+    // the first is dark, in Chromium's words
+    for (scheme, dark) in [("0", true), ("1", false)] {
+        let scheme = format!("--blink-settings=preferredColorScheme={scheme}");
+        let Some(done) = browse(&dir.path().join("frame.html"), &["--dump-dom", &scheme]) else {
+            eprintln!("skipped: no browser looks at {}", page.display());
+            return;
+        };
+        let said = String::from_utf8_lossy(&done.stderr);
+        let errors: Vec<&str> = said.lines().filter(|l| l.contains("CONSOLE")).collect();
+        assert!(errors.is_empty(), "{}: {errors:?}", page.display());
+        let dom = String::from_utf8_lossy(&done.stdout);
+        let told = dom.split("<pre id=\"told\">").nth(1);
+        let told = text_of(told.and_then(|t| t.split("</pre>").next()).unwrap_or(""));
+        let told: serde_json::Value = serde_json::from_str(&told)
+            .unwrap_or_else(|why| panic!("{}: {why}: {dom}", page.display()));
+        for (width, seen) in told.as_object().unwrap() {
+            let place = format!("{} at {width} px, dark: {dark}", page.display());
+            let wide = seen["wide"].as_u64().unwrap();
+            assert!(wide <= width.parse().unwrap(), "{place}: {wide} px wide");
+            assert_eq!(seen["dark"], dark, "{place}");
+            for fault in ["blank", "pale", "bare"] {
+                let found = seen[fault].as_array().unwrap();
+                assert!(found.is_empty(), "{place}: {fault}: {found:?}");
+            }
+        }
+    }
+    printed(page);
 }
 
 /// Text of a page: tags taken out, entities as characters, digits without their narrow spaces.
@@ -245,6 +380,7 @@ fn text_of(page: &str) -> String {
             '<' => tag = true,
             '>' => tag = false,
             '\u{202f}' => {}
+            '\u{a0}' if !tag => out.push(' '),
             '\u{2212}' if !tag => out.push('-'),
             c if !tag => out.push(c),
             _ => {}

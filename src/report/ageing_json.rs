@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::html::number;
 use super::json::{Named, Number, finite};
 use super::provenance::Provenance;
 use crate::calibration::{
@@ -373,12 +374,12 @@ fn says(
         );
     }
     for group in 0..c.groups.len() {
-        let alike: Vec<&str> = (0..c.groups.len())
+        let alike: Vec<String> = (0..c.groups.len())
             .filter(|&i| c.groups[i] == group)
-            .map(name)
+            .map(|i| name(i).to_owned())
             .collect();
         if alike.len() > 1 {
-            text += &format!("; nothing of it changed between {}", alike.join(" and "));
+            text += &format!("; nothing of it changed between {}", number::list(&alike));
         }
     }
     if c.cause != Cause::SeriesResistance {

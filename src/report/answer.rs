@@ -51,6 +51,8 @@ pub struct Open {
     pub record: String,
     /// Names, as `--fix` takes them.
     pub names: Vec<String>,
+    /// What they are, in words.
+    pub what: String,
 }
 
 impl Answer {
@@ -180,7 +182,7 @@ impl Answer {
                     causes.map(|c| plain_name(c.acting.effect.id())).collect();
                 let with = match causes.is_empty() {
                     true => String::new(),
-                    false => format!(", with {}", causes.join(" and ")),
+                    false => format!(", with {}", number::list(&causes)),
                 };
                 (capital(&(list.join(", ") + &with)), facts)
             }
@@ -234,7 +236,7 @@ impl Answer {
                     .iter()
                     .map(|c| format!("{} (probability {})", cause(c), odds(c.probability)))
                     .collect();
-                format!("Physics is missing: {}; {}.", list.join(" and "), falls())
+                format!("Physics is missing: {}; {}.", number::list(&list), falls())
             }
             Verdict::Unexplained if d.learnt.is_some() => {
                 format!(
@@ -653,7 +655,7 @@ fn open(list: &[Estimate], swing: Option<[f64; 2]>, held: &str) -> Vec<Open> {
     let is_open = |e: &&Estimate| !e.fixed && (!e.identifiable || e.at_bound.is_some());
     let slowest = list.iter().filter(is_open).filter(|e| e.unit == "s");
     let slowest = slowest.map(|e| e.value).fold(0.0, f64::max);
-    let mut out: Vec<Open> = Vec::new();
+    let mut out: Vec<(String, Vec<&Estimate>)> = Vec::new();
     for e in list.iter().filter(is_open) {
         let branch = match e.name.split_once('_') {
             Some(("T", n)) => n.parse::<usize>().ok(),
@@ -687,15 +689,63 @@ fn open(list: &[Estimate], swing: Option<[f64; 2]>, held: &str) -> Vec<Open> {
             _ if e.name.starts_with("offset") => "steps of the voltage, which show the clocks".into(),
             _ => "larger and faster drives".into(),
         };
-        match out.iter_mut().find(|o| o.record == record) {
-            Some(o) => o.names.push(e.name.clone()),
-            None => out.push(Open {
-                record,
-                names: vec![e.name.clone()],
-            }),
+        match out.iter_mut().find(|o| o.0 == record) {
+            Some(o) => o.1.push(e),
+            None => out.push((record, vec![e])),
         }
     }
-    out
+    let told = |(record, list): (String, Vec<&Estimate>)| Open {
+        record,
+        names: list.iter().map(|e| e.name.clone()).collect(),
+        what: in_words(&list),
+    };
+    out.into_iter().map(told).collect()
+}
+
+/// Parameters by what they are: `relaxation time and modulus of branch 1`, `torque at -20° and 20°`.
+fn in_words(list: &[&Estimate]) -> String {
+    let (mut times, mut moduli, mut angles) = (Vec::new(), Vec::new(), Vec::new());
+    let mut others = Vec::new();
+    let number = |text: &str| text.parse::<usize>().ok();
+    for e in list {
+        match e.name.split_once('_').map(|(what, n)| (what, number(n))) {
+            Some(("T", Some(n))) => times.push(n.to_string()),
+            Some(("mu", Some(n))) if n > 1 => moduli.push((n - 1).to_string()),
+            _ => match angle_deg(&e.name) {
+                Some(angle) => angles.push(degrees(angle)),
+                None if e.meaning.is_empty() => others.push(e.name.clone()),
+                None => others.push(lower(&e.meaning)),
+            },
+        }
+    }
+    let branches = |list: &[String]| {
+        let s = if list.len() > 1 { "es" } else { "" };
+        format!("branch{s} {}", number::list(list))
+    };
+    let of = |one: &str, more: &str, list: &[String]| match list {
+        [] => None,
+        [_] => Some(format!("{one} of {}", branches(list))),
+        _ => Some(format!("{more} of {}", branches(list))),
+    };
+    let mut parts = match times == moduli {
+        true => vec![of(
+            "relaxation time and modulus",
+            "relaxation times and moduli",
+            &times,
+        )],
+        false => vec![
+            of("relaxation time", "relaxation times", &times),
+            of("modulus", "moduli", &moduli),
+        ],
+    };
+    parts.push((!angles.is_empty()).then(|| format!("torque at {}", number::list(&angles))));
+    parts.extend(others.into_iter().map(Some));
+    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    // lists inside a list
+    match parts.iter().any(|p| p.contains(" and ")) && parts.len() > 1 {
+        true => parts.join("; "),
+        false => number::list(&parts),
+    }
 }
 
 fn minutes(seconds: f64) -> String {
@@ -784,15 +834,39 @@ mod tests {
         assert_eq!(film.facts[1].size.value, "200");
         let record: Vec<(String, String)> = open(&list, None, HELD)
             .into_iter()
-            .map(|o| (o.record, o.names.join(" ")))
+            .map(|o| (o.record, format!("{} ({})", o.what, o.names.join(", "))))
             .collect();
         let expected = [
-            ("steps, and faster drives", "T_1 mu_2"),
-            ("a voltage held for 6 s or longer", "T_3 mu_4"),
+            (
+                "steps, and faster drives",
+                "relaxation time and modulus of branch 1 (T_1, mu_2)",
+            ),
+            (
+                "a voltage held for 6 s or longer",
+                "relaxation time and modulus of branch 3 (T_3, mu_4)",
+            ),
         ];
         assert_eq!(
             record,
             expected.map(|(a, b)| (a.to_string(), b.to_string()))
         );
+    }
+
+    #[test]
+    fn open_parameters_are_said_in_words() {
+        let list = ["T_4", "T_6", "mu_5", "J", "torque_-20deg", "torque_20deg"];
+        let mut list: Vec<Estimate> = list.iter().map(|n| estimate(n, "", 1.0, 1.0)).collect();
+        list[3].meaning = "Locking constant of the Gent springs".into();
+        let words =
+            |places: &[usize]| in_words(&places.iter().map(|&i| &list[i]).collect::<Vec<_>>());
+        assert_eq!(
+            words(&[0, 1, 2]),
+            "relaxation times of branches 4 and 6; modulus of branch 4"
+        );
+        assert_eq!(
+            words(&[0, 2, 3]),
+            "relaxation time and modulus of branch 4; locking constant of the Gent springs"
+        );
+        assert_eq!(words(&[4, 5]), "torque at \u{2212}20\u{b0} and 20\u{b0}");
     }
 }

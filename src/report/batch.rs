@@ -334,7 +334,10 @@ impl BatchJson {
                 });
             }
             drawn.push(Drawn {
-                title: format!("{name} ({unit})"),
+                title: match *unit {
+                    "1" => format!("{name}, no unit"),
+                    unit => format!("{name}, {unit}"),
+                },
                 points: list.clone(),
                 out: found.outliers.iter().map(|o| o.set).collect(),
                 middle: found.middle,

@@ -1,7 +1,10 @@
 //! `proof.json` and the report of a proof.
 
+use minijinja::context;
+
 use super::html::number;
-use super::html::page::{self, Cell, Section, Status, Summary, Table};
+use super::html::page::{self, Cell, Section, Status, Summary, Table, Tile};
+use super::html::plot::{self, Axis, Band, Mark, Panel, Role, Width};
 use crate::proof::{Count, Proof, Row, Trial};
 
 fn share(c: &Count) -> Cell {
@@ -42,7 +45,7 @@ pub fn render_proof(proof: &Proof, trials: &[Trial]) -> String {
     ];
     let summary = Summary {
         of: String::new(),
-        picture: String::new(),
+        picture: reliability(proof),
         status: Status::Good,
         word: format!("{} cases", proof.n_cases),
         headline: number::words(&format!(
@@ -52,7 +55,18 @@ pub fn render_proof(proof: &Proof, trials: &[Trial]) -> String {
             words(&proof.false_alarm_rate),
             words(&proof.unknown_called_unexplained),
         )),
-        tiles: Vec::new(),
+        tiles: [
+            ("Visible: right effect first", &proof.top1_detectable),
+            ("False alarms on clean cases", &proof.false_alarm_rate),
+            (
+                "In no catalogue: called unexplained",
+                &proof.unknown_called_unexplained,
+            ),
+            ("A wrong name above 80 %", &proof.wrong_above_80),
+        ]
+        .iter()
+        .filter_map(|(label, count)| tile(label, count))
+        .collect(),
         notes: Vec::new(),
     };
     page::page("Proof of the diagnosis", &summary, &sections)
@@ -60,6 +74,105 @@ pub fn render_proof(proof: &Proof, trials: &[Trial]) -> String {
 
 fn words(c: &Count) -> String {
     format!("{} of {}", c.hits, c.of)
+}
+
+/// A share as a key number, with its interval.
+fn tile(label: &str, c: &Count) -> Option<Tile> {
+    let [low, high] = c.ci95.map(|x| number::fixed(100.0 * x, 1));
+    c.share.map(|share| Tile {
+        label: label.into(),
+        value: number::fixed(100.0 * share, 1),
+        unit: "%".into(),
+        note: format!("{low} to {high}; {}", words(c)),
+    })
+}
+
+/// Whether odds are kept: how often a name was right over the odds that it was given.
+fn reliability(proof: &Proof) -> String {
+    let bins: Vec<_> = proof.calibration.iter().filter(|b| b.3.of > 0).collect();
+    if bins.len() < 2 {
+        return String::new();
+    }
+    let point = |b: &&&(f64, f64, f64, Count)| Some([100.0 * b.2, 100.0 * b.3.share?]);
+    let points: Vec<[f64; 2]> = bins.iter().filter_map(|b| point(&b)).collect();
+    let rows = bins.iter().map(|b| {
+        let [low, high] = b.3.ci95.map(|v| 100.0 * v);
+        [100.0 * b.2, low, high]
+    });
+    let dots = |name: &str, mark| plot::Series {
+        name: name.into(),
+        role: Role::One,
+        mark,
+        points: points.clone(),
+    };
+    let panel = Panel {
+        y: Axis::over("right, %", [0.0, 100.0]),
+        height: 230.0,
+        shades: Vec::new(),
+        bands: vec![Band {
+            name: "95 % interval".into(),
+            role: Role::One,
+            rows: rows.collect(),
+        }],
+        series: vec![
+            plot::Series {
+                name: "as promised".into(),
+                role: Role::Base,
+                mark: Mark::Dashed,
+                points: vec![[0.0, 0.0], [100.0, 100.0]],
+            },
+            dots("", Mark::Line),
+            dots("names", Mark::Dots),
+        ],
+    };
+    let panels = [panel];
+    let drawing = plot::line_plot(
+        "How often a name was right, over its odds",
+        &Axis::over("odds of the name, %", [0.0, 100.0]),
+        &panels,
+        Width::Part,
+    );
+    let caption = "Every name by its own odds: on the line they are kept, above it the diagnosis is too careful, below it too sure. Right is what is true, or stands in a stated group with it.";
+    plot::figure(&[drawing], &plot::legend(&panels), caption)
+}
+
+/// Share of right names over the strength of the cause.
+fn power_curve(proof: &Proof) -> String {
+    let middle = |b: &(f64, f64, Count)| (b.0 + b.1) / 2.0;
+    let known: Vec<_> = proof.power.iter().filter(|b| b.2.of > 0).collect();
+    if known.len() < 2 {
+        return String::new();
+    }
+    let row = |b: &&(f64, f64, Count)| {
+        let [low, high] = b.2.ci95.map(|v| 100.0 * v);
+        [middle(b), low, high]
+    };
+    let points = known
+        .iter()
+        .filter_map(|b| Some([middle(b), 100.0 * b.2.share?]));
+    let panels = [Panel {
+        y: Axis::over("right effect first, %", [0.0, 100.0]),
+        height: 230.0,
+        shades: Vec::new(),
+        bands: vec![Band {
+            name: "95 % interval".into(),
+            role: Role::One,
+            rows: known.iter().map(row).collect(),
+        }],
+        series: vec![plot::Series {
+            name: "right first".into(),
+            role: Role::One,
+            mark: Mark::Line,
+            points: points.collect(),
+        }],
+    }];
+    let drawing = plot::line_plot(
+        "Right effect first, over its strength",
+        &Axis::over("strength, 0 barely visible, 1 strong", [0.0, 1.0]),
+        &panels,
+        Width::Part,
+    );
+    plot::figure(&[drawing], &plot::legend(&panels), "")
 }
 
 fn methods(proof: &Proof) -> Section {
@@ -218,7 +331,13 @@ fn power(proof: &Proof) -> Section {
             share(count),
         ]);
     }
-    Section::table("power", "Power against size", "", table)
+    let context = context! { picture => page::safe(power_curve(proof)), table => table.html() };
+    Section::new(
+        "power",
+        "Power against size",
+        "{{ picture }}{{ table }}",
+        context,
+    )
 }
 
 fn confusion(proof: &Proof) -> Section {

@@ -63,10 +63,10 @@ pub fn parameters(list: &Named<ParameterJson>, told: &[Fact]) -> Vec<String> {
     columns(&rows)
 }
 
-/// One line a thing to record: what it would determine.
+/// One line a thing to record: what it would determine, and the names of that.
 #[must_use]
 pub fn open(list: &[Open]) -> Vec<String> {
-    let line = |o: &Open| format!("  {}: {}", o.record, o.names.join(", "));
+    let line = |o: &Open| format!("  {}: {} ({})", o.record, o.what, o.names.join(", "));
     list.iter().map(line).collect()
 }
 

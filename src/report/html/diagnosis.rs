@@ -105,10 +105,6 @@ fn picture(d: &Diagnosis) -> String {
     plot::figure(&[drawing], &plot::colour_key(&names), "")
 }
 
-fn volt(v: f64) -> String {
-    number::significant(v, 3)
-}
-
 fn errors(d: &Diagnosis) -> Vec<Tile> {
     let (gain, on) = judged_on(d);
     let mut out = vec![
@@ -145,13 +141,13 @@ fn judged_on(d: &Diagnosis) -> (&Gain, &'static str) {
 }
 
 fn fits(d: &Diagnosis) -> Option<Note> {
-    let unit = &d.unit;
+    let size = |v: f64| number::sized(v, &d.unit, 3);
     let sentence = |on: &str, gain: &Gain, square: f64| {
         let mut text = format!(
-            "{} {unit} rms{}, where the noise of the capture makes {} {unit}: {} times as much.",
-            volt(gain.before_v),
+            "{} rms{}, where the noise of the capture makes {}: {} times as much.",
+            size(gain.before_v),
             d.over,
-            volt(gain.noise_floor_v),
+            size(gain.noise_floor_v),
             number::significant(gain.before_v / gain.noise_floor_v, 2),
         );
         if square.is_finite() {
@@ -372,14 +368,14 @@ fn changed(d: &Diagnosis) -> Option<Note> {
     if !d.has_augmented() {
         return None;
     }
-    let unit = &d.unit;
+    let size = |v: f64| number::sized(v, &d.unit, 3);
     let line = |on: &str, g: &Gain| {
         let mut text = format!(
-            "{} {unit} rms{} before, {} {unit} after; the noise makes {} {unit}.",
-            volt(g.before_v),
+            "{} rms{} before, {} after; the noise makes {}.",
+            size(g.before_v),
             d.over,
-            volt(g.after_v),
-            volt(g.noise_floor_v)
+            size(g.after_v),
+            size(g.noise_floor_v)
         );
         match closed(g) {
             Some(share) if share > 0.0 => {
@@ -480,10 +476,20 @@ fn drawn(d: &Diagnosis) -> Drawn {
         channels: 1,
         above: -1.0,
         command: (format!("{command}, {}", d.unit), 1.0),
-        height: height.into(),
+        height: match d.rig {
+            RigKind::Axis => format!("{height}, {}", position_unit(d)),
+            _ => height.into(),
+        },
         kept: (d.unit.clone(), 1.0),
         says,
     }
+}
+
+/// The unit of an axis's position, as the places where it fails have it.
+fn position_unit(d: &Diagnosis) -> &str {
+    let of = |p: &&Place| matches!(p.dimension, "position" | "largest_stretch");
+    let place = d.places.iter().find(of);
+    place.map_or("in the unit of the recording", |p| &p.unit)
 }
 
 fn voltages(d: &Diagnosis) -> Option<Section> {
@@ -947,7 +953,7 @@ fn tolerances(d: &Diagnosis) -> Option<Section> {
     for p in sorted.into_iter().take(DEPARTURES) {
         let size = |x: f64| match p.unit {
             "1" => format!("{} %", number::significant(100.0 * x, 2)),
-            unit => format!("{} {unit}", number::significant(x, 2)),
+            unit => number::sized(x, unit, 2),
         };
         table.row(vec![
             Cell::text(&p.what),

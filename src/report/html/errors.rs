@@ -2,7 +2,9 @@
 
 use minijinja::context;
 
-use super::page::{Cell, Section, Table};
+use super::page::{Cell, Section, Table, safe};
+use super::plot::{self, Axis, Mark, Panel, Role, Width};
+use super::recordings::curve;
 use super::{Provenance, number};
 use crate::calibration::{ChainError, Outcome};
 
@@ -28,6 +30,108 @@ fn cells(name: Cell, e: &ChainError) -> Vec<Cell> {
         Cell::number(number::count(e.samples_all)),
         Cell::number(number::count(e.negative)),
     ]
+}
+
+/// Parts of an axis in which errors are summed up.
+const PARTS: usize = 24;
+/// A part with fewer samples is not drawn.
+const LEAST: usize = 10;
+/// Frames to each side over which the rate of the command is taken.
+const REACH: usize = 3;
+/// Commands above which errors are held against noise, V.
+const ABOVE_V: f64 = 1000.0;
+
+/// One sample: where, error and what noise makes.
+type Sample = [f64; 3];
+
+/// Root mean squares of error and noise over parts of an axis.
+fn summed_up(samples: &[Sample]) -> [Vec<[f64; 2]>; 2] {
+    let [low, high] = plot::extent(samples.iter().map(|s| s[0]));
+    let size = (high - low) / PARTS as f64;
+    let mut parts = [[0.0; 3]; PARTS];
+    for [at, error, noise] in samples {
+        let part = &mut parts[(((at - low) / size) as usize).min(PARTS - 1)];
+        *part = [
+            part[0] + 1.0,
+            part[1] + error * error,
+            part[2] + noise * noise,
+        ];
+    }
+    [1, 2].map(|what| {
+        let of = |(i, part): (usize, &[f64; 3])| {
+            let middle = low + size * (i as f64 + 0.5);
+            let root = (part[what] / part[0]).sqrt();
+            [
+                middle,
+                if part[0] < LEAST as f64 {
+                    f64::NAN
+                } else {
+                    root
+                },
+            ]
+        };
+        parts.iter().enumerate().map(of).collect()
+    })
+}
+
+/// The error over height, command and rate of the command, and what noise makes there.
+fn over(outcome: &Outcome) -> String {
+    let mut samples: [Vec<Sample>; 3] = Default::default();
+    for r in &outcome.recordings {
+        let frames = r.time_s.len();
+        for i in (0..frames).filter(|i| r.counts[*i]) {
+            let (a, b) = (i.saturating_sub(REACH), (i + REACH).min(frames - 1));
+            for k in (0..3).filter(|k| r.command_v[i][*k].abs() > ABOVE_V) {
+                let error = r.predicted_v[i][k] - r.command_v[i][k];
+                let noise = r.sd_v[i][k];
+                let rate = (r.command_v[b][k] - r.command_v[a][k]) / (r.time_s[b] - r.time_s[a]);
+                let at = [r.position_mm[i][2], r.command_v[i][k] * 1e-3, rate * 1e-3];
+                for (list, at) in samples.iter_mut().zip(at) {
+                    if [at, error, noise].iter().all(|v| v.is_finite()) {
+                        list.push([at, error, noise]);
+                    }
+                }
+            }
+        }
+    }
+    if samples[0].len() < PARTS * LEAST {
+        return String::new();
+    }
+    let titles = ["height, mm", "command, kV", "rate of the command, kV/s"];
+    let panels: Vec<Panel> = samples
+        .iter()
+        .map(|list| {
+            let [error, noise] = summed_up(list);
+            let all = error.iter().chain(&noise).map(|p| p[1]);
+            let most = all.filter(|v| v.is_finite()).fold(0.0, f64::max);
+            Panel {
+                y: Axis::over("error above 1 kV, V rms", [0.0, 1.1 * most.max(1e-9)]),
+                height: 150.0,
+                shades: Vec::new(),
+                bands: Vec::new(),
+                series: vec![
+                    curve("noise makes", Role::Base, Mark::Broad, noise),
+                    curve("error", Role::Two, Mark::Line, error),
+                ],
+            }
+        })
+        .collect();
+    let drawings: Vec<String> = panels
+        .iter()
+        .zip(titles)
+        .map(|(panel, title)| {
+            let label = format!("Error and noise over {title}");
+            plot::line_plot(
+                &label,
+                &Axis::new(title),
+                std::slice::from_ref(panel),
+                Width::Part,
+            )
+        })
+        .collect();
+    let caption =
+        "Where the error is larger than noise makes it, something is left out that acts there.";
+    plot::figure(&drawings, &plot::legend(&panels), caption)
 }
 
 /// See the module.
@@ -60,6 +164,6 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
         }
     }
     table.row_of("total", cells(Cell::text("all"), &outcome.total));
-    let context = context! { table => table.html() };
+    let context = context! { table => table.html(), over => safe(over(outcome)) };
     Some(Section::new("errors", "Errors in volts", TEMPLATE, context))
 }

@@ -98,9 +98,18 @@ fn pairs(x: &[f64], y: &[f64]) -> Vec<[f64; 2]> {
 }
 
 fn words(outcome: &LineOutcome) -> (&'static str, &'static str, &'static str) {
+    let forward = outcome.recordings.iter().find_map(|r| r.forward.as_ref());
+    let has = |unit: &str| outcome.estimates.iter().any(|e| e.unit == unit);
+    let position = match forward.map(|f| f.unit) {
+        Some("rad") => "position, rad",
+        Some("m") => "position, m",
+        _ if has("kg m^2") || has("N m/rad") || has("N m s/rad") => "position, rad",
+        _ if has("kg") || has("N/m") || has("N s/m") => "position, m",
+        _ => "position, SI unit",
+    };
     let (coordinate, time) = match outcome.kind {
         Kind::Bench => ("angle, rad", "row"),
-        Kind::Axis => ("position", "time, s"),
+        Kind::Axis => (position, "time, s"),
         Kind::Coupon => ("stretch", "time, s"),
     };
     (coordinate, outcome.driven, time)
@@ -187,6 +196,7 @@ fn over_coordinate(outcome: &LineOutcome, r: &LineFit) -> String {
             error,
         ),
     ];
+    let (coordinate, _) = coordinate.split_once(',').unwrap_or((coordinate, ""));
     let caption = format!("{}: {driven} over {coordinate}, and the difference.", r.id);
     plot::figure(&drawings, &key, &caption)
 }

@@ -102,37 +102,35 @@ pub fn with_error(value: f64, error: f64) -> (String, Option<String>) {
 
 /// Prefixes, a thousand times the one before, from 1e-9 on.
 const PREFIXES: [&str; 7] = ["n", "\u{b5}", "m", "", "k", "M", "G"];
-/// Units that take a prefix.
-const PREFIXED: [&str; 14] = [
-    "Pa",
-    "s",
-    "m",
-    "g",
-    "V",
-    "Hz",
-    "N",
-    "N m",
-    "N/m",
-    "N s/m",
-    "N m/rad",
-    "N m/deg",
-    "N m s/rad",
-    "\u{3a9}",
+/// Units that take a prefix, alone or at the beginning of a compound one (`N s^2/m^2`).
+const PREFIXED: [&str; 13] = [
+    "Pa", "s", "m", "g", "V", "A", "Hz", "N", "Nm", "J", "W", "rad", "\u{3a9}",
 ];
+
+/// Whether a unit takes a prefix: its first factor does, and is not raised to a power.
+fn takes_prefix(unit: &str) -> bool {
+    let first = unit.find([' ', '/', '^']).unwrap_or(unit.len());
+    PREFIXED.contains(&&unit[..first]) && !unit[first..].starts_with('^')
+}
+
+/// A unit as it is printed: powers are raised.
+fn printed(unit: &str) -> String {
+    unit.replace("^2", "\u{b2}").replace("^3", "\u{b3}")
+}
 
 /// The factor into a prefixed unit in which `value` has one to three digits before the point, and that unit;
 /// empty for a plain number.
 pub fn scaled(value: f64, unit: &str) -> (f64, String) {
-    let (of, unit) = match unit {
-        "1" => (1.0, ""),
-        "kg" => (1e3, "g"),
-        "ohm" => (1.0, "\u{3a9}"),
-        unit => (1.0, unit),
+    let (of, unit) = match unit.strip_prefix("kg") {
+        _ if unit == "1" => (1.0, String::new()),
+        Some(rest) if rest.is_empty() || rest.starts_with([' ', '/']) => (1e3, format!("g{rest}")),
+        _ => (1.0, unit.replace("ohm", "\u{3a9}")),
     };
     let thousands = match exponent(of * value, 4) {
-        Some(e) if PREFIXED.contains(&unit) => e.div_euclid(3).clamp(-3, 3),
+        Some(e) if takes_prefix(&unit) => e.div_euclid(3).clamp(-3, 3),
         _ => 0,
     };
+    let unit = printed(&unit);
     let prefix = PREFIXES[(thousands + 3) as usize];
     (of * 10f64.powi(-3 * thousands), format!("{prefix}{unit}"))
 }
@@ -201,6 +199,43 @@ pub fn sized(value: f64, unit: &str, digits: usize) -> String {
     }
 }
 
+/// A sentence in which no line breaks between a number and its unit, nor inside a unit.
+pub fn unbroken(sentence: &str) -> String {
+    let mut out = String::with_capacity(sentence.len());
+    let mut after = false;
+    for (i, word) in sentence.split(' ').enumerate() {
+        let unit = after && is_unit(word.trim_end_matches([',', '.', ';', ':', ')']));
+        if i > 0 {
+            let held = unit || out.ends_with('\u{b1}');
+            out.push(if held { '\u{a0}' } else { ' ' });
+        }
+        out.push_str(word);
+        // a unit goes on (`N m`) where no mark ends it
+        let number = word.ends_with(|c: char| c.is_ascii_digit() || "⁰¹²³⁴⁵⁶⁷⁸⁹".contains(c));
+        after = (number && !unit) || (unit && is_unit(word));
+    }
+    out
+}
+
+/// Whether a word is a unit, or a factor of one.
+fn is_unit(word: &str) -> bool {
+    let first = word.split(['/', '\u{b2}', '\u{b3}']).next().unwrap_or("");
+    let plain = |unit: &str| PREFIXED.contains(&unit) || ["%", "deg", "min", "ppm"].contains(&unit);
+    let prefixed = PREFIXES
+        .iter()
+        .any(|p| !p.is_empty() && first.strip_prefix(p).is_some_and(|u| PREFIXED.contains(&u)));
+    plain(first) || prefixed
+}
+
+/// `a`, `a and b`, `a, b and c`.
+pub fn list(items: &[String]) -> String {
+    match items {
+        [] => String::new(),
+        [only] => only.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
 /// A number of things.
 pub fn count(n: usize) -> String {
     dress(&n.to_string())
@@ -252,7 +287,7 @@ pub fn words(sentence: &str) -> String {
             let ends = !after.starts_with(['-', '/', '\\']);
             match word {
                 "NaN" | "inf" => out.push_str(MISSING),
-                "um" if begins && ends => out.push_str("\u{b5}m"),
+                "um" | "uN" if begins && ends => out.push_str(&word.replace('u', "\u{b5}")),
                 id if begins && ends && id.contains('_') && is_cause(id) => {
                     out.push_str(&plain_name(id));
                 }
@@ -354,7 +389,36 @@ mod tests {
         assert_eq!(q(5.338e-6, [f64::NAN; 2], "kg"), same("5.338 mg", ""));
         assert_eq!(q(9.8e6, [9.8e6; 2], "ohm"), same("9.800 M\u{3a9}", ""));
         assert_eq!(sized(1.669e-3, "V", 3), "1.67 mV");
+        assert_eq!(sized(7.5e-7, "N s^2/m^2", 3), "750 nN s\u{b2}/m\u{b2}");
+        assert_eq!(sized(1.25e-7, "kg m", 3), "125 \u{b5}g m");
+        assert_eq!(sized(5.1e-6, "kg m^2", 2), "5.1 mg m\u{b2}");
+        assert_eq!(sized(-1.3e-5, "rad", 2), "\u{2212}13 \u{b5}rad");
+        assert_eq!(
+            sized(4e7, "m^2", 1),
+            "4\u{2009}\u{d7}\u{2009}10\u{2077} m\u{b2}"
+        );
         assert_eq!(sized(f64::NAN, "V", 3), "n/a");
+    }
+
+    #[test]
+    fn a_list_reads_as_a_sentence() {
+        let list =
+            |items: &[&str]| list(&items.iter().map(|i| (*i).to_owned()).collect::<Vec<_>>());
+        assert_eq!(list(&["a", "b", "c"]), "a, b and c");
+        assert_eq!(
+            (list(&["a", "b"]), list(&["a"]), list(&[])),
+            ("a and b".into(), "a".into(), String::new())
+        );
+    }
+
+    #[test]
+    fn a_number_keeps_its_unit() {
+        let says = unbroken(
+            "300.9 µN m ± 0.92 % at 10°; within 2.6 V rms, 12 N s/m. 3 samples of 56 s; a m",
+        );
+        let holds =
+            "300.9~µN~m ±~0.92~% at 10°; within 2.6~V rms, 12~N~s/m. 3 samples of 56~s; a m";
+        assert_eq!(says.replace('\u{a0}', "~"), holds);
     }
 
     #[test]

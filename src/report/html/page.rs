@@ -2,6 +2,8 @@
 
 use minijinja::{Environment, UndefinedBehavior, Value, context};
 
+use super::number;
+
 const STYLE: &str = include_str!("style.css");
 const PAGE: &str = include_str!("page.html");
 const TABLE: &str = include_str!("table.html");
@@ -71,7 +73,16 @@ pub struct Summary {
     pub notes: Vec<Note>,
 }
 
+/// Cards in a row where there is room, at most.
+const CARDS: usize = 5;
+
 impl Summary {
+    /// Cards in a row where there is room: as many in each row as can be, none left over for a row of its own.
+    fn columns(&self) -> usize {
+        let n = self.tiles.len().max(1);
+        n.div_ceil(n.div_ceil(CARDS))
+    }
+
     fn context(&self) -> Value {
         let status = match self.status {
             Status::Good => "good",
@@ -87,11 +98,12 @@ impl Summary {
                 note => t.note.clone(),
             }
         };
-        let item = |i: &Item| context! { strong => i.strong.clone(), text => i.text.clone() };
+        let held = number::unbroken;
+        let item = |i: &Item| context! { strong => held(&i.strong), text => held(&i.text) };
         let note = |n: &Note| {
             context! {
                 heading => n.heading.clone(),
-                lead => n.lead.clone(),
+                lead => held(&n.lead),
                 items => n.items.iter().map(item).collect::<Vec<_>>(),
             }
         };
@@ -100,7 +112,8 @@ impl Summary {
             picture => safe(self.picture.clone()),
             status => status,
             word => self.word.clone(),
-            headline => self.headline.clone(),
+            headline => held(&self.headline),
+            columns => self.columns(),
             tiles => self.tiles.iter().map(tile).collect::<Vec<_>>(),
             notes => self.notes.iter().map(note).collect::<Vec<_>>(),
         }

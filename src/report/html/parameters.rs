@@ -72,7 +72,7 @@ fn row(e: &Estimate, misfit: Option<f64>) -> Vec<Cell> {
     };
     let mut cells = vec![
         Cell::text(&e.name),
-        Cell::text(&e.meaning),
+        Cell::text(number::words(&e.meaning)),
         Cell::number(value),
         Cell::number(error),
         Cell::number(interval(e, factor)),
@@ -94,6 +94,92 @@ fn row(e: &Estimate, misfit: Option<f64>) -> Vec<Cell> {
         }
     }
     cells
+}
+
+/// Half of an interval beyond this share of the value leaves the value open, %.
+const OPEN_PERCENT: f64 = 100.0 * 1.96 / 3.0;
+
+/// The colour of what is determined, and of what is not.
+fn role(e: &Estimate) -> plot::Role {
+    match e.identifiable && e.at_bound.is_none() {
+        true => plot::Role::One,
+        false => plot::Role::Two,
+    }
+}
+
+/// How well each free parameter is known, in one picture.
+fn known(estimates: &[Estimate]) -> Option<String> {
+    let told = |e: &&Estimate| !e.fixed && e.ci95.iter().all(|v| v.is_finite()) && e.value != 0.0;
+    let row = |e: &Estimate| {
+        let [low, high] = e.ci95;
+        let half = 100.0 * (high - low) / 2.0 / e.value.abs();
+        (e.name.clone(), half, role(e))
+    };
+    let rows: Vec<_> = estimates
+        .iter()
+        .filter(told)
+        .map(row)
+        .filter(|r| r.1 > 0.0)
+        .collect();
+    (rows.len() > 1).then(|| {
+        let title = "half of the 95 % interval, % of the value";
+        let drawing = plot::forest("How well each parameter is known", title, &rows, OPEN_PERCENT);
+        let key = plot::colour_key(&[
+            ("determined", plot::Role::One),
+            ("open", plot::Role::Two),
+        ]);
+        let caption =
+            "How well each free parameter is known; further left is better. Beyond the dashed line a value is open; one beyond 1000 % stands at the edge.";
+        plot::figure(&[drawing], &key, caption)
+    })
+}
+
+/// The moduli of the branches over their relaxation times, with intervals.
+fn spectrum(estimates: &[Estimate]) -> Option<String> {
+    let find = |name: &str| estimates.iter().find(|e| e.name == name);
+    let branch = |n: usize| Some((find(&format!("T_{n}"))?, find(&format!("mu_{}", n + 1))?));
+    let branches: Vec<(&Estimate, &Estimate)> = (1..).map_while(branch).collect();
+    // a modulus that is open may be anything: one beyond twice what is determined would hide that
+    let most = |open: bool| {
+        let list = branches
+            .iter()
+            .filter(|b| open || role(b.1) == plot::Role::One);
+        list.map(|b| b.1.value).fold(0.0, f64::max)
+    };
+    let (reach, all) = (2.0 * most(false), most(true));
+    let reach = if reach > 0.0 { reach.min(all) } else { all };
+    let (factor, unit) = number::scaled(reach, "Pa");
+    let ends = |e: &Estimate| match e.fixed || e.at_bound.is_some() {
+        true => [e.value, f64::NAN, f64::NAN],
+        false => [e.value, e.ci95[0], e.ci95[1]],
+    };
+    let point = |&(time, modulus): &(&Estimate, &Estimate)| {
+        let open = [time, modulus].map(role).contains(&plot::Role::Two);
+        let colour = if open {
+            plot::Role::Two
+        } else {
+            plot::Role::One
+        };
+        (ends(time), ends(modulus).map(|v| v * factor), colour)
+    };
+    let seen =
+        |b: &&(&Estimate, &Estimate)| b.0.value > 0.0 && b.1.value > 0.0 && b.1.value <= reach;
+    let points: Vec<plot::Cross> = branches.iter().filter(seen).map(point).collect();
+    (points.len() > 1).then(|| {
+        let drawing = plot::spectrum(
+            "Relaxation spectrum",
+            "relaxation time, s",
+            &format!("modulus of the branch, {unit}"),
+            &points,
+        );
+        let key = plot::colour_key(&[
+            ("determined", plot::Role::One),
+            ("time or modulus open", plot::Role::Two),
+        ]);
+        let caption =
+            "Relaxation spectrum: what the film is stiffer at once, and by when it loses that; lines are 95 % intervals. Branches of no modulus, or of one that is open and far larger than the others, are left out.";
+        plot::figure(&[drawing], &key, caption)
+    })
 }
 
 /// See the module.
@@ -151,6 +237,13 @@ pub fn of(shown: &Shown) -> Option<Section> {
     } else {
         String::new()
     };
+    let figure = match (known(shown.estimates), spectrum(shown.estimates)) {
+        (None, None) => figure,
+        (known, spectrum) => {
+            let both = known.unwrap_or_default() + &spectrum.unwrap_or_default();
+            format!("<div class=\"three\"><div class=\"pair\">{both}</div>{figure}</div>")
+        }
+    };
     let weak: Vec<Value> = shown
         .weak_directions
         .iter()
@@ -165,7 +258,7 @@ pub fn of(shown: &Shown) -> Option<Section> {
         table => table.html(),
         eps_r => eps_r,
         weak => weak,
-        correlated => names.len() > 1,
+        pictured => !figure.is_empty(),
         figure => safe(figure),
     };
     Some(Section::new("parameters", "Parameters", TEMPLATE, context))

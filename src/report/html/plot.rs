@@ -406,6 +406,107 @@ pub fn waterfall(
     })
 }
 
+/// Sizes above zero by name on a logarithmic axis up to 1000, each a dot at the end of a line; `mark` is drawn
+/// across.
+pub fn forest(label: &str, x_title: &str, rows: &[(String, f64, Role)], mark: f64) -> String {
+    const ROW: f64 = 17.0;
+    let width = Width::Part;
+    let longest = rows.iter().map(|r| r.0.chars().count()).max().unwrap_or(0) as f64;
+    let bottom = 6.0 + ROW * rows.len() as f64;
+    let size = [width.units(), bottom + 47.0];
+    let known = rows.iter().map(|r| r.1).filter(|v| *v > 0.0);
+    let [low, high] = extent(known.chain([mark]).map(f64::log10));
+    let frame = Frame {
+        left: 14.0 + 7.0 * longest,
+        right: size[0] - 14.0,
+        top: 2.0,
+        bottom,
+        x: [low - 0.3, (high + 0.3).min(3.0)],
+        y: [0.0, 1.0],
+    };
+    canvas(label, "part bars", size, |c| {
+        for value in log_ticks(frame.x) {
+            c.x_tick(&frame, value.log10(), &number::significant(value, 1), true);
+        }
+        let across = frame.x_at(mark.log10());
+        let ends = [[across, frame.top], [across, frame.bottom]];
+        c.line(&ends, Role::Rule, 1.0, true);
+        for (i, (name, value, role)) in rows.iter().enumerate() {
+            let y = 6.0 + ROW * (i as f64 + 0.5);
+            let at = [frame.left - 6.0, y];
+            c.text(name, at, Role::Ink, HPos::Right, VPos::Center);
+            if *value > 0.0 && value.is_finite() {
+                let end = [frame.x_at(value.log10()), y];
+                c.line(&[[frame.left, y], end], *role, 1.5, false);
+                c.dot(end, 4.0, *role);
+            }
+        }
+        let foot = [
+            [frame.left, frame.top],
+            [frame.left, bottom],
+            [frame.right, bottom],
+        ];
+        c.line(&foot, Role::Rule, 1.0, false);
+        let at = [(frame.left + frame.right) / 2.0, size[1] - 3.0];
+        c.text(x_title, at, Role::Muted, HPos::Center, VPos::Bottom);
+    })
+}
+
+/// A point with its interval in both directions: x, its ends, y, its ends, colour.
+pub type Cross = ([f64; 3], [f64; 3], Role);
+
+/// Points with intervals over a logarithmic axis; the other one begins at zero.
+pub fn spectrum(label: &str, x_title: &str, y_title: &str, points: &[Cross]) -> String {
+    let width = Width::Part;
+    let size = [width.units(), 260.0];
+    let logs = |at: fn(&Cross) -> [f64; 3], log: bool| {
+        let all = points.iter().flat_map(at).filter(|v| v.is_finite());
+        let all: Vec<f64> = match log {
+            true => all.filter(|v| *v > 0.0).map(f64::log10).collect(),
+            false => all.collect(),
+        };
+        extent(all.into_iter())
+    };
+    // an interval may be far longer than what matters: the points with half as much again, and a decade
+    let [low, high] = extent(points.iter().map(|p| p.0[0].log10()));
+    let [from, to] = logs(|p| p.0, true);
+    let most = points.iter().map(|p| p.1[0]).fold(0.0, f64::max);
+    let [_, reach] = logs(|p| p.1, false);
+    let frame = Frame {
+        left: 50.0,
+        right: size[0] - 8.0,
+        top: 28.0,
+        bottom: size[1] - 50.0,
+        x: [from.max(low - 1.0) - 0.2, to.min(high + 1.0) + 0.2],
+        y: [0.0, 1.08 * reach.min(1.5 * most).max(1e-300)],
+    };
+    canvas(label, width.class(), size, |c| {
+        for value in log_ticks(frame.x) {
+            c.x_tick(&frame, value.log10(), &number::significant(value, 1), true);
+        }
+        let values = ticks(frame.y, 6);
+        for (value, text) in values.iter().zip(number::tick_labels(&values)) {
+            c.y_tick(&frame, *value, &text);
+        }
+        c.frame(&frame, y_title);
+        for ([x, left, right], [y, low, high], role) in points {
+            let at = [frame.x_at(x.log10()), frame.y_at(*y)];
+            let side = |v: f64| [frame.x_at(v.max(1e-300).log10()), at[1]];
+            let level = |v: f64| [at[0], frame.y_at(v)];
+            let sound = |a: &f64, b: &f64| a.is_finite() && b.is_finite();
+            if sound(left, right) {
+                c.line(&[side(*left), side(*right)], *role, 1.0, false);
+            }
+            if sound(low, high) {
+                c.line(&[level(*low), level(*high)], *role, 1.0, false);
+            }
+            c.dot(at, 4.5, *role);
+        }
+        let at = [(frame.left + frame.right) / 2.0, size[1] - 3.0];
+        c.text(x_title, at, Role::Muted, HPos::Center, VPos::Bottom);
+    })
+}
+
 /// Lower half of a symmetric matrix of values from -1 to 1: blue for positive, vermilion for negative,
 /// fainter towards zero, with the number where it is large.
 pub fn heat_map(label: &str, names: &[String], rows: &[Vec<f64>]) -> String {
@@ -917,6 +1018,15 @@ mod tests {
         assert!(!bars("", "x", &groups).contains("NaN"));
         bars("", "x", &[]);
         heat_map("", &[], &[]);
+        forest("", "x", &[], 30.0);
+        spectrum("", "x", "y", &[]);
+        let rows = [
+            ("a".to_string(), bad, Role::One),
+            ("b".to_string(), 0.0, Role::One),
+        ];
+        assert!(!forest("", "x", &rows, 30.0).contains("NaN"));
+        let points = [([1.0, bad, 2.0], [0.0, 0.0, bad], Role::One)];
+        assert!(!spectrum("", "x", "y", &points).contains("NaN"));
         let names = ["a".to_string(), "b".to_string()];
         assert!(!heat_map("", &names, &[vec![1.0, bad], vec![bad, 1.0]]).contains("NaN"));
     }

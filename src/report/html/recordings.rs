@@ -232,7 +232,7 @@ fn passive(r: &RecordingOutcome) -> String {
     };
     format!(
         " {actuators} {} {stay} below 1 kV: {their} voltage is drawn, but not the difference or a loop.",
-        names.join(" and ")
+        number::list(&names)
     )
 }
 

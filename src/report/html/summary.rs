@@ -154,7 +154,7 @@ pub fn open(estimates: &[Estimate], answer: &Answer) -> Option<Note> {
         "{} of {free} free parameters are determined, to a third of the value or better. What would determine the others:",
         known.count(),
     );
-    let line = |o: &Open| item(format!("{}:", capital(&o.record)), o.names.join(", "));
+    let line = |o: &Open| item(format!("{}:", capital(&o.record)), o.what.clone());
     let items: Vec<Item> = answer.open.iter().map(line).collect();
     (!items.is_empty()).then(|| note(OPEN, lead, items))
 }

@@ -233,7 +233,8 @@ fn render(outcome: &Outcome, provenance: &Provenance) -> String {
         says: outcome.verdict.clone(),
         ..Answer::default()
     };
-    super::render(outcome, &answer, provenance)
+    // a number and its unit stay in one line
+    super::render(outcome, &answer, provenance).replace('\u{a0}', " ")
 }
 
 /// Opens and closes its tags in order, as far as a plain count can tell.

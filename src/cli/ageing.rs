@@ -112,7 +112,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     lasting.done()?;
     drop(progress);
     talk.result(&json);
-    talk.tell(&outcome.verdict);
+    talk.answer(&outcome.verdict);
     terminal::columns(&levels(&outcome))
         .iter()
         .for_each(|l| talk.say(l));

@@ -134,6 +134,7 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
         .collect();
     let count = AtomicUsize::new(0);
     let there = AtomicUsize::new(0);
+    progress.counted(format!("0 of {} sets", mine.len()), 0, 0, mine.len());
     mine.par_iter().with_max_len(1).try_for_each(|&i| {
         let run = Run {
             program: campaign.run.program.clone(),
@@ -146,7 +147,8 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
             sets[i].work(&folder, run, talk)?;
         }
         let n = 1 + count.fetch_add(1, Ordering::Relaxed);
-        progress.step(format!("{n} of {} sets", mine.len()));
+        let kept = there.load(Ordering::Relaxed);
+        progress.counted(format!("{n} of {} sets", mine.len()), n, kept, mine.len());
         stop::instead(format!(
             "{n} of {} sets are done in {}: the same command goes on from there",
             mine.len(),

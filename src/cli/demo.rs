@@ -34,7 +34,9 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         &progress,
     )?;
     let coupon = Coupon::from_recording(&recordings[0])?;
-    let outcome = calibrate_coupons(&[&coupon], &CouponRequest::new(3), &watch)?;
+    let request = CouponRequest::new(3);
+    progress.fit(request.starts);
+    let outcome = calibrate_coupons(&[&coupon], &request, &watch)?;
     let provenance = Provenance::of("deacal demo", &recordings);
     let mut set = OutputSet::new(output.join("coupon"), talk.overwrite())?;
     set.write("report.html", html::render_coupons(&outcome, &provenance))?;
@@ -65,7 +67,9 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let refs: Vec<_> = datasets.iter().collect();
 
     talk.say("\nThe film, from the symmetric drive");
-    let film = calibrate_robot(&robot, &refs[..1], &Request::new(Stage::Film), &watch)?;
+    let request = Request::new(Stage::Film);
+    progress.fit(request.starts);
+    let film = calibrate_robot(&robot, &refs[..1], &request, &watch)?;
     let answer = Answer::of_robot(&film, &robot);
     talk.tell(&format!("  {}", answer.says));
     let provenance = Provenance::of("deacal demo", &all[..1]);
@@ -86,6 +90,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         fix: relaxed.clone(),
         ..Request::new(Stage::Forearm)
     };
+    progress.fit(request.starts);
     let forearm = calibrate_robot(&robot, &refs[1..], &request, &watch)?;
     let answer = Answer::of_robot(&forearm, &robot);
     talk.tell(&format!("  {}", answer.says));
@@ -106,6 +111,7 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         fix: relaxed,
         ..Request::new(Stage::Robot)
     };
+    progress.fit(request.starts);
     let joint = calibrate_robot(&robot, &refs, &request, &watch)?;
     let provenance = Provenance::of("deacal demo", &all);
     let fit = FitJson::new(&joint, provenance.clone());

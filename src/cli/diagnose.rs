@@ -1,6 +1,7 @@
 //! `diagnose`: is the model adequate, and if not, where, and what was left out.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::progress::Progress;
 use super::resume::Lasting;
@@ -351,7 +352,11 @@ fn in_order(
             ids.join(", ")
         ));
     }
-    let watch = |what: &str| progress.step(what);
+    let begun = AtomicUsize::new(0);
+    let watch = |what: &str| {
+        let n = 1 + begun.fetch_add(1, Ordering::Relaxed);
+        progress.step(format!("step {n}: {what}"));
+    };
     let mut diagnosis = search(&entries, &train, &holdout, &watch)?;
     diagnosis.remarks.extend(remarks);
     Ok((
@@ -407,7 +412,7 @@ pub(super) fn write(
 /// The first screen of the report, in the terminal: the answer, sizes, why, where, what else it could be.
 pub(super) fn say(d: &Diagnosis, talk: Talk) {
     let answer = Answer::of_diagnosis(d);
-    talk.tell(&answer.says);
+    talk.answer(&answer.says);
     terminal::facts(&answer.facts)
         .iter()
         .for_each(|l| talk.say(l));

@@ -264,6 +264,7 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<Complete,
         ..Request::new(stage)
     };
     let refs: Vec<_> = datasets.iter().collect();
+    progress.fit(request.starts);
     let mut outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
     outcome.remarks.extend(cut);
@@ -316,7 +317,7 @@ pub(super) fn write_fit(
 /// The first screen of the report, in the terminal: the answer, its quantities, then the parameters and what
 /// is open.
 pub(super) fn say_fit(answer: &Answer, fit: &FitJson, remarks: &[String], talk: Talk) {
-    talk.tell(&answer.says);
+    talk.answer(&answer.says);
     let say_all = |lines: Vec<String>| lines.iter().for_each(|l| talk.say(l));
     say_all(terminal::facts(&answer.facts));
     if !fit.converged {
@@ -509,6 +510,7 @@ fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<Complete, Failure> {
         memory: lasting.memory(),
         ..CouponRequest::new(a.common.branches.into())
     };
+    progress.fit(request.starts);
     let mut outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
     outcome.remarks.extend(copies);
     let found = Found {

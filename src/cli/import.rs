@@ -47,7 +47,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     let (mut recordings, mut files) = (Vec::new(), Vec::new());
     let (mut lines, mut surveys) = (Vec::new(), Vec::new());
     for path in &a.paths {
-        progress.step(format!("reading {}", path.display()));
+        progress.reading(format!("reading {}", path.display()));
         if is_recording(path) {
             load::whole(path)?;
             let recording = Recording::open(path)?;
@@ -223,6 +223,7 @@ fn one(
             dataset = stretches;
         }
         let request = Request::new(Stage::Robot);
+        progress.fit(request.starts);
         let outcome = calibrate_robot(&robot, &[&dataset], &request, &|s| progress.watch(s))?;
         if !whole {
             drop(dataset);

@@ -34,7 +34,7 @@ pub(super) fn recordings_of(
     kinds: &[Kind],
     progress: &Progress,
 ) -> Result<Vec<Recording>, Failure> {
-    progress.step(format!("reading {} recording(s)", paths.len()));
+    progress.reading(format!("reading {} recording(s)", paths.len()));
     paths.iter().chain(rig).try_for_each(|p| whole(p))?;
     let options = OpenOptions { rig: rig.cloned() };
     let all: Vec<Recording> = paths

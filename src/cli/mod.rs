@@ -21,7 +21,7 @@ mod stop;
 mod validate;
 
 use std::ffi::OsString;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::OnceLock;
@@ -110,8 +110,19 @@ impl Talk {
     fn say(self, text: &str) {
         if !self.json && !self.quiet {
             // terminals have one width of blank
-            print(&plain(text).replace(['\u{202f}', '\u{2009}'], " "));
+            let text = plain(text).replace(['\u{202f}', '\u{2009}'], " ");
+            print(&fitted(&text, width()));
         }
+    }
+
+    /// The answer of a job: what stands out where somebody looks.
+    fn answer(self, sentence: &str) {
+        let text = number::words(sentence);
+        if self.json || self.quiet || !coloured() {
+            return self.say(&text);
+        }
+        let text = plain(&text).replace(['\u{202f}', '\u{2009}'], " ");
+        print(&format!("\u{1b}[1m{}\u{1b}[0m", fitted(&text, width())));
     }
 
     /// A sentence that another part of the program wrote, in the reader's words.
@@ -139,6 +150,55 @@ impl Talk {
             Overwrite::Own
         }
     }
+}
+
+/// Columns of the terminal that standard output is; `None` where it is none.
+fn width() -> Option<usize> {
+    let (terminal_size::Width(width), _) = terminal_size::terminal_size_of(io::stdout())?;
+    Some(usize::from(width)).filter(|w| *w >= 40)
+}
+
+/// Whether standard output takes bold letters: a terminal that is not dumb, where nobody asked for none
+/// (no-color.org).
+fn coloured() -> bool {
+    let set = |name| std::env::var_os(name).is_some_and(|v: OsString| !v.is_empty());
+    let dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
+    io::stdout().is_terminal() && !dumb && !set("NO_COLOR")
+}
+
+/// Text whose lines break between words at `width`, never before a unit, with what follows further in.
+fn fitted(text: &str, width: Option<usize>) -> String {
+    let Some(width) = width else {
+        return text.to_owned();
+    };
+    let mut out = String::with_capacity(text.len() + 16);
+    let text = number::unbroken(text);
+    for (i, line) in text.split('\n').enumerate() {
+        if i > 0 {
+            out.push('\n');
+        }
+        let indent = line.len() - line.trim_start_matches(' ').len();
+        let mut at = 0;
+        // a word goes with the blanks before it
+        let mut rest = line;
+        while !rest.is_empty() {
+            let blanks = rest.len() - rest.trim_start_matches(' ').len();
+            let end = rest[blanks..].find(' ').map_or(rest.len(), |e| blanks + e);
+            let (word, after) = rest.split_at(end);
+            rest = after;
+            let long = word.chars().count();
+            if at > indent && at + long > width {
+                out.push('\n');
+                out.extend(std::iter::repeat_n(' ', indent + 2));
+                out.push_str(word.trim_start_matches(' '));
+                at = indent + 2 + long - blanks;
+            } else {
+                out.push_str(word);
+                at += long;
+            }
+        }
+    }
+    out.replace('\u{a0}', " ")
 }
 
 /// A line on standard output.
@@ -272,4 +332,22 @@ fn closed_pipe(failure: &(dyn std::error::Error + 'static)) -> bool {
     failure
         .downcast_ref::<std::io::Error>()
         .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fitted;
+
+    #[test]
+    fn lines_break_between_words() {
+        let text = "  a column  and its meaning\nshort\n";
+        let told = "  a column\n    and its\n    meaning\nshort\n";
+        assert_eq!(fitted(text, Some(12)), told);
+        assert_eq!(fitted(text, None), text);
+        assert_eq!(fitted("within 2.6 V rms", Some(11)), "within\n  2.6 V rms");
+        assert_eq!(
+            fitted("a-word-that-is-long b", Some(5)),
+            "a-word-that-is-long\n  b"
+        );
+    }
 }

@@ -20,6 +20,7 @@ use crate::recording::{Kind, Recording};
 use crate::report::answer::Answer;
 use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::csv::{self, Missing};
+use crate::report::html::number;
 use crate::report::json::PredictionJson;
 use crate::report::mcap;
 use crate::report::output::write_atomic_with;
@@ -190,13 +191,31 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let json = PredictionJson::new(&r.id, a.output.as_deref(), &flags);
     talk.result(&json.with_remarks(&remarks));
     if a.output.is_some() {
-        talk.tell(&Answer::of_robot(&outcome, &robot).says);
+        match predict {
+            Predict::Force(_) => talk.answer(&of_force(&shown)),
+            _ => talk.answer(&Answer::of_robot(&outcome, &robot).says),
+        }
         let axis = |k: usize| shown.iter().map(move |v| v[k]);
         let rows = (0..3).map(|k| (names[k].to_owned(), axis(k)));
         say_ranges(rows, unit, talk);
     }
     remark(a, talk, &remarks);
     Ok(())
+}
+
+/// A force in a sentence: its mean along each axis.
+fn of_force(force_n: &[[f64; 3]]) -> String {
+    let mean = |k: usize| {
+        let known = force_n.iter().map(|f| f[k]).filter(|f| f.is_finite());
+        let (sum, n) = known.fold((0.0, 0.0), |(s, n), f| (s + f, n + 1.0));
+        number::sized(sum / n, "N", 2)
+    };
+    format!(
+        "The force on the end effector that motion and voltages ask for is {} in x, {} in y, {} in z, on average.",
+        mean(0),
+        mean(1),
+        mean(2)
+    )
 }
 
 /// What was predicted, one line a channel: its range and its course.
@@ -274,7 +293,7 @@ fn motion(
     talk.result(&json.with_remarks(&remarks));
     if a.output.is_some() {
         talk.say(&match &forward.ended {
-            None => format!("{n} frames predicted, from rest:"),
+            None => format!("{n} frames predicted, from rest; position:"),
             Some((end, why)) => format!("{end} of {n} frames predicted: {why}."),
         });
         let axis = |k: usize| forward.position_m.iter().map(move |p| p[k]);

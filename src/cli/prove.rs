@@ -21,6 +21,7 @@ use crate::proof::{
     trial_lines,
 };
 use crate::recording::Kind;
+use crate::report::html::number;
 use crate::report::json::to_text;
 use crate::report::output::{OutputSet, Overwrite, settle};
 use crate::report::proof::render_proof;
@@ -116,6 +117,8 @@ struct Ledger<'a> {
     pieces: &'a Pieces,
     progress: &'a Progress,
     done: AtomicUsize,
+    /// Of these, those of an earlier run.
+    kept: AtomicUsize,
     total: usize,
     /// What kept a trial from being written down.
     failed: Mutex<Option<Failure>>,
@@ -123,10 +126,12 @@ struct Ledger<'a> {
 
 impl<'a> Ledger<'a> {
     fn new(pieces: &'a Pieces, progress: &'a Progress, total: usize) -> Self {
+        progress.counted(format!("0 of {total} cases"), 0, 0, total);
         Ledger {
             pieces,
             progress,
             done: AtomicUsize::new(0),
+            kept: AtomicUsize::new(0),
             total,
             failed: Mutex::new(None),
         }
@@ -135,7 +140,9 @@ impl<'a> Ledger<'a> {
     /// Counts one more trial and says so.
     fn count(&self) {
         let n = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        self.progress.step(format!("{n} of {} cases", self.total));
+        let kept = self.kept.load(Ordering::Relaxed);
+        let text = format!("{n} of {} cases", self.total);
+        self.progress.counted(text, n, kept, self.total);
         let path = self.pieces.path().display();
         stop::instead(format!(
             "{n} of {} cases are kept in {path}: the same command goes on from there",
@@ -146,6 +153,7 @@ impl<'a> Ledger<'a> {
     /// A trial that was made before.
     fn known(&self, name: impl ToString) -> Option<Trial> {
         let trial = self.pieces.get(&name.to_string())?;
+        self.kept.fetch_add(1, Ordering::Relaxed);
         self.count();
         Some(trial)
     }
@@ -154,7 +162,7 @@ impl<'a> Ledger<'a> {
     fn add(&self, name: impl ToString, trial: &Trial) {
         let words = |list: &[String]| match list {
             [] => "nothing".to_owned(),
-            list => list.join(" and "),
+            list => number::list(list),
         };
         let (truth, named) = (words(&trial.truth), words(&trial.named));
         let says = match &trial.failure {

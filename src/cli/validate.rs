@@ -81,6 +81,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     }
     let plan = a.path.as_deref().map(load::path).transpose()?;
     let (mut models, mut shown, mut answers) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut heads, mut says) = (Vec::new(), Vec::new());
     for path in &a.params {
         progress.step(format!("predicting with {}", path.display()));
         let file = load::parameters(path)?;
@@ -105,11 +106,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         };
         let outcome = &validation.outcome;
         let answer = Answer::of_robot(outcome, &robot);
-        talk.say(&format!(
-            "{}: {}",
-            path.display(),
-            number::words(&answer.says)
-        ));
+        heads.push(format!("{}: {}", path.display(), answer.says));
         let volt = |v: f64| number::sized(v, "V", 3);
         let rows: Vec<[String; 4]> = outcome
             .recordings
@@ -129,14 +126,15 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
                 ],
             })
             .collect();
-        terminal::columns(&rows).iter().for_each(|l| talk.say(l));
-        for line in html::validation_words(&validation).iter().chain(&outside) {
-            talk.tell(&format!("  {line}"));
-        }
+        let words = html::validation_words(&validation);
+        let each = words.iter().chain(&outside).map(|l| format!("  {l}"));
+        let rows = terminal::columns(&rows);
+        says.push(rows.into_iter().chain(each).collect::<Vec<String>>());
         answers.push(answer);
         models.push(ModelValidation::new(&validation, sum));
         shown.push((path.display().to_string(), validation));
     }
+    tell(&heads, &says, talk);
     let head = models.remove(0);
     let json = ValidationJson::new(head, models, None, provenance.clone());
     let report = html::render_validation(&shown, &answers, a.compare.is_some(), &provenance);
@@ -235,6 +233,7 @@ fn compare(
     talk: Talk,
 ) -> Result<(), Failure> {
     let mut all = Vec::new();
+    let (mut heads, mut says) = (Vec::new(), Vec::new());
     for path in &a.params {
         progress.step(format!("predicting with {}", path.display()));
         let sum = FileSum {
@@ -243,20 +242,27 @@ fn compare(
             sha256: crate::recording::sha256(path)?,
         };
         let held = hold(&load::parameters(path)?, sum)?;
-        talk.say(&format!(
-            "{}: {}",
-            path.display(),
-            number::words(&held.answer.says)
-        ));
-        for line in &held.says {
-            talk.say(&format!("  {line}"));
-        }
+        heads.push(format!("{}: {}", path.display(), held.answer.says));
+        says.push(held.says.iter().map(|line| format!("  {line}")).collect());
         all.push(held);
     }
+    tell(&heads, &says, talk);
     let first = all.remove(0);
     let others = all.into_iter().map(|h| h.model).collect();
     let json = ValidationJson::new(first.model, others, unit, provenance.clone());
     leave(a, json, first.report, findings, progress, talk)
+}
+
+/// The answers of all models, then what there is to say of each.
+fn tell(heads: &[String], says: &[Vec<String>], talk: Talk) {
+    heads.iter().for_each(|head| talk.answer(head));
+    for (head, lines) in heads.iter().zip(says) {
+        if heads.len() > 1 {
+            let (path, _) = head.split_once(": ").unwrap_or((head, ""));
+            talk.say(&format!("With {path}"));
+        }
+        lines.iter().for_each(|line| talk.tell(line));
+    }
 }
 
 /// Writes the results and says where they are.

@@ -61,7 +61,7 @@ pub use manifest::{
 pub use mcap::Mcap;
 pub use nexus_csv::{NexusCsv, TrackerCsv};
 pub use open::{sha256, sha256_of};
-pub use opened::{open, was_opened};
+pub use opened::{open, share_read, was_opened};
 pub use optitrack_csv::OptitrackCsv;
 pub use oscilloscope::{Keysight, Rigol, RohdeSchwarz, Tektronix};
 pub use qualisys_tsv::QualisysTsv;

@@ -3,12 +3,35 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Every file that was opened, by its own name without links.
 static OPENED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// The file of some size that was opened last, by a handle that moves along with its reader; its length, and
+/// when it was opened.
+static LARGE: Mutex<Option<(File, u64, Instant)>> = Mutex::new(None);
+
+/// A file of some size, bytes.
+const SOME_SIZE: u64 = 8 << 20;
+
+/// How far the reader of the file of some size that was opened last is in it, 0 to 1, and how long it took
+/// so far; `None` where there is none, or it is through.
+#[must_use]
+pub fn share_read() -> Option<(f64, Duration)> {
+    let mut large = LARGE.lock().unwrap_or_else(PoisonError::into_inner);
+    let (file, length, since) = large.as_mut()?;
+    let share = file.stream_position().ok()? as f64 / *length as f64;
+    let took = since.elapsed();
+    if share >= 1.0 {
+        *large = None;
+        return None;
+    }
+    Some((share, took))
+}
 
 /// Opens a plain file for reading. A pipe or a device could keep a reader waiting for ever, and cannot be
 /// read twice: the importers look at a file first and read it then.
@@ -32,6 +55,11 @@ pub fn open(path: &Path) -> io::Result<File> {
         .lock()
         .unwrap_or_else(PoisonError::into_inner)
         .insert(own);
+    if meta.len() >= SOME_SIZE {
+        let handle = file.try_clone().ok();
+        let handle = handle.map(|f| (f, meta.len(), Instant::now()));
+        *LARGE.lock().unwrap_or_else(PoisonError::into_inner) = handle;
+    }
     Ok(file)
 }
 
@@ -104,6 +132,21 @@ mod tests {
             text(&path).unwrap().read_to_string(&mut read).unwrap();
             assert_eq!(read, words);
         }
+    }
+
+    #[test]
+    fn it_is_told_how_far_a_large_file_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("large");
+        fs::write(&path, vec![b'1'; SOME_SIZE as usize]).unwrap();
+        let mut file = open(&path).unwrap();
+        file.by_ref()
+            .take(SOME_SIZE / 4)
+            .read_to_end(&mut Vec::new())
+            .unwrap();
+        assert_eq!(share_read().unwrap().0, 0.25);
+        file.read_to_end(&mut Vec::new()).unwrap();
+        assert!(share_read().is_none());
     }
 
     #[cfg(unix)]

@@ -12,7 +12,13 @@ const SHOWN: usize = 30;
 /// What is in a file, line by line, for a terminal.
 #[must_use]
 pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
-    let mut out = vec![format!("{}: {}", path.display(), survey.format)];
+    let warnings = survey.notes.iter().filter(|n| n.level == Level::Warning);
+    let looks = match survey.doubts.len() + warnings.count() {
+        0 => "nothing looks wrong".to_owned(),
+        1 => "one thing to look at".to_owned(),
+        n => format!("{n} things to look at"),
+    };
+    let mut out = vec![format!("{}: {}; {looks}", path.display(), survey.format)];
     for s in &survey.sections {
         section(s, &mut out);
     }
@@ -50,9 +56,6 @@ pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
                 if more > 12 { ", ..." } else { "" }
             ));
         }
-    }
-    if survey.doubts.is_empty() {
-        out.push("  nothing looks wrong".to_owned());
     }
     out
 }

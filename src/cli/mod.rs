@@ -2,13 +2,16 @@
 
 mod ageing;
 mod batch;
+mod causes;
 mod demo;
 mod diagnose;
+mod examples;
 mod export;
 mod fit;
 mod import;
 mod load;
 mod merge;
+mod new;
 mod predict;
 mod progress;
 mod prove;
@@ -26,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches as _, Parser, Subcommand};
 
 use crate::report::html::number;
 use crate::report::output::Overwrite;
@@ -221,6 +224,8 @@ enum Command {
         #[arg(short, long, default_value = "out/demo")]
         output: PathBuf,
     },
+    /// Begins a recording: rig and recording of a kind, to fill in
+    New(new::Arguments),
     /// What is in a recording or a file: rate, gaps, labels, ranges, clock offset, and what looks wrong
     Import(import::Arguments),
     /// Fits parameters to recordings
@@ -235,6 +240,8 @@ enum Command {
     Validate(validate::Arguments),
     /// Is the model adequate; if not, where, and which physics was left out
     Diagnose(diagnose::Arguments),
+    /// The causes that a diagnosis knows: what each does, its typical size, and what brings it out
+    Causes(causes::Arguments),
     /// Runs the diagnosis blind over cases with sealed answers, then opens them and scores
     Prove(prove::Arguments),
     /// Electrodes over days or batches: stroke, its loss, what moved, and whether two electrodes differ
@@ -256,7 +263,8 @@ enum Command {
 /// Runs the program on `arguments` (the program's name first).
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    let cli = match Cli::try_parse_from(&arguments) {
+    let parsed = examples::with(Cli::command()).try_get_matches_from(&arguments);
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             let _ = error.print();
@@ -283,6 +291,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             let search = crate::diagnosis::diagnose;
             diagnose::run(&arguments, &command, talk, search).map(drop)
         }
+        Command::Causes(arguments) => causes::run(&arguments, talk),
+        Command::New(arguments) => new::run(&arguments, talk),
         Command::Prove(arguments) => prove::run(&arguments, talk),
         Command::Ageing(arguments) => ageing::run(&arguments, &command, talk),
         Command::Batch(arguments) => batch::run(&arguments, talk),

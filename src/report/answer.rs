@@ -225,6 +225,12 @@ impl Answer {
         };
         let says = match d.verdict {
             _ if d.beyond.is_some() => d.says.clone(),
+            // noise that was read too low: a sentence of its own
+            Verdict::Adequate
+                if Standing::of(gain.before_v / gain.noise_floor_v) == Standing::DoesNotFit =>
+            {
+                d.says.clone()
+            }
             Verdict::Adequate => {
                 format!(
                     "Nothing is missing that these recordings could show: {}.",

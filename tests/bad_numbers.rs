@@ -275,6 +275,56 @@ fn what_is_unlikely_costs_no_more() {
     }
 }
 
+/// A voltage that jumps under a sample, one that is cut short, and a load that no film of the start's stiffness
+/// carries: the model is off by far more than the noise, and neither starts nor steps go on as if it were not.
+#[test]
+fn samples_that_do_not_fit_cost_no_more() {
+    let dir = tempfile::tempdir().unwrap();
+    bench::lay(dir.path(), 300);
+    let at = |name: &str| dir.path().join(name);
+    let volts = std::fs::read_to_string(at("sample/voltage.csv")).unwrap();
+    let lines: Vec<&str> = volts.lines().collect();
+    let jumping = lines.iter().enumerate().map(|(i, line)| {
+        let (time, phi) = line.split_once(',').unwrap();
+        match (329..438).contains(&i) {
+            true => format!("{time},{}", 1e-3 * phi.parse::<f64>().unwrap()),
+            false => (*line).to_owned(),
+        }
+    });
+    let jumping = jumping.collect::<Vec<_>>().join("\n") + "\n";
+    let short = lines[..222].join("\n") + "\n";
+    for (what, text) in [("jumping", &jumping), ("cut", &short)] {
+        std::fs::write(at("sample/voltage.csv"), text).unwrap();
+        let end = bench::within_limits(dir.path(), "fit sample sample -o out --force");
+        println!("{what}: {:.1} s, {}", end.took_s, end.how);
+        assert!(
+            matches!(end.code, Some(0 | 1)),
+            "{what}: {} {}",
+            end.how,
+            end.stderr
+        );
+        assert_eq!(figure_of_nothing(&end.stdout), None, "{what}");
+    }
+    std::fs::write(at("sample/voltage.csv"), &volts).unwrap();
+    std::fs::create_dir(at("later")).unwrap();
+    for file in ["data.csv", "voltage.csv", "recording.toml"] {
+        let text = std::fs::read_to_string(at("sample").join(file)).unwrap();
+        let text = match file {
+            "data.csv" => text.lines().take(600).collect::<Vec<_>>().join("\n") + "\n",
+            _ => text
+                .replace("id = \"sample\"", "id = \"later\"")
+                .replace("day = 1", "day = 2"),
+        };
+        std::fs::write(at("later").join(file), text).unwrap();
+    }
+    let rig = std::fs::read_to_string(at("hanging.toml")).unwrap();
+    std::fs::write(at("hanging.toml"), rig.replace("m_g = 50.0", "m_g = 1e3")).unwrap();
+    let end = bench::within_limits(dir.path(), "ageing sample later -o aged");
+    println!("heavy: {:.1} s, {}", end.took_s, end.how);
+    assert_eq!(end.code, Some(0), "{} {}", end.how, end.stderr);
+    assert_eq!(figure_of_nothing(&end.stdout), None);
+}
+
 mod robot_numbers {
     use super::common::{golden, parameters, robot};
     use deacal::calibration::{Request, Stage, calibrate_robot, validate_robot};

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use assert_cmd::cargo::CommandCargoExt;
 
-use deacal::calibration::{SampleRequest, calibrate_samples, validate_samples};
+use deacal::calibration::{SampleRequest, StartOutcome, calibrate_samples, validate_samples};
 use deacal::dataset::HangingDataset;
 use deacal::film::Film;
 use deacal::model::{Electrode, HangingSample};
@@ -307,6 +307,46 @@ fn a_gap_of_a_hanging_sample_is_bridged() {
             "{lost_s:?}: {}",
             fitted.weighted_mean_square
         );
+    }
+}
+
+/// A log that ends early leaves the model off by far more than the noise. Starts that fit worse than the best
+/// are left behind, and said to be; no start spends what a search for the last digit would.
+#[test]
+fn starts_that_crawl_are_left_behind_and_said_to_be() {
+    let dir = tempfile::tempdir().unwrap();
+    record(dir.path(), "one", Electrode::IDEAL, 3e-5, 1);
+    let (mut d, sample) = open(dir.path(), "one");
+    let time: Vec<f64> = (0..=1000).map(|i| 0.01 * f64::from(i)).collect();
+    let phi = time.iter().map(|&t| drive(t)).collect();
+    d.voltage = deacal::dataset::Voltage::new(time, vec![phi], false);
+    let request = SampleRequest {
+        starts: 5,
+        ..SampleRequest::new(6)
+    };
+    let outcome =
+        calibrate_samples(&[&d], &[sample], &request, &|_| ControlFlow::Continue(())).unwrap();
+    let r = &outcome.recordings[0];
+    println!(
+        "{} evaluations, steps of {} s",
+        outcome.evaluations, r.step_s
+    );
+    for s in &outcome.starts {
+        println!("{} {:.6e} {} {}", s.origin, s.cost, s.evaluations, s.ended);
+    }
+    assert!(
+        r.rmse_m > 20.0 * r.noise_rmse_m,
+        "{} {}",
+        r.rmse_m,
+        r.noise_rmse_m
+    );
+    assert!(outcome.evaluations < 1000, "{}", outcome.evaluations);
+    let left = |s: &&StartOutcome| s.ended.starts_with("left behind");
+    assert!(outcome.starts.iter().any(|s| left(&s)));
+    let best = &outcome.starts[0];
+    assert!(!left(&best), "{}", best.ended);
+    for s in outcome.starts.iter().filter(left) {
+        assert!(s.cost > best.cost, "{}: {}", s.origin, s.cost);
     }
 }
 

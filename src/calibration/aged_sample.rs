@@ -6,7 +6,9 @@ use super::Error;
 use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
 use super::ageing::AgeingRequest;
 use super::sample::{noise_of, spread_times, start_film};
-use super::sample_problem::{Hung, Levels, Prior, Rest, SampleProblem, hang};
+use super::sample_problem::{
+    Hung, Levels, Prior, Rest, SampleProblem, first_look_m, hang_within, left_m,
+};
 use crate::dataset::{HangingDataset, OffsetSource};
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{self as lm, Resting};
@@ -69,22 +71,66 @@ impl<'a> AgedSample<'a> {
                 ..*s
             })
             .collect();
-        let mut hung = hang(datasets, &aged, &film)?;
-        for (h, sample) in hung.iter_mut().zip(samples) {
-            h.sample = *sample;
-        }
-        Ok(AgedSample {
-            hung,
-            level: level.to_vec(),
-            levels: level.iter().max().map_or(0, |m| m + 1),
-            film,
-            free_offset: (0..datasets.len())
-                .filter(|&r| datasets[r].offset_source == OffsetSource::Free)
+        let of_steps = |left: &[f64]| -> Result<Self, Error> {
+            let mut hung = hang_within(datasets, &aged, &film, left)?;
+            for (h, sample) in hung.iter_mut().zip(samples) {
+                h.sample = *sample;
+            }
+            Ok(AgedSample {
+                hung,
+                level: level.to_vec(),
+                levels: level.iter().max().map_or(0, |m| m + 1),
+                film: film.clone(),
+                free_offset: (0..datasets.len())
+                    .filter(|&r| datasets[r].offset_source == OffsetSource::Free)
+                    .collect(),
+                seen_m: datasets.iter().map(|d| d.rest_below_m).collect(),
+                mount_m: request.mount_m,
+                memory: request.memory.clone(),
+            })
+        };
+        // Steps as fine as what the model leaves of the first level asks for, over what noise leaves.
+        let look = of_steps(&first_look_m(datasets))?;
+        let over = look.first_left().unwrap_or(1.0);
+        let left: Vec<f64> = datasets.iter().map(|d| over * d.noise_m).collect();
+        of_steps(&left)
+    }
+
+    /// The recordings of the first level alone, and their fit.
+    fn first_fit(&self) -> Result<(Self, Minimum), Error> {
+        let own: Vec<usize> = (0..self.hung.len())
+            .filter(|&r| self.level[r] == 0)
+            .collect();
+        let first = AgedSample {
+            hung: own.iter().map(|&r| self.hung[r].clone()).collect(),
+            level: vec![0; own.len()],
+            levels: 1,
+            film: self.film.clone(),
+            free_offset: (0..own.len())
+                .filter(|&i| self.free_offset.contains(&own[i]))
                 .collect(),
-            seen_m: datasets.iter().map(|d| d.rest_below_m).collect(),
-            mount_m: request.mount_m,
-            memory: request.memory.clone(),
-        })
+            seen_m: own.iter().map(|&r| self.seen_m[r]).collect(),
+            mount_m: self.mount_m,
+            memory: self.memory.clone(),
+        };
+        let begin = Place {
+            causes: Vec::new(),
+            slots: vec![Slot::Cause(Cause::SeriesResistance, 0)],
+            values: vec![START_RESISTANCE_OHM],
+        };
+        let Place { slots, values, .. } = first.place(&[], &begin);
+        let found = first.minimise(&[], slots, &values, false)?;
+        Ok((first, found))
+    }
+
+    /// What the model leaves of x over the noise, where it leaves least of a recording of the first level.
+    fn first_left(&self) -> Option<f64> {
+        let (first, found) = self.first_fit().ok()?;
+        let problem = first.problem_of(&found.place);
+        let rows = problem.evaluate(&found.place.values, false).ok()?;
+        let left = left_m(&first.hung, &rows);
+        let over = |(left, h): (&f64, &Hung)| left / h.residual.dataset().noise_m;
+        left.iter().zip(&first.hung).map(over).reduce(f64::min)
     }
 
     fn problem(&self, causes: &[Cause], slots: Vec<Slot>) -> SampleProblem<'_> {
@@ -145,28 +191,7 @@ impl Aged for AgedSample<'_> {
     }
 
     fn first(&self) -> Result<(Place, usize), Error> {
-        let own: Vec<usize> = (0..self.hung.len())
-            .filter(|&r| self.level[r] == 0)
-            .collect();
-        let first = AgedSample {
-            hung: own.iter().map(|&r| self.hung[r].clone()).collect(),
-            level: vec![0; own.len()],
-            levels: 1,
-            film: self.film.clone(),
-            free_offset: (0..own.len())
-                .filter(|&i| self.free_offset.contains(&own[i]))
-                .collect(),
-            seen_m: own.iter().map(|&r| self.seen_m[r]).collect(),
-            mount_m: self.mount_m,
-            memory: self.memory.clone(),
-        };
-        let begin = Place {
-            causes: Vec::new(),
-            slots: vec![Slot::Cause(Cause::SeriesResistance, 0)],
-            values: vec![START_RESISTANCE_OHM],
-        };
-        let Place { slots, values, .. } = first.place(&[], &begin);
-        let found = first.minimise(&[], slots, &values, false)?;
+        let (_, found) = self.first_fit()?;
         let kept = |s: &Slot| matches!(s, Slot::Cause(..) | Slot::Modulus(_));
         let all = found.place.slots.into_iter().zip(found.place.values);
         let (slots, values) = all.filter(|(s, _)| kept(s)).unzip();

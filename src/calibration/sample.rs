@@ -22,11 +22,11 @@ use super::aged::Slot;
 use super::coupon::correlation_rows;
 use super::outcome::*;
 use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
-use super::sample_problem::{Hung, Prior, SampleProblem, hang};
+use super::sample_problem::{Hung, Prior, SampleProblem, first_look_m, hang, hang_within, left_m};
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{HangingDataset, OffsetSource, Plan};
 use crate::film::Film;
-use crate::fit::levenberg_marquardt::{self as lm, Resting};
+use crate::fit::levenberg_marquardt::{self as lm, Resting, StopReason};
 use crate::fit::memory::Memory;
 use crate::fit::separable;
 use crate::model::{Electrode, HangingSample};
@@ -43,6 +43,14 @@ const SHIFT_PRIOR_M: f64 = 1e-3;
 /// Locking constant where none is given: a sample stretches to some tenths, far from locking, and cannot tell
 /// it.
 const HELD_LOCKING: f64 = 80.0;
+/// The race of the starts ends where a step saves less than this, in squared standard errors (the sum of
+/// squares over its mean square): a tenth of a standard error in one direction.
+const LITTLE: f64 = 0.01;
+/// Steps of the race: well-posed fits take 10 to 40 from afar, and one that crawls shows it by then.
+const RACE_LIMIT: usize = 60;
+/// From the race a start goes on if it lies less than this above where the best ended, in squared standard
+/// errors: one that lies higher is not what the data ask for, or crawls.
+const REACH: f64 = 1.0;
 /// All moduli together at a start, Pa, of the order of silicone.
 const START_MODULUS_PA: f64 = 5e5;
 /// Of these the share of the branches.
@@ -365,7 +373,6 @@ pub fn calibrate_samples(
         .clone()
         .unwrap_or_else(|| start_film(spread_times(branches, datasets), HELD_LOCKING));
     let (list, split) = parameters(request, datasets, &first)?;
-    let hung = hang(datasets, samples, &first)?;
 
     // Slots in the order of the list, J left out, then the shifts.
     let mut slots = Vec::new();
@@ -415,15 +422,6 @@ pub fn calibrate_samples(
         .map(|&i| list[i].transform.to_search(list[i].start))
         .chain(datasets.iter().map(|_| 0.0))
         .collect();
-    let options = lm::Options {
-        bounds: bounds.clone(),
-        iteration_limit: 200,
-        gradient_tolerance: 1e-7,
-        step_tolerance: 1e-9,
-        cost_tolerance: 1e-11,
-        polish_limit: 3,
-        ..lm::Options::default()
-    };
     let mut generator = ChaCha12Rng::seed_from_u64(request.seed);
     let starts: Vec<(String, Vec<f64>)> = (0..request.starts.max(1))
         .map(|s| {
@@ -451,39 +449,33 @@ pub fn calibrate_samples(
             (format!("random {s}"), p)
         })
         .collect();
-    let mut ends: Vec<(String, lm::Outcome)> = starts
-        .into_par_iter()
-        .map(|(origin, start)| {
-            let problem = SampleProblem::new(
-                &hung,
-                first.clone(),
-                slots.clone(),
-                priors.clone(),
-                vec![[0; 5]; hung.len()],
-            );
-            let memory = &request.memory;
-            let outcome = memory
-                .least_squares("the fit", &problem, &start, &options, |s| watch(s.cost()))
-                .map_err(|misuse| Error::NothingToFit(misuse.to_string()))?;
-            Ok((origin, outcome))
-        })
-        .collect::<Result<_, Error>>()?;
-    ends.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
-    let rows: usize = hung.iter().map(|h| h.residual.rows()).sum();
+    let search = Search {
+        film: &first,
+        slots: &slots,
+        priors: &priors,
+        bounds: &bounds,
+        memory: &request.memory,
+        watch,
+    };
+    let (hung, mut ends) = search.race(datasets, samples, starts)?;
+    let rows = rows_of(&hung);
     let waterfall: Vec<StartOutcome> = ends
         .iter()
-        .map(|(origin, o)| StartOutcome {
-            origin: origin.clone(),
-            cost: 2.0 * o.cost / rows.max(1) as f64,
-            evaluations: o.evaluations + o.jacobian_evaluations,
-            failed: o.failed_evaluations,
-            ended: o.reason.words().into(),
-            reached: o.parameters[..branches].iter().map(|v| v.exp()).collect(),
+        .map(|e| StartOutcome {
+            origin: e.origin.clone(),
+            cost: 2.0 * e.outcome.cost / rows,
+            evaluations: e.evaluations,
+            failed: e.failed,
+            ended: e.words().into(),
+            reached: e.outcome.parameters[..branches]
+                .iter()
+                .map(|v| v.exp())
+                .collect(),
         })
         .collect();
     let evaluations = waterfall.iter().map(|s| s.evaluations).sum();
     let failed = waterfall.iter().map(|s| s.failed).sum();
-    let best = ends.swap_remove(0).1;
+    let best = ends.swap_remove(0).outcome;
     if !best.cost.is_finite() {
         return Err(Error::AllStartsFailed {
             tried: waterfall.len(),
@@ -493,13 +485,7 @@ pub fn calibrate_samples(
 
     // Where it ended, as the estimates want it.
     let p = &best.parameters;
-    let problem = SampleProblem::new(
-        &hung,
-        first.clone(),
-        slots.clone(),
-        priors.clone(),
-        vec![[0; 5]; hung.len()],
-    );
+    let problem = search.problem(&hung);
     let film = problem.setting(0, p).film;
     let nonlinear: Vec<_> = list[..split].iter().map(unknown).collect();
     let linear: Vec<_> = list[split..].iter().map(unknown).collect();
@@ -569,7 +555,15 @@ pub fn calibrate_samples(
             .map(|s| [s.shift_m, s.offset_s])
             .collect::<Vec<_>>(),
         &offset_errors,
-    )?;
+    )
+    .map_err(|why| {
+        let left = left_m(&hung, &ended).into_iter().fold(0.0, f64::max);
+        Error::NothingToFit(format!(
+            "nothing fits: the film that comes nearest leaves {:.0} um rms of x, and no voltage moves it as captured ({why}); look at the \
+             voltage, its clock and the stated numbers of the rig",
+            1e6 * left
+        ))
+    })?;
     outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
     outcome.correlation = correlation(&list, &uncertainty, &order);
     outcome.estimates = found;
@@ -598,6 +592,199 @@ pub fn calibrate_samples(
         ));
     }
     Ok(outcome)
+}
+
+/// Rows of all recordings.
+fn rows_of(hung: &[Hung]) -> f64 {
+    let rows: usize = hung.iter().map(|h| h.residual.rows()).sum();
+    rows.max(1) as f64
+}
+
+fn best_first(runners: &mut [Runner]) {
+    runners.sort_by(|a, b| a.outcome.cost.total_cmp(&b.outcome.cost));
+}
+
+/// What all starts of a calibration share.
+struct Search<'s> {
+    film: &'s Film,
+    slots: &'s [Slot],
+    priors: &'s [Prior],
+    bounds: &'s [[f64; 2]],
+    memory: &'s Memory,
+    watch: &'s (dyn Fn(f64) -> ControlFlow<()> + Sync),
+}
+
+/// A start and how far it came.
+struct Runner {
+    origin: String,
+    outcome: lm::Outcome,
+    evaluations: usize,
+    failed: usize,
+    /// Whether it went no further than the race.
+    behind: bool,
+}
+
+impl Runner {
+    fn new(origin: String, outcome: lm::Outcome) -> Self {
+        Runner {
+            origin,
+            evaluations: outcome.evaluations + outcome.jacobian_evaluations,
+            failed: outcome.failed_evaluations,
+            outcome,
+            behind: true,
+        }
+    }
+
+    /// After another leg of its way.
+    fn after(self, outcome: lm::Outcome) -> Self {
+        let leg = Runner::new(self.origin, outcome);
+        Runner {
+            evaluations: self.evaluations + leg.evaluations,
+            failed: self.failed + leg.failed,
+            ..leg
+        }
+    }
+
+    /// How it ended.
+    fn words(&self) -> &'static str {
+        match self.outcome.reason {
+            StopReason::InitialPointFailed => StopReason::InitialPointFailed.words(),
+            _ if self.behind && !self.outcome.cost.is_finite() => {
+                "left behind where the model cannot be run with the steps of the end"
+            }
+            StopReason::IterationLimit if self.behind => {
+                "left behind on its way: out of reach of the best"
+            }
+            reason if self.behind && reason.converged() => {
+                "left behind where steps save next to nothing: out of reach of the best"
+            }
+            reason => reason.words(),
+        }
+    }
+}
+
+impl Search<'_> {
+    fn problem<'h>(&self, hung: &'h [Hung<'h>]) -> SampleProblem<'h> {
+        let levels = vec![[0; 5]; hung.len()];
+        let (film, slots) = (self.film.clone(), self.slots.to_vec());
+        SampleProblem::new(hung, film, slots, self.priors.to_vec(), levels)
+    }
+
+    fn leg(
+        &self,
+        tag: &str,
+        hung: &[Hung],
+        start: &[f64],
+        options: &lm::Options,
+    ) -> Result<lm::Outcome, Error> {
+        let watch = |s: &lm::State| (self.watch)(s.cost());
+        (self.memory)
+            .least_squares(tag, &self.problem(hung), start, options, watch)
+            .map_err(|misuse| Error::NothingToFit(misuse.to_string()))
+    }
+
+    /// As far as steps save something that counts.
+    fn loose(&self, hung: &[Hung]) -> lm::Options {
+        let rows = rows_of(hung);
+        lm::Options {
+            bounds: self.bounds.to_vec(),
+            iteration_limit: RACE_LIMIT,
+            // the square of this times the cost is what a step would still save
+            gradient_tolerance: (LITTLE / rows).sqrt().min(0.1),
+            step_tolerance: 1e-9,
+            cost_tolerance: (LITTLE / rows).min(0.01),
+            polish_limit: 0,
+            ..lm::Options::default()
+        }
+    }
+
+    /// All starts on coarse steps as far as steps save something that counts; then, on steps that are as fine
+    /// as what the best leaves of x asks for, the best to its end and those in reach of it to theirs.
+    fn race<'d>(
+        &self,
+        datasets: &[&'d HangingDataset],
+        samples: &[HangingSample],
+        starts: Vec<(String, Vec<f64>)>,
+    ) -> Result<(Vec<Hung<'d>>, Vec<Runner>), Error> {
+        let steps =
+            |hung: &[Hung]| -> Vec<f64> { hung.iter().map(|h| h.residual.step_s()).collect() };
+        let mut hung = hang_within(datasets, samples, self.film, &first_look_m(datasets))?;
+        let loose = self.loose(&hung);
+        let mut runners = starts
+            .into_par_iter()
+            .map(|(origin, start)| {
+                let outcome = self.leg("the race", &hung, &start, &loose)?;
+                Ok(Runner::new(origin, outcome))
+            })
+            .collect::<Result<Vec<_>, Error>>()?;
+        best_first(&mut runners);
+        if !runners[0].outcome.cost.is_finite() {
+            return Ok((hung, runners));
+        }
+        let place = &runners[0].outcome.parameters;
+        let rows = self.problem(&hung).evaluate(place, false)?;
+        let next = hang_within(datasets, samples, self.film, &left_m(&hung, &rows))?;
+        if steps(&next) != steps(&hung) {
+            let problem = self.problem(&next);
+            let costs: Vec<f64> = runners
+                .par_iter()
+                .map(|r| problem.cost(&r.outcome.parameters).unwrap_or(f64::INFINITY))
+                .collect();
+            // steps on which nothing runs are no better ones
+            if costs.iter().any(|c| c.is_finite()) {
+                for (runner, cost) in runners.iter_mut().zip(costs) {
+                    runner.outcome.cost = cost;
+                    runner.evaluations += 1;
+                }
+                let finer = steps(&next).iter().zip(steps(&hung)).any(|(n, h)| *n < h);
+                hung = next;
+                if finer {
+                    let loose = self.loose(&hung);
+                    runners = runners
+                        .into_par_iter()
+                        .map(|r| {
+                            let outcome =
+                                self.leg("the race", &hung, &r.outcome.parameters, &loose)?;
+                            Ok(r.after(outcome))
+                        })
+                        .collect::<Result<_, Error>>()?;
+                }
+                best_first(&mut runners);
+            }
+        }
+        let tight = lm::Options {
+            bounds: self.bounds.to_vec(),
+            iteration_limit: 200,
+            gradient_tolerance: 1e-7,
+            step_tolerance: 1e-9,
+            cost_tolerance: 1e-11,
+            polish_limit: 3,
+            ..lm::Options::default()
+        };
+        let go_on = |r: Runner| -> Result<Runner, Error> {
+            let outcome = self.leg("the fit", &hung, &r.outcome.parameters, &tight)?;
+            Ok(Runner {
+                behind: false,
+                ..r.after(outcome)
+            })
+        };
+        let others = runners.split_off(1);
+        runners = runners
+            .into_iter()
+            .map(go_on)
+            .collect::<Result<_, Error>>()?;
+        let reach = runners[0].outcome.cost * (1.0 + REACH / rows_of(&hung));
+        let others: Vec<Runner> = others
+            .into_par_iter()
+            .map(|r| match r.outcome.cost <= reach {
+                true => go_on(r),
+                false => Ok(r),
+            })
+            .collect::<Result<_, Error>>()?;
+        runners.extend(others);
+        best_first(&mut runners);
+        Ok((hung, runners))
+    }
 }
 
 /// Mean square of weighted residuals, and the factor by which the covariance grows: that mean square times

@@ -11,6 +11,10 @@ use crate::fit::levenberg_marquardt::{LeastSquares, Matrix};
 use crate::model::HangingSample;
 use crate::residual::{SampleKnob, SampleResidual, SampleRows, SampleTrouble};
 
+/// Share of the motion that a first look need not explain: the steps are then true to 1 in 500 of it, which
+/// tells starts apart, and a voltage that jumps does not ask for the finest ones.
+const FIRST_LOOK: f64 = 0.2;
+
 /// A prior: middle and standard deviation of an unknown.
 pub(super) type Prior = Option<(f64, f64)>;
 
@@ -161,6 +165,14 @@ impl<'a> SampleProblem<'a> {
                 )
             })
             .collect()
+    }
+
+    /// Half the sum of squares at `p`; `None` where the model cannot be run.
+    pub fn cost(&self, p: &[f64]) -> Option<f64> {
+        let mut rows = vec![0.0; self.residual_count()];
+        self.residuals(p, &mut rows).ok()?;
+        let cost = 0.5 * dot(&rows, &rows);
+        cost.is_finite().then_some(cost)
     }
 
     /// The knobs of a recording that a slot turns, each with its derivative by the slot.
@@ -376,17 +388,28 @@ impl LeastSquares for SampleProblem<'_> {
     }
 }
 
-/// The recordings of samples, on grids that are fine enough for `film`.
+/// The recordings of samples, on grids that are fine enough for `film` where the noise is what is left of x.
 pub(super) fn hang<'a>(
     datasets: &[&'a HangingDataset],
     samples: &[HangingSample],
     film: &Film,
 ) -> Result<Vec<Hung<'a>>, SampleTrouble> {
-    datasets
-        .par_iter()
-        .zip(samples)
-        .map(|(dataset, sample)| {
-            let (residual, _) = SampleResidual::settled(dataset, sample, film, dataset.noise_m)?;
+    let noise: Vec<f64> = datasets.iter().map(|d| d.noise_m).collect();
+    hang_within(datasets, samples, film, &noise)
+}
+
+/// As [`hang`], where `left_m` of x is what is left in each recording, or no more than is asked for.
+pub(super) fn hang_within<'a>(
+    datasets: &[&'a HangingDataset],
+    samples: &[HangingSample],
+    film: &Film,
+    left_m: &[f64],
+) -> Result<Vec<Hung<'a>>, SampleTrouble> {
+    (0..datasets.len())
+        .into_par_iter()
+        .map(|i| {
+            let (dataset, sample) = (datasets[i], &samples[i]);
+            let (residual, _) = SampleResidual::settled(dataset, sample, film, left_m[i])?;
             Ok(Hung {
                 residual,
                 sample: *sample,
@@ -394,4 +417,31 @@ pub(super) fn hang<'a>(
             })
         })
         .collect()
+}
+
+/// What is enough for a first look, m: a share of the motion, and no less than the noise.
+pub(super) fn first_look_m(datasets: &[&HangingDataset]) -> Vec<f64> {
+    let of = |d: &&HangingDataset| {
+        let known: Vec<f64> = d.x_m.iter().copied().filter(|x| !x.is_nan()).collect();
+        let n = known.len().max(1) as f64;
+        let mean = known.iter().sum::<f64>() / n;
+        let square = known.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
+        d.noise_m.max(FIRST_LOOK * square.sqrt())
+    };
+    datasets.iter().map(of).collect()
+}
+
+/// What `rows` leave of x in each recording, m: the noise, or more where the model is off by more.
+pub(super) fn left_m(recordings: &[Hung], rows: &[SampleRows]) -> Vec<f64> {
+    let of = |(hung, rows): (&Hung, &SampleRows)| {
+        let noise = hung.residual.row_noise_m();
+        let squares = rows
+            .residuals
+            .iter()
+            .zip(&noise)
+            .map(|(r, n)| (r * n).powi(2));
+        let square = squares.sum::<f64>() / noise.len().max(1) as f64;
+        hung.residual.dataset().noise_m.max(square.sqrt())
+    };
+    recordings.iter().zip(rows).map(of).collect()
 }

@@ -960,8 +960,9 @@ impl<'a> SampleResidual<'a> {
         }
     }
 
-    /// As [`SampleResidual::new`], with the longest step that splits frames evenly at which halving the step
-    /// moves x by less than a hundredth of the noise, rms. The second number is what that halving moved, m.
+    /// As [`SampleResidual::new`], rows weighed by the capture's noise, with the longest step that splits
+    /// frames evenly at which halving the step moves x by less than a hundredth of `left_m`, rms. The second
+    /// number is what that halving moved, m.
     ///
     /// # Errors
     /// [`SampleTrouble`] when the model cannot be run with `film`.
@@ -969,8 +970,9 @@ impl<'a> SampleResidual<'a> {
         dataset: &'a HangingDataset,
         sample: &HangingSample,
         film: &Film,
-        noise_m: f64,
+        left_m: f64,
     ) -> Result<(Self, f64), SampleTrouble> {
+        let noise_m = dataset.noise_m;
         let dt = dataset.step_s;
         let span = dt * (dataset.samples() - 1) as f64;
         let longest = LONGEST_STEP_S
@@ -995,7 +997,7 @@ impl<'a> SampleResidual<'a> {
                 .sum::<f64>()
                 / count as f64;
             let moved = square.sqrt();
-            if moved < 0.01 * noise_m || 0.5 * h * (FINEST_SPLIT as f64) < dt {
+            if moved < 0.01 * left_m || 0.5 * h * (FINEST_SPLIT as f64) < dt {
                 return Ok((SampleResidual::new(dataset, h, noise_m), moved));
             }
             h *= 0.5;

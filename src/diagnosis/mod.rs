@@ -553,10 +553,11 @@ fn chain<S: Subject>(
     }
     // A model suffices only with parts that are within their tolerances. One beyond may be what is off, or
     // stand in for what is: it is said, and no cause is named beside it but one that takes nearly all away, to
-    // which it can only be a detail.
+    // which it can only be a detail, and that only where the part can be believed.
     let beside = built.as_ref().and_then(|b| b.beyond(&best.fitted));
-    let nearly_all = best.excess() < DETAIL * plain.excess();
-    if verdict == Verdict::MissingPhysics && beside.is_some() && !nearly_all {
+    let detail =
+        |part: &Departed| part.times() < parts::FAR && best.excess() < DETAIL * plain.excess();
+    if verdict == Verdict::MissingPhysics && !beside.as_ref().is_none_or(detail) {
         verdict = Verdict::Unexplained;
     }
     let beyond = built

@@ -31,7 +31,7 @@ const WORTH_A_FIT: f64 = 0.5;
 const BEYOND_NOISE: f64 = 1.1;
 /// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
 /// stand in for a cause go there, and so do parts that shrink all torques with one.
-const FAR: f64 = 10.0;
+pub(super) const FAR: f64 = 10.0;
 /// Causes that are fitted beside parts that differ.
 const BESIDE_PARTS: usize = 6;
 

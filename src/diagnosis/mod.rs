@@ -799,13 +799,21 @@ fn unexplained(plain: f64, best: f64) -> bool {
     (best > 4.0 && share > 0.03) || (best > 1.8 && share > 0.08) || (best > 1.6 && share > 0.6)
 }
 
+/// Mean square that a model with a part that is off (a link, a tilt, a marker) may leave: a part has no form of
+/// which a large misfit could leave a share.
+const PART_LEAVES: f64 = 4.0;
+
 /// Whether what the best model leaves must be something that is in no entry.
 fn leaves_too_much<S: Subject>(
     problem: &Problem<S>,
     plain: &Judged,
     best: &Judged,
 ) -> Result<bool, Error> {
-    let too_much = |left: f64| unexplained(plain.mean_square, left);
+    let list = problem.train.tolerances();
+    let is_part = |a: &Acting| tolerance::times(&list, a).is_some();
+    let of_a_part = best.fitted.effects.iter().any(is_part);
+    let too_much =
+        |left: f64| unexplained(plain.mean_square, left) || (of_a_part && left > PART_LEAVES);
     if !too_much(best.mean_square) {
         return Ok(false);
     }

@@ -275,8 +275,9 @@ fn what_is_unlikely_costs_no_more() {
     }
 }
 
-/// A voltage that jumps under a sample, one that is cut short, and a load that no film of the start's stiffness
-/// carries: the model is off by far more than the noise, and neither starts nor steps go on as if it were not.
+/// A voltage that jumps under a sample, one that is cut short, and a load that no film of the start's
+/// stiffness carries: the model is off by far more than the noise, and neither starts nor steps go on as if
+/// it were not.
 #[test]
 fn samples_that_do_not_fit_cost_no_more() {
     let dir = tempfile::tempdir().unwrap();
@@ -323,6 +324,68 @@ fn samples_that_do_not_fit_cost_no_more() {
     println!("heavy: {:.1} s, {}", end.took_s, end.how);
     assert_eq!(end.code, Some(0), "{} {}", end.how, end.stderr);
     assert_eq!(figure_of_nothing(&end.stdout), None);
+}
+
+/// A sample's motion in metres under millimetres is refused with what to look at, before any search.
+#[test]
+fn a_sample_in_metres_is_refused_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    bench::lay(dir.path(), 300);
+    let path = dir.path().join("sample/data.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("mm,mm,mm", "m,m,m")).unwrap();
+    let rig = dir.path().join("hanging.toml");
+    let text = std::fs::read_to_string(&rig).unwrap();
+    std::fs::write(rig, text.replace("length_mm = 60.0", "length_mm = 40.0")).unwrap();
+    for command in [
+        "fit sample sample --starts 1 --branches 1 -o out",
+        "validate sample --params parameters.toml -o out",
+    ] {
+        let end = bench::within_limits(dir.path(), command);
+        assert_eq!(end.code, Some(1), "{command}: {} {}", end.how, end.stderr);
+        let said = ["check the unit", "length_mm"];
+        assert!(
+            said.iter().all(|w| end.stderr.contains(w)),
+            "{}",
+            end.stderr
+        );
+    }
+}
+
+/// Every command squares the voltage: turned about, it gives the same numbers and the same verdict in each.
+#[test]
+fn a_voltage_turned_about_gives_the_same_in_every_command() {
+    let dir = tempfile::tempdir().unwrap();
+    bench::lay(dir.path(), 1200);
+    let told = |command: &str| -> serde_json::Value {
+        let out = run(dir.path(), command);
+        let error = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(0), "{command}: {error}");
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let commands = [
+        ("fit film symmetric --starts 1 --branches 1", "rmse_V"),
+        ("validate symmetric --params parameters.toml", "rmse_V"),
+        ("diagnose symmetric --only marker_offset", "train_rmse_V"),
+    ];
+    let all = || commands.map(|(c, _)| told(&format!("{c} --json -o out --force")));
+    let plain = all();
+    let path = dir.path().join("symmetric/voltage.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let turned = text.lines().enumerate().map(|(i, line)| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if i > 0 {
+            (cells[1..].iter_mut()).for_each(|c| *c = format!("{}", -c.parse::<f64>().unwrap()));
+        }
+        cells.join(",")
+    });
+    std::fs::write(&path, turned.collect::<Vec<_>>().join("\n") + "\n").unwrap();
+    for ((command, error), (before, after)) in commands.iter().zip(plain.iter().zip(&all())) {
+        assert!(!before[error].is_null(), "{command}");
+        for key in ["verdict", error] {
+            assert_eq!(before[key], after[key], "{command}");
+        }
+    }
 }
 
 mod robot_numbers {

@@ -917,6 +917,22 @@ fn a_proof_that_was_stopped_goes_on_and_gives_the_same_bytes() {
     assert!(!part.exists());
 }
 
+/// A proof of many cases holds few files open: fewer than it keeps.
+#[test]
+fn a_proof_that_keeps_its_cases_holds_few_files_open() {
+    let room = Room::new();
+    let program = env!("CARGO_BIN_EXE_deacal");
+    let prove = "prove --rigs line --number 6 --keep kept -o out";
+    let out = Command::new("sh")
+        .args(["-c", &format!("ulimit -n 24; exec '{program}' {prove}")])
+        .current_dir(room.path(""))
+        .output()
+        .unwrap();
+    assert!(out.status.success(), "{}", words(&out));
+    let kept = room.files("kept").unwrap().len();
+    assert!(kept > 24, "{kept} files tell nothing");
+}
+
 #[test]
 fn answers_are_looked_for_before_the_work_begins() {
     let room = Room::new();

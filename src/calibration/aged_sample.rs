@@ -7,7 +7,7 @@ use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
 use super::ageing::AgeingRequest;
 use super::sample::{noise_of, spread_times, start_film};
 use super::sample_problem::{
-    Hung, Levels, Prior, Rest, SampleProblem, first_look_m, hang_within, left_m,
+    Hung, Levels, Prior, Rest, SampleProblem, errors_m, first_look_m, hang_within, room_of,
 };
 use crate::dataset::{HangingDataset, OffsetSource};
 use crate::film::Film;
@@ -71,8 +71,8 @@ impl<'a> AgedSample<'a> {
                 ..*s
             })
             .collect();
-        let of_steps = |left: &[f64]| -> Result<Self, Error> {
-            let mut hung = hang_within(datasets, &aged, &film, left)?;
+        let of_steps = |errors: &[f64]| -> Result<Self, Error> {
+            let mut hung = hang_within(datasets, &aged, &film, errors)?;
             for (h, sample) in hung.iter_mut().zip(samples) {
                 h.sample = *sample;
             }
@@ -91,9 +91,8 @@ impl<'a> AgedSample<'a> {
         };
         // Steps as fine as what the model leaves of the first level asks for, over what noise leaves.
         let look = of_steps(&first_look_m(datasets))?;
-        let over = look.first_left().unwrap_or(1.0);
-        let left: Vec<f64> = datasets.iter().map(|d| over * d.noise_m).collect();
-        of_steps(&left)
+        let room = vec![look.first_room().unwrap_or(1.0); datasets.len()];
+        of_steps(&errors_m(datasets, &room))
     }
 
     /// The recordings of the first level alone, and their fit.
@@ -123,14 +122,13 @@ impl<'a> AgedSample<'a> {
         Ok((first, found))
     }
 
-    /// What the model leaves of x over the noise, where it leaves least of a recording of the first level.
-    fn first_left(&self) -> Option<f64> {
+    /// What the model leaves to the steps in the recording of the first level where that is least.
+    fn first_room(&self) -> Option<f64> {
         let (first, found) = self.first_fit().ok()?;
         let problem = first.problem_of(&found.place);
         let rows = problem.evaluate(&found.place.values, false).ok()?;
-        let left = left_m(&first.hung, &rows);
-        let over = |(left, h): (&f64, &Hung)| left / h.residual.dataset().noise_m;
-        left.iter().zip(&first.hung).map(over).reduce(f64::min)
+        let room = room_of(&first.hung, &rows);
+        room.into_iter().reduce(f64::min)
     }
 
     fn problem(&self, causes: &[Cause], slots: Vec<Slot>) -> SampleProblem<'_> {

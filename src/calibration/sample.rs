@@ -22,7 +22,9 @@ use super::aged::Slot;
 use super::coupon::correlation_rows;
 use super::outcome::*;
 use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
-use super::sample_problem::{Hung, Prior, SampleProblem, first_look_m, hang, hang_within, left_m};
+use super::sample_problem::{
+    Hung, Prior, SampleProblem, errors_m, first_look_m, hang, hang_within, most_left_m, room_of,
+};
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{HangingDataset, OffsetSource, Plan};
 use crate::film::Film;
@@ -49,8 +51,8 @@ const LITTLE: f64 = 0.01;
 /// Steps of the race: well-posed fits take 10 to 40 from afar, and one that crawls shows it by then.
 const RACE_LIMIT: usize = 60;
 /// From the race a start goes on if it lies less than this above where the best ended, in squared standard
-/// errors: one that lies higher is not what the data ask for, or crawls.
-const REACH: f64 = 1.0;
+/// errors: three of them. What lies higher is not what the data ask for; what is nearer may still come below.
+const REACH: f64 = 9.0;
 /// All moduli together at a start, Pa, of the order of silicone.
 const START_MODULUS_PA: f64 = 5e5;
 /// Of these the share of the branches.
@@ -557,11 +559,10 @@ pub fn calibrate_samples(
         &offset_errors,
     )
     .map_err(|why| {
-        let left = left_m(&hung, &ended).into_iter().fold(0.0, f64::max);
         Error::NothingToFit(format!(
             "nothing fits: the film that comes nearest leaves {:.0} um rms of x, and no voltage moves it as captured ({why}); look at the \
              voltage, its clock and the stated numbers of the rig",
-            1e6 * left
+            1e6 * most_left_m(&hung, &ended)
         ))
     })?;
     outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
@@ -723,7 +724,8 @@ impl Search<'_> {
         }
         let place = &runners[0].outcome.parameters;
         let rows = self.problem(&hung).evaluate(place, false)?;
-        let next = hang_within(datasets, samples, self.film, &left_m(&hung, &rows))?;
+        let errors = errors_m(datasets, &room_of(&hung, &rows));
+        let next = hang_within(datasets, samples, self.film, &errors)?;
         if steps(&next) != steps(&hung) {
             let problem = self.problem(&next);
             let costs: Vec<f64> = runners

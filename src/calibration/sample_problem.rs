@@ -5,15 +5,18 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::aged::{Cause, Normal, Slot};
+use super::outcome::Standing;
 use crate::dataset::HangingDataset;
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{LeastSquares, Matrix};
 use crate::model::HangingSample;
 use crate::residual::{SampleKnob, SampleResidual, SampleRows, SampleTrouble};
 
-/// Share of the motion that a first look need not explain: the steps are then true to 1 in 500 of it, which
-/// tells starts apart, and a voltage that jumps does not ask for the finest ones.
-const FIRST_LOOK: f64 = 0.2;
+/// Error of the steps over what is left of x, which is noise where the model fits; and over the motion for a
+/// first look, which tells starts apart and whether the model fits.
+const FINE: f64 = 0.01;
+/// The same where the model does not fit: its numbers are off by more than this share of their errors.
+const ROUGH: f64 = 0.05;
 
 /// A prior: middle and standard deviation of an unknown.
 pub(super) type Prior = Option<(f64, f64)>;
@@ -388,28 +391,28 @@ impl LeastSquares for SampleProblem<'_> {
     }
 }
 
-/// The recordings of samples, on grids that are fine enough for `film` where the noise is what is left of x.
+/// The recordings of samples, on grids that are fine enough for `film` where it leaves noise of x.
 pub(super) fn hang<'a>(
     datasets: &[&'a HangingDataset],
     samples: &[HangingSample],
     film: &Film,
 ) -> Result<Vec<Hung<'a>>, SampleTrouble> {
-    let noise: Vec<f64> = datasets.iter().map(|d| d.noise_m).collect();
-    hang_within(datasets, samples, film, &noise)
+    let errors: Vec<f64> = datasets.iter().map(|d| FINE * d.noise_m).collect();
+    hang_within(datasets, samples, film, &errors)
 }
 
-/// As [`hang`], where `left_m` of x is what is left in each recording, or no more than is asked for.
+/// The recordings of samples, on grids whose steps move x of each by less than `errors_m`.
 pub(super) fn hang_within<'a>(
     datasets: &[&'a HangingDataset],
     samples: &[HangingSample],
     film: &Film,
-    left_m: &[f64],
+    errors_m: &[f64],
 ) -> Result<Vec<Hung<'a>>, SampleTrouble> {
     (0..datasets.len())
         .into_par_iter()
         .map(|i| {
             let (dataset, sample) = (datasets[i], &samples[i]);
-            let (residual, _) = SampleResidual::settled(dataset, sample, film, left_m[i])?;
+            let (residual, _) = SampleResidual::settled(dataset, sample, film, errors_m[i])?;
             Ok(Hung {
                 residual,
                 sample: *sample,
@@ -419,29 +422,52 @@ pub(super) fn hang_within<'a>(
         .collect()
 }
 
-/// What is enough for a first look, m: a share of the motion, and no less than the noise.
+/// Error of the steps for a first look, m.
 pub(super) fn first_look_m(datasets: &[&HangingDataset]) -> Vec<f64> {
     let of = |d: &&HangingDataset| {
         let known: Vec<f64> = d.x_m.iter().copied().filter(|x| !x.is_nan()).collect();
         let n = known.len().max(1) as f64;
         let mean = known.iter().sum::<f64>() / n;
         let square = known.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
-        d.noise_m.max(FIRST_LOOK * square.sqrt())
+        FINE * d.noise_m.max(square.sqrt())
     };
     datasets.iter().map(of).collect()
 }
 
-/// What `rows` leave of x in each recording, m: the noise, or more where the model is off by more.
-pub(super) fn left_m(recordings: &[Hung], rows: &[SampleRows]) -> Vec<f64> {
+/// Root mean square of what `rows` leave of x, m, and of what its noise makes.
+fn left(hung: &Hung, rows: &SampleRows) -> [f64; 2] {
+    let noise = hung.residual.row_noise_m();
+    let n = noise.len().max(1) as f64;
+    let off = rows.residuals.iter().zip(&noise).map(|(r, n)| r * n);
+    [
+        off.map(|e| e * e).sum::<f64>(),
+        noise.iter().map(|n| n * n).sum(),
+    ]
+    .map(|sum| (sum / n).sqrt())
+}
+
+/// Most of what `rows` leave of x in a recording, m rms.
+pub(super) fn most_left_m(recordings: &[Hung], rows: &[SampleRows]) -> f64 {
+    let all = recordings.iter().zip(rows);
+    all.map(|(h, r)| left(h, r)[0]).fold(0.0, f64::max)
+}
+
+/// Error that the steps of a recording may make where `rows` are what is left, over that of one that the
+/// model fits.
+pub(super) fn room_of(recordings: &[Hung], rows: &[SampleRows]) -> Vec<f64> {
     let of = |(hung, rows): (&Hung, &SampleRows)| {
-        let noise = hung.residual.row_noise_m();
-        let squares = rows
-            .residuals
-            .iter()
-            .zip(&noise)
-            .map(|(r, n)| (r * n).powi(2));
-        let square = squares.sum::<f64>() / noise.len().max(1) as f64;
-        hung.residual.dataset().noise_m.max(square.sqrt())
+        let [left, noise] = left(hung, rows);
+        let share = match Standing::of(left / noise) {
+            Standing::DoesNotFit => ROUGH / FINE,
+            _ => 1.0,
+        };
+        (share * left / hung.residual.dataset().noise_m).max(1.0)
     };
     recordings.iter().zip(rows).map(of).collect()
+}
+
+/// Errors of steps that leave `room`, m.
+pub(super) fn errors_m(datasets: &[&HangingDataset], room: &[f64]) -> Vec<f64> {
+    let all = datasets.iter().zip(room);
+    all.map(|(d, room)| FINE * d.noise_m * room).collect()
 }

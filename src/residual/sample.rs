@@ -961,8 +961,8 @@ impl<'a> SampleResidual<'a> {
     }
 
     /// As [`SampleResidual::new`], rows weighed by the capture's noise, with the longest step that splits
-    /// frames evenly at which halving the step moves x by less than a hundredth of `left_m`, rms. The second
-    /// number is what that halving moved, m.
+    /// frames evenly at which halving the step moves x by less than `error_m`, rms. The second number is what
+    /// that halving moved, m.
     ///
     /// # Errors
     /// [`SampleTrouble`] when the model cannot be run with `film`.
@@ -970,7 +970,7 @@ impl<'a> SampleResidual<'a> {
         dataset: &'a HangingDataset,
         sample: &HangingSample,
         film: &Film,
-        left_m: f64,
+        error_m: f64,
     ) -> Result<(Self, f64), SampleTrouble> {
         let noise_m = dataset.noise_m;
         let dt = dataset.step_s;
@@ -997,7 +997,7 @@ impl<'a> SampleResidual<'a> {
                 .sum::<f64>()
                 / count as f64;
             let moved = square.sqrt();
-            if moved < 0.01 * left_m || 0.5 * h * (FINEST_SPLIT as f64) < dt {
+            if moved < error_m || 0.5 * h * (FINEST_SPLIT as f64) < dt {
                 return Ok((SampleResidual::new(dataset, h, noise_m), moved));
             }
             h *= 0.5;

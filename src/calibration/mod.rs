@@ -39,8 +39,8 @@ pub use line::{
 };
 pub use motion::{AxisMotion, Causes, MotionRequest, calibrate_motion, predict_line_motion};
 pub use outcome::{
-    AtBound, ChainError, Estimate, Outcome, RecordingOutcome, Standing, StartOutcome,
-    WeakDirection, WorstPlace,
+    AtBound, ChainError, Estimate, JUDGED_ABOVE_V, Outcome, RecordingOutcome, Standing,
+    StartOutcome, WeakDirection, WorstPlace,
 };
 pub use robot::{
     Request, Stage, calibrate_robot, predict_command, predict_force, validate_robot,

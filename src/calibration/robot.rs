@@ -981,7 +981,7 @@ impl Sums {
         self.all += error * error;
         self.count_all += 1;
         self.negative += usize::from(predicted_squared < 0.0);
-        if command.abs() > 1000.0 {
+        if command.abs() > JUDGED_ABOVE_V {
             self.squares += error * error;
             self.largest = self.largest.max(error.abs());
             self.floor += sd * sd;
@@ -1170,7 +1170,7 @@ impl Places {
         for i in (1..d.samples()).filter(|&i| e.counts[i]) {
             for k in 0..3 {
                 let command = e.command_v[i][k];
-                if command.abs() <= 1000.0 {
+                if command.abs() <= JUDGED_ABOVE_V {
                     continue;
                 }
                 let band = (command.abs() / 1500.0).floor() * 1.5;

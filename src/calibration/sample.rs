@@ -63,8 +63,6 @@ const STROKES: std::ops::RangeInclusive<f64> = 1e-5..=20.0;
 /// A gap is bridged by the smoother while the smoothed position stays this well known, relative to its median
 /// uncertainty.
 const BRIDGE_LIMIT: f64 = 5.0;
-/// Command above which an error counts in `rmse_v`, V.
-const HIGH_V: f64 = 1e3;
 /// Left out at both ends, s: derivatives there rest on one side.
 const EDGE_S: f64 = 0.3;
 /// Tracks that are drawn for the noise of the predicted voltage.
@@ -1153,7 +1151,7 @@ fn one(
         all += e * e;
         error.samples_all += 1;
         error.negative += usize::from(needed[i] < 0.0);
-        if command_v[i].abs() > HIGH_V {
+        if command_v[i].abs() > JUDGED_ABOVE_V {
             high += e * e;
             error.samples += 1;
             error.max_error_v = error.max_error_v.max(e.abs());

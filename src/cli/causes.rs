@@ -37,7 +37,7 @@ struct QuantityJson {
     off: f64,
     lower: f64,
     upper: f64,
-    typical: f64,
+    typical: Option<f64>,
 }
 
 /// A cause and what it is a cause of.
@@ -127,12 +127,13 @@ fn json(c: &Listed) -> CauseJson {
     }
 }
 
-/// What is met in practice.
-fn typical(q: &Quantity) -> f64 {
-    match q.size {
+/// What is met in practice; nothing can be said of a limit that is out of reach where it does nothing.
+fn typical(q: &Quantity) -> Option<f64> {
+    let at = match q.size {
         true => q.off + q.spread,
         false => q.off,
-    }
+    };
+    at.is_finite().then_some(at)
 }
 
 fn tell(c: &Listed, talk: Talk) {
@@ -143,12 +144,14 @@ fn tell(c: &Listed, talk: Talk) {
     let row = |q: &Quantity| {
         let size = |v: f64| number::sized(v, q.unit, 2);
         let what = match q.size {
-            true => format!("nothing at {}", size(q.off)),
+            true if q.off.is_finite() => format!("nothing at {}", size(q.off)),
+            true => "nothing where it is out of reach".into(),
             false => "shapes it".into(),
         };
+        let usual = typical(q).map_or_else(String::new, |at| format!("typically {}", size(at)));
         let range = format!("{} to {}", size(q.lower), size(q.upper));
         let name = q.name.replace('_', " ");
-        [name, format!("typically {}", size(typical(q))), range, what]
+        [name, usual, range, what]
     };
     let rows: Vec<[String; 4]> = effect.parameters().iter().map(row).collect();
     terminal::columns(&rows).iter().for_each(|l| talk.say(l));

@@ -106,7 +106,7 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         };
         let outcome = &validation.outcome;
         let answer = Answer::of_robot(outcome, &robot);
-        heads.push(format!("{}: {}", path.display(), answer.says));
+        heads.push((path, answer.says.clone()));
         let volt = |v: f64| number::sized(v, "V", 3);
         let rows: Vec<[String; 4]> = outcome
             .recordings
@@ -242,7 +242,7 @@ fn compare(
             sha256: crate::recording::sha256(path)?,
         };
         let held = hold(&load::parameters(path)?, sum)?;
-        heads.push(format!("{}: {}", path.display(), held.answer.says));
+        heads.push((path, held.answer.says.clone()));
         says.push(held.says.iter().map(|line| format!("  {line}")).collect());
         all.push(held);
     }
@@ -254,12 +254,13 @@ fn compare(
 }
 
 /// The answers of all models, then what there is to say of each.
-fn tell(heads: &[String], says: &[Vec<String>], talk: Talk) {
-    heads.iter().for_each(|head| talk.answer(head));
-    for (head, lines) in heads.iter().zip(says) {
-        if heads.len() > 1 {
-            let (path, _) = head.split_once(": ").unwrap_or((head, ""));
-            talk.say(&format!("With {path}"));
+fn tell(answers: &[(&PathBuf, String)], says: &[Vec<String>], talk: Talk) {
+    for (path, answer) in answers {
+        talk.answer(&format!("{}: {answer}", path.display()));
+    }
+    for ((path, _), lines) in answers.iter().zip(says) {
+        if answers.len() > 1 {
+            talk.say(&format!("With {}", path.display()));
         }
         lines.iter().for_each(|line| talk.tell(line));
     }

@@ -568,6 +568,10 @@ fn chain<S: Subject>(
         verdict = Verdict::Unexplained;
     }
     let in_model = verdict == Verdict::MissingPhysics;
+    let trust = match in_model && beside.is_some() {
+        true => BESIDE_BEYOND,
+        false => 1.0,
+    };
     if in_model {
         remarks.extend(forms::others(&problem, &plain, &best));
     }
@@ -598,8 +602,8 @@ fn chain<S: Subject>(
     );
     if let Some(built) = &built {
         for c in &mut candidates {
-            if c.in_model && beside.is_some() {
-                c.probability *= BESIDE_BEYOND;
+            if c.in_model {
+                c.probability *= trust;
             }
             if let Some(times) = tolerance::times(&built.list, &c.acting) {
                 c.says += &format!("; {times:.1} times its tolerance");
@@ -691,7 +695,7 @@ fn chain<S: Subject>(
                 None => of_catalogue,
             };
             (
-                confidence(verdict, &odds, &plain, &best),
+                trust * confidence(verdict, &odds, &plain, &best),
                 of_catalogue,
                 next_experiment(verdict, &groups_alike, &candidates, &words),
             )

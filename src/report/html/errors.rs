@@ -6,7 +6,7 @@ use super::page::{Cell, Section, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Width};
 use super::recordings::curve;
 use super::{Provenance, number};
-use crate::calibration::{ChainError, Outcome};
+use crate::calibration::{ChainError, JUDGED_ABOVE_V, Outcome};
 
 const TEMPLATE: &str = include_str!("errors.html");
 
@@ -38,8 +38,6 @@ const PARTS: usize = 24;
 const LEAST: usize = 10;
 /// Frames to each side over which the rate of the command is taken.
 const REACH: usize = 3;
-/// Commands above which errors are held against noise, V.
-const ABOVE_V: f64 = 1000.0;
 
 /// One sample: where, error and what noise makes.
 type Sample = [f64; 3];
@@ -81,7 +79,7 @@ fn over(outcome: &Outcome) -> String {
         let frames = r.time_s.len();
         for i in (0..frames).filter(|i| r.counts[*i]) {
             let (a, b) = (i.saturating_sub(REACH), (i + REACH).min(frames - 1));
-            for k in (0..3).filter(|k| r.command_v[i][*k].abs() > ABOVE_V) {
+            for k in (0..3).filter(|k| r.command_v[i][*k].abs() > JUDGED_ABOVE_V) {
                 let error = r.predicted_v[i][k] - r.command_v[i][k];
                 let noise = r.sd_v[i][k];
                 let rate = (r.command_v[b][k] - r.command_v[a][k]) / (r.time_s[b] - r.time_s[a]);

@@ -6,7 +6,7 @@ use minijinja::{Value, context};
 use super::page::{Section, safe};
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Shade, Width};
 use super::{Provenance, number, reduce};
-use crate::calibration::{Outcome, RecordingOutcome};
+use crate::calibration::{JUDGED_ABOVE_V, Outcome, RecordingOutcome};
 
 const TEMPLATE: &str = include_str!("recordings.html");
 
@@ -168,7 +168,7 @@ fn actuator(r: &RecordingOutcome, k: usize, scale: &Scale) -> (String, String) {
     let error = |above: bool| -> Vec<[f64; 2]> {
         let rows = r.predicted_v.iter().zip(&r.command_v);
         let point = |(t, (p, c)): (&f64, (&[f64; 3], &[f64; 3]))| {
-            let here = (c[k].abs() > 1000.0) == above;
+            let here = (c[k].abs() > JUDGED_ABOVE_V) == above;
             [*t, if here { p[k] - c[k] } else { f64::NAN }]
         };
         r.time_s.iter().zip(rows).map(point).collect()

@@ -275,9 +275,9 @@ fn what_is_unlikely_costs_no_more() {
     }
 }
 
-/// A voltage that jumps under a sample, one that is cut short, and a load that no film of the start's
-/// stiffness carries: the model is off by far more than the noise, and neither starts nor steps go on as if
-/// it were not.
+/// A voltage that jumps under a sample, one that is cut short, a load that no film of the start's stiffness
+/// carries, and a length that lets such a film swing fifty times as far: the model is off by far more than the
+/// noise, and neither starts nor steps go on as if it were not.
 #[test]
 fn samples_that_do_not_fit_cost_no_more() {
     let dir = tempfile::tempdir().unwrap();
@@ -324,6 +324,15 @@ fn samples_that_do_not_fit_cost_no_more() {
     println!("heavy: {:.1} s, {}", end.took_s, end.how);
     assert_eq!(end.code, Some(0), "{} {}", end.how, end.stderr);
     assert_eq!(figure_of_nothing(&end.stdout), None);
+    std::fs::create_dir(at("films")).unwrap();
+    for name in ["sample", "later"] {
+        std::fs::rename(at(name), at("films").join(name)).unwrap();
+    }
+    let long = rig.replace("length_mm = 60.0", "length_mm = 3000");
+    std::fs::write(at("films/hanging.toml"), long).unwrap();
+    let end = bench::within_limits(dir.path(), "batch films -o many");
+    println!("long: {:.1} s, {}", end.took_s, end.how);
+    assert_eq!(end.code, Some(0), "{} {}", end.how, end.stderr);
 }
 
 /// A sample's motion in metres under millimetres is refused with what to look at, before any search.

@@ -7,7 +7,7 @@ use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
 use super::ageing::AgeingRequest;
 use super::sample::{noise_of, spread_times, start_film};
 use super::sample_problem::{
-    Hung, Levels, Prior, Rest, SampleProblem, errors_m, first_look_m, hang_within, room_of,
+    Hung, Levels, Prior, Rest, SampleProblem, errors_m, hang_at_first, hang_within, room_of,
 };
 use crate::dataset::{HangingDataset, OffsetSource};
 use crate::film::Film;
@@ -71,12 +71,11 @@ impl<'a> AgedSample<'a> {
                 ..*s
             })
             .collect();
-        let of_steps = |errors: &[f64]| -> Result<Self, Error> {
-            let mut hung = hang_within(datasets, &aged, &film, errors)?;
+        let of = |mut hung: Vec<Hung<'a>>| {
             for (h, sample) in hung.iter_mut().zip(samples) {
                 h.sample = *sample;
             }
-            Ok(AgedSample {
+            AgedSample {
                 hung,
                 level: level.to_vec(),
                 levels: level.iter().max().map_or(0, |m| m + 1),
@@ -87,12 +86,13 @@ impl<'a> AgedSample<'a> {
                 seen_m: datasets.iter().map(|d| d.rest_below_m).collect(),
                 mount_m: request.mount_m,
                 memory: request.memory.clone(),
-            })
+            }
         };
         // Steps as fine as what the model leaves of the first level asks for, over what noise leaves.
-        let look = of_steps(&first_look_m(datasets))?;
+        let look = of(hang_at_first(datasets, &aged, &film)?);
         let room = vec![look.first_room().unwrap_or(1.0); datasets.len()];
-        of_steps(&errors_m(datasets, &room))
+        let errors = errors_m(datasets, &room);
+        Ok(of(hang_within(datasets, &aged, &film, &errors, 0.0)?))
     }
 
     /// The recordings of the first level alone, and their fit.

@@ -23,7 +23,8 @@ use super::coupon::correlation_rows;
 use super::outcome::*;
 use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
 use super::sample_problem::{
-    Hung, Prior, SampleProblem, errors_m, first_look_m, hang, hang_within, most_left_m, room_of,
+    Hung, Prior, SampleProblem, errors_m, fits, hang, hang_at_first, hang_within, most_left_m,
+    room_of,
 };
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{HangingDataset, OffsetSource, Plan};
@@ -707,7 +708,7 @@ impl Search<'_> {
     ) -> Result<(Vec<Hung<'d>>, Vec<Runner>), Error> {
         let steps =
             |hung: &[Hung]| -> Vec<f64> { hung.iter().map(|h| h.residual.step_s()).collect() };
-        let mut hung = hang_within(datasets, samples, self.film, &first_look_m(datasets))?;
+        let mut hung = hang_at_first(datasets, samples, self.film)?;
         let loose = self.loose(&hung);
         let mut runners = starts
             .into_par_iter()
@@ -723,7 +724,13 @@ impl Search<'_> {
         let place = &runners[0].outcome.parameters;
         let rows = self.problem(&hung).evaluate(place, false)?;
         let errors = errors_m(datasets, &room_of(&hung, &rows));
-        let next = hang_within(datasets, samples, self.film, &errors)?;
+        // a film of a start that does not move as captured may ask for steps that the one found does not
+        let found = self.problem(&hung).setting(0, place).film;
+        let all_fit = hung.iter().zip(&rows).all(|(h, r)| fits(h, r));
+        let next = match hang_within(datasets, samples, &found, &errors, 0.0) {
+            Ok(next) if !all_fit => next,
+            _ => hang_within(datasets, samples, self.film, &errors, 0.0)?,
+        };
         if steps(&next) != steps(&hung) {
             let problem = self.problem(&next);
             let costs: Vec<f64> = runners

@@ -10,7 +10,7 @@ use crate::dataset::HangingDataset;
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{LeastSquares, Matrix};
 use crate::model::HangingSample;
-use crate::residual::{SampleKnob, SampleResidual, SampleRows, SampleTrouble};
+use crate::residual::{SampleKnob, SampleResidual, SampleRows, SampleTrouble, deviation};
 
 /// Error of the steps over what is left of x, which is noise where the model fits; and over the motion for a
 /// first look, which tells starts apart and whether the model fits.
@@ -398,21 +398,23 @@ pub(super) fn hang<'a>(
     film: &Film,
 ) -> Result<Vec<Hung<'a>>, SampleTrouble> {
     let errors: Vec<f64> = datasets.iter().map(|d| FINE * d.noise_m).collect();
-    hang_within(datasets, samples, film, &errors)
+    hang_within(datasets, samples, film, &errors, 0.0)
 }
 
-/// The recordings of samples, on grids whose steps move x of each by less than `errors_m`.
+/// The recordings of samples, on grids whose steps move x of each by less than `errors_m`, or by less than
+/// `share` of what `film` moves.
 pub(super) fn hang_within<'a>(
     datasets: &[&'a HangingDataset],
     samples: &[HangingSample],
     film: &Film,
     errors_m: &[f64],
+    share: f64,
 ) -> Result<Vec<Hung<'a>>, SampleTrouble> {
     (0..datasets.len())
         .into_par_iter()
         .map(|i| {
             let (dataset, sample) = (datasets[i], &samples[i]);
-            let (residual, _) = SampleResidual::settled(dataset, sample, film, errors_m[i])?;
+            let (residual, _) = SampleResidual::settled(dataset, sample, film, errors_m[i], share)?;
             Ok(Hung {
                 residual,
                 sample: *sample,
@@ -422,16 +424,18 @@ pub(super) fn hang_within<'a>(
         .collect()
 }
 
-/// Error of the steps for a first look, m.
-pub(super) fn first_look_m(datasets: &[&HangingDataset]) -> Vec<f64> {
-    let of = |d: &&HangingDataset| {
-        let known: Vec<f64> = d.x_m.iter().copied().filter(|x| !x.is_nan()).collect();
-        let n = known.len().max(1) as f64;
-        let mean = known.iter().sum::<f64>() / n;
-        let square = known.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
-        FINE * d.noise_m.max(square.sqrt())
-    };
-    datasets.iter().map(of).collect()
+/// The recordings of samples on the grids of a first look: true to a share of the motion as captured, or of
+/// that of `film` where it moves more than what was captured.
+pub(super) fn hang_at_first<'a>(
+    datasets: &[&'a HangingDataset],
+    samples: &[HangingSample],
+    film: &Film,
+) -> Result<Vec<Hung<'a>>, SampleTrouble> {
+    let errors: Vec<f64> = datasets
+        .iter()
+        .map(|d| FINE * d.noise_m.max(deviation(&d.x_m)))
+        .collect();
+    hang_within(datasets, samples, film, &errors, FINE)
 }
 
 /// Root mean square of what `rows` leave of x, m, and of what its noise makes.
@@ -446,6 +450,12 @@ fn left(hung: &Hung, rows: &SampleRows) -> [f64; 2] {
     .map(|sum| (sum / n).sqrt())
 }
 
+/// Whether `rows` leave no more of x than a model that fits does, or nearly fits.
+pub(super) fn fits(hung: &Hung, rows: &SampleRows) -> bool {
+    let [left, noise] = left(hung, rows);
+    Standing::of(left / noise) != Standing::DoesNotFit
+}
+
 /// Most of what `rows` leave of x in a recording, m rms.
 pub(super) fn most_left_m(recordings: &[Hung], rows: &[SampleRows]) -> f64 {
     let all = recordings.iter().zip(rows);
@@ -456,12 +466,8 @@ pub(super) fn most_left_m(recordings: &[Hung], rows: &[SampleRows]) -> f64 {
 /// model fits.
 pub(super) fn room_of(recordings: &[Hung], rows: &[SampleRows]) -> Vec<f64> {
     let of = |(hung, rows): (&Hung, &SampleRows)| {
-        let [left, noise] = left(hung, rows);
-        let share = match Standing::of(left / noise) {
-            Standing::DoesNotFit => ROUGH / FINE,
-            _ => 1.0,
-        };
-        (share * left / hung.residual.dataset().noise_m).max(1.0)
+        let share = if fits(hung, rows) { 1.0 } else { ROUGH / FINE };
+        (share * left(hung, rows)[0] / hung.residual.dataset().noise_m).max(1.0)
     };
     recordings.iter().zip(rows).map(of).collect()
 }

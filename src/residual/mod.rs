@@ -22,6 +22,7 @@ pub use robot::{
     Chains, Departure, DepartureTorques, ExpectedScore, Layout, RobotResidual, VoltageError,
 };
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
+pub(crate) use sample::deviation;
 pub use sample::{
     MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun, SampleTrouble,
     command_for_v, film_voltage_v, inverse_sample, run_sample,

@@ -916,6 +916,14 @@ pub struct SampleInverse {
     pub area: Vec<f64>,
 }
 
+/// Root mean square about the mean, of what is known.
+pub(crate) fn deviation(x: &[f64]) -> f64 {
+    let known = || x.iter().filter(|v| !v.is_nan());
+    let n = known().count().max(1) as f64;
+    let mean = known().sum::<f64>() / n;
+    (known().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
 impl<'a> SampleResidual<'a> {
     /// On a grid of steps of `h_s`, rows weighed by `noise_m` a frame.
     #[must_use]
@@ -961,8 +969,8 @@ impl<'a> SampleResidual<'a> {
     }
 
     /// As [`SampleResidual::new`], rows weighed by the capture's noise, with the longest step that splits
-    /// frames evenly at which halving the step moves x by less than `error_m`, rms. The second number is what
-    /// that halving moved, m.
+    /// frames evenly at which halving the step moves x by less than `error_m`, or by less than `share` of the
+    /// motion that the model makes, rms. The second number is what that halving moved, m.
     ///
     /// # Errors
     /// [`SampleTrouble`] when the model cannot be run with `film`.
@@ -971,6 +979,7 @@ impl<'a> SampleResidual<'a> {
         sample: &HangingSample,
         film: &Film,
         error_m: f64,
+        share: f64,
     ) -> Result<(Self, f64), SampleTrouble> {
         let noise_m = dataset.noise_m;
         let dt = dataset.step_s;
@@ -997,7 +1006,8 @@ impl<'a> SampleResidual<'a> {
                 .sum::<f64>()
                 / count as f64;
             let moved = square.sqrt();
-            if moved < error_m || 0.5 * h * (FINEST_SPLIT as f64) < dt {
+            let enough = error_m.max(share * deviation(&fine));
+            if moved < enough || 0.5 * h * (FINEST_SPLIT as f64) < dt {
                 return Ok((SampleResidual::new(dataset, h, noise_m), moved));
             }
             h *= 0.5;

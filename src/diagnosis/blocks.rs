@@ -21,8 +21,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, Exp1};
 
-use super::MATTERS;
 use super::problem::Tangent;
+use super::verdict::MATTERS;
 
 /// Draws of the blocks' weights.
 const DRAWS: usize = 400;

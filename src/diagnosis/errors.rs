@@ -69,16 +69,42 @@ pub(super) fn unwhiten(w: &[f64; 6], e: &[f64]) -> [f64; 3] {
     [0, 1, 2].map(|k| r[k] * r[k] / v[k])
 }
 
+/// Errors before and after where models were fitted, and the traces that show them.
+pub(super) fn train_gain<S: Subject>(
+    problem: &Problem<S>,
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<(Gain, Vec<Traces>), Error> {
+    let own = |f: &Fitted| f.state.eta[..problem.nonlinear.len()].to_vec();
+    let (train, when) = (&problem.train, &problem.train_when);
+    gain(train, when, before, after, false, own)
+}
+
+/// The same on recordings that are held out, where there are any.
+pub(super) fn holdout_gain<S: Subject>(
+    problem: &Problem<S>,
+    holdout: Option<&S>,
+    before: &Fitted,
+    after: &Fitted,
+) -> Result<Option<(Gain, Vec<Traces>)>, Error> {
+    let when = &problem.holdout_when;
+    let of = |h: &S| {
+        let carried = |f: &Fitted| h.carried(&f.state.eta[..problem.nonlinear.len()]);
+        gain(h, when, before, after, true, carried)
+    };
+    holdout.map(of).transpose()
+}
+
 /// Errors before and after, and the traces that show them.
-pub(super) fn gain<S: Subject>(
+fn gain<S: Subject>(
     residual: &S,
     when: &[When],
     before: &Fitted,
     after: &Fitted,
     held_out: bool,
-    plain_eta: impl Fn(&Fitted) -> Option<Vec<f64>>,
+    plain_eta: impl Fn(&Fitted) -> Vec<f64>,
 ) -> Result<(Gain, Vec<Traces>), Error> {
-    let eta = [before, after].map(|f| plain_eta(f).unwrap_or_default());
+    let eta = [before, after].map(plain_eta);
     let models =
         [before, after].map(|f| residual.with_effects(f.effects.clone(), Vec::new(), when));
     let fits = [before, after];
@@ -151,9 +177,7 @@ pub(super) fn above_noise<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
 ) -> Result<bool, Error> {
-    let eta = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
-    let when = &problem.train_when;
-    let told = gain(&problem.train, when, fitted, fitted, false, eta)?.0;
+    let told = train_gain(problem, fitted, fitted)?.0;
     let [before, noise] = match told.before_v.is_finite() {
         true => [told.before_v, told.noise_floor_v],
         false => [told.all_v[0], told.all_v[2]],
@@ -170,19 +194,12 @@ pub(super) fn raises_error<S: Subject>(
     before: &Fitted,
     after: &Fitted,
 ) -> Result<bool, Error> {
-    let own = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
-    let when = &problem.train_when;
     let rises = |g: &Gain| g.after_v > g.before_v;
-    if rises(&gain(&problem.train, when, before, after, false, own)?.0) {
+    if rises(&train_gain(problem, before, after)?.0) {
         return Ok(true);
     }
-    let Some(h) = &problem.holdout else {
-        return Ok(false);
-    };
-    let eta = |f: &Fitted| problem.holdout_eta(f);
-    Ok(rises(
-        &gain(h, &problem.holdout_when, before, after, true, eta)?.0,
-    ))
+    let held_out = holdout_gain(problem, problem.holdout.as_ref(), before, after)?;
+    Ok(held_out.is_some_and(|(g, _)| rises(&g)))
 }
 
 /// Error that a model takes away from another's, as a root of the difference of squares, and what noise makes:
@@ -192,23 +209,9 @@ pub(super) fn taken_away<S: Subject>(
     before: &Fitted,
     after: &Fitted,
 ) -> Result<[f64; 2], Error> {
-    let gain = match &problem.holdout {
-        Some(h) => {
-            let eta = |f: &Fitted| problem.holdout_eta(f);
-            gain(h, &problem.holdout_when, before, after, true, eta)?.0
-        }
-        None => {
-            let eta = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
-            gain(
-                &problem.train,
-                &problem.train_when,
-                before,
-                after,
-                false,
-                eta,
-            )?
-            .0
-        }
+    let gain = match holdout_gain(problem, problem.holdout.as_ref(), before, after)? {
+        Some((gain, _)) => gain,
+        None => train_gain(problem, before, after)?.0,
     };
     let squares = gain.before_v.powi(2) - gain.after_v.powi(2);
     Ok([squares.max(0.0).sqrt(), gain.noise_floor_v])

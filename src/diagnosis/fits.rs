@@ -23,7 +23,7 @@ pub(super) fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, 
         return Ok((first, ordinary));
     }
     let (a, b) = rayon::join(
-        || problem.fit(&[], &first.state.eta, &first.state.beta, BASELINE),
+        || problem.fit_near(&first, &[], BASELINE),
         || problem.nominal(&[], BASELINE),
     );
     Ok((if a.cost() < b.cost() { a } else { b }, ordinary))
@@ -59,13 +59,12 @@ pub(super) fn refit<S: Subject>(
     chosen: &[&Scanned],
     beside: &[Acting],
 ) -> Vec<Fitted> {
-    let plain = problem.nonlinear.len();
     let mut fits: Vec<Fitted> = chosen
         .par_iter()
         .map(|s| {
             let mut effects = beside.to_vec();
             effects.push(s.acting.clone());
-            let warm = problem.fit(&effects, &base.state.eta[..plain], &base.state.beta, FIRST);
+            let warm = problem.fit_near(base, &effects, FIRST);
             if warm.cost() > base.cost() - 0.5 * s.promised {
                 // Worse than promised: the plain film may have run to its bounds.
                 let cold = problem.nominal(&effects, FIRST);
@@ -83,7 +82,6 @@ pub(super) fn refit<S: Subject>(
 
 /// A fit carried on to its end, thresholds also from either side.
 pub(super) fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitted {
-    let plain = problem.nonlinear.len();
     let mut starts = vec![fitted.effects.clone()];
     for (e, a) in fitted.effects.iter().enumerate() {
         for (v, q) in a.effect.parameters().iter().enumerate() {
@@ -104,7 +102,7 @@ pub(super) fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitte
     }
     starts
         .into_iter()
-        .map(|s| problem.fit(&s, &fitted.state.eta[..plain], &fitted.state.beta, POLISH))
+        .map(|s| problem.fit_near(fitted, &s, POLISH))
         .filter(|f| f.cost().is_finite())
         .min_by(|a, b| a.cost().total_cmp(&b.cost()))
         .unwrap_or_else(|| fitted.clone())
@@ -130,9 +128,7 @@ pub(super) fn plainest<S: Subject>(
     if !plainer {
         return judged.clone();
     }
-    let plain = problem.nonlinear.len();
-    let (eta, beta) = (&fitted.state.eta[..plain], &fitted.state.beta);
-    let other = problem.fit(&effects, eta, beta, POLISH);
+    let other = problem.fit_near(fitted, &effects, POLISH);
     // a shape that is usual for one reading need not be so for the other
     if other.state.data_cost < fitted.state.data_cost + chance {
         let score = judged.score;

@@ -56,10 +56,8 @@ impl Judged {
             && let Ok(mut own) = foretell(&train, &fitted)
         {
             if own.0 > ANOTHER * squares {
-                let plain = problem.nonlinear.len();
-                let (eta, beta) = (&fitted.state.eta[..plain], &fitted.state.beta);
                 let there = problem.with(train);
-                let fit = there.fit(&fitted.effects, eta, beta, POLISH);
+                let fit = there.fit_near(&fitted, &fitted.effects, POLISH);
                 let again = foretell(&there.train, &fit);
                 own = again.ok().filter(|a| a.0 < own.0).unwrap_or(own);
             }

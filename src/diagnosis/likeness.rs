@@ -2,10 +2,11 @@
 //! calls this.
 
 use super::judge::alike_to;
+use super::problem::Fitted;
 use super::problem::{Problem, Tangent, free_values, value_unknowns};
 use super::robot::open;
 use super::scan::fingerprints;
-use super::{Entry, Error, Fitted};
+use super::{Entry, Error};
 use crate::effects::Acting;
 use crate::fit::separable::State;
 use crate::model::{Parameters, Robot};

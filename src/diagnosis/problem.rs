@@ -248,6 +248,12 @@ impl<S: Subject> Problem<S> {
         }
     }
 
+    /// Fits the plain model with `effects` from the film at which another fit ended.
+    pub fn fit_near(&self, near: &Fitted, effects: &[Acting], effort: Effort) -> Fitted {
+        let eta = &near.state.eta[..self.nonlinear.len()];
+        self.fit(effects, eta, &near.state.beta, effort)
+    }
+
     /// Fits the plain model with `effects` from the nominal film.
     pub fn nominal(&self, effects: &[Acting], effort: Effort) -> Fitted {
         let start = |list: &[Unknown]| list.iter().map(|u| u.start).collect::<Vec<f64>>();

@@ -8,11 +8,13 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::errors::{holdout_gain, train_gain};
+use super::fits::{choose, refit};
 use super::outcome::{Error, RivalModel};
 use super::problem::{Fitted, Problem, Tangent, free_values};
 use super::scan::{Group, Scanned, Unit, scan};
 use super::subject::Subject;
-use super::{FIRST, MOST, POLISH, choose, gain, refit};
+use super::{FIRST, MOST, POLISH};
 use crate::effects::Acting;
 
 const FORWARD: &str = "forward selection (AIC)";
@@ -41,21 +43,8 @@ pub(super) fn rival_models<S: Subject>(
     ]
     .into_iter()
     .map(|(method, fitted)| {
-        let own = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
-        let (train, _) = gain(
-            &problem.train,
-            &problem.train_when,
-            plain,
-            &fitted,
-            false,
-            own,
-        )?;
-        let holdout = holdout
-            .map(|h| {
-                let eta = |f: &Fitted| Some(h.carried(&f.state.eta[..problem.nonlinear.len()]));
-                gain(h, &problem.holdout_when, plain, &fitted, true, eta).map(|g| g.0)
-            })
-            .transpose()?;
+        let (train, _) = train_gain(problem, plain, &fitted)?;
+        let holdout = holdout_gain(problem, holdout, plain, &fitted)?.map(|g| g.0);
         Ok(RivalModel {
             method,
             effects: fitted.effects.iter().map(|a| a.effect.id()).collect(),
@@ -103,13 +92,7 @@ fn forward<S: Subject>(
     if best.effects.is_empty() {
         return Ok(best);
     }
-    let own = problem.nonlinear.len();
-    Ok(problem.fit(
-        &best.effects,
-        &best.state.eta[..own],
-        &best.state.beta,
-        POLISH,
-    ))
+    Ok(problem.fit_near(&best, &best.effects, POLISH))
 }
 
 fn sparse<S: Subject>(
@@ -129,14 +112,8 @@ fn sparse<S: Subject>(
     if effects.is_empty() {
         return plain.clone();
     }
-    let own = problem.nonlinear.len();
-    let first = problem.fit(&effects, &plain.state.eta[..own], &plain.state.beta, FIRST);
-    problem.fit(
-        &first.effects,
-        &first.state.eta[..own],
-        &first.state.beta,
-        POLISH,
-    )
+    let first = problem.fit_near(plain, &effects, FIRST);
+    problem.fit_near(&first, &first.effects, POLISH)
 }
 
 /// Every fingerprint, with the effect and the actuators that it belongs to.

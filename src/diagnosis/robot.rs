@@ -4,12 +4,13 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::DRAWN;
+use super::chain::doubt;
 use super::learn::{self, Group, Made};
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
 use super::subject::{At, Coordinate, Errors, Subject, TermColumns, Whereabouts, Words};
 use super::tolerance::{self, Tolerance};
-use super::{DRAWN, doubt};
 use crate::dataset::OffsetSource;
 use crate::effects::learnt::Learnt;
 use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};

@@ -14,19 +14,19 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::blocks::{Blocks, Foretold, Forms, form_leaves, odds};
+use super::blocks::{self, Blocks, Foretold, Forms, form_leaves};
+use super::chain::Seen;
+use super::errors::{holdout_gain, train_gain};
+use super::explain::{gains, parameters, places};
+use super::fits::{baseline, choose, polish, refit};
 use super::outcome::*;
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
 use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
-use super::words::values;
-use super::{
-    POLISH, RIVALS, baseline, chance, choose, gain, hidden, in_unit, judge, law, locate,
-    next_experiment,
-};
-use super::{polish, refit, rising, rivals, spots};
-use crate::effects::{Acting, plain_name};
+use super::words::{hidden, in_unit, next_experiment, values};
+use super::{POLISH, RIVALS, chance, judge, law, rivals};
+use crate::effects::plain_name;
 use crate::residual::line::LineResidual;
 
 /// Hypotheses that are fitted, of one cause at most so many (`choose`), and beside causes that are there.
@@ -212,6 +212,34 @@ impl Bench<'_, '_> {
     }
 }
 
+/// What all models of a diagnosis are held against.
+struct Field<'a, 'b> {
+    bench: Bench<'a, 'b>,
+    seen: Seen,
+    plain: Model,
+    /// With causes.
+    models: Vec<Model>,
+    /// Share of the rows that count as independent.
+    independent: f64,
+    /// What flexible models of a site foretell.
+    twins: Vec<Foretold>,
+}
+
+/// Odds of the models, and the one that is named.
+struct Odds {
+    /// Logarithms of the prior odds, of the plain model first; minus infinity where one was turned away.
+    prior: Vec<f64>,
+    probability: Vec<f64>,
+    /// Places of the models, the likeliest first.
+    order: Vec<usize>,
+    /// The model whose causes are named, and with each those that the recordings cannot tell from it.
+    named: Option<(usize, Vec<Vec<&'static str>>)>,
+    /// The likeliest model of which a time is within the distance of two samples.
+    within_sample: Option<usize>,
+    /// Why others were not named.
+    why_not: Vec<String>,
+}
+
 /// Doubts the plain model of recordings of one coordinate. `watch` is told what is being done.
 pub(super) fn doubt(
     mut problem: Problem<LineResidual>,
@@ -219,172 +247,260 @@ pub(super) fn doubt(
     request: &Request,
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
-    let words = problem.train.words();
     let wanted = |id: &str| request.only.is_empty() || request.only.iter().any(|o| o == id);
     watch("fitting the plain model");
     let (plain, _) = baseline(&mut problem)?;
     watch("scanning the catalogue");
-    let tangent = Tangent::new(&problem, &plain)?;
-    let groups = fingerprints(&problem, &plain, &wanted);
-    let scanned = scan(&problem, &tangent, &groups, &[], &wanted);
-    let chance = chance::chance(&problem, &plain, &tangent, &groups, &[])?;
-    let named_by_rivals = rivals::named(&tangent, &groups, &scanned);
-    let rival_models = if request.rivals {
+    let seen = look(&problem, &plain, request, &wanted, watch)?;
+    watch("fitting causes");
+    let mut field = Field::new(&problem, plain, seen, &wanted)?;
+    watch("looking for several causes");
+    field.grow(&wanted);
+    field.without_each();
+    watch("judging");
+    field.hold_against_flexible_ones();
+    let odds = field.name();
+    let verdict = field.verdict(&odds, request.false_alarm_rate)?;
+    field.explain(odds, verdict, &mut remarks, request)
+}
+
+/// Scans the catalogue, and what simpler methods make of it.
+fn look(
+    problem: &Problem<LineResidual>,
+    plain: &Fitted,
+    request: &Request,
+    wanted: &(dyn Fn(&str) -> bool + Sync),
+    watch: &(dyn Fn(&str) + Sync),
+) -> Result<Seen, Error> {
+    let tangent = Tangent::new(problem, plain)?;
+    let groups = fingerprints(problem, plain, wanted);
+    let scanned = scan(problem, &tangent, &groups, &[], wanted);
+    let chance = chance::chance(problem, plain, &tangent, &groups, &[])?;
+    let mut rival_models = Vec::new();
+    if request.rivals {
         watch("fitting what simpler methods say");
         let held = problem.holdout.as_ref();
-        rivals::rival_models(&problem, held, &plain, &tangent, &groups, &[], &wanted)?
-    } else {
-        Vec::new()
-    };
-    let mut listed: Vec<&str> = groups.iter().map(|g| g.effect.id()).collect();
-    listed.dedup();
-    let each = EXPECTED / listed.len().max(1) as f64;
-    let bench = Bench {
-        blocks: Blocks::whole(problem.train.blocks()),
-        plain_values: Vec::new(),
-        prior: (each / (1.0 - each)).ln(),
-        problem: &problem,
-    };
-    let Some(plain) = bench.judge(plain) else {
-        return Err(Error::Baseline("it has no tangent".into()));
-    };
-    let state = &plain.fitted.state;
-    let bench = Bench {
-        plain_values: told_constants(&problem, &plain.fitted)?,
-        ..bench
-    };
-    watch("fitting causes");
-    let mut models: Vec<Model> = bench.beside(&plain, &wanted, FITTED);
-    let independent = {
-        let best = models.iter().min_by(|a, b| {
-            a.foretold
-                .mean_square()
-                .total_cmp(&b.foretold.mean_square())
-        });
-        let best = best.unwrap_or(&plain);
+        rival_models = rivals::rival_models(problem, held, plain, &tangent, &groups, &[], wanted)?;
+    }
+    Ok(Seen {
+        rivals: rivals::named(&tangent, &groups, &scanned),
+        groups,
+        units: Vec::new(),
+        scanned,
+        chance,
+        rival_models,
+    })
+}
+
+impl<'a, 'b> Field<'a, 'b> {
+    /// The plain model and those with one cause.
+    fn new(
+        problem: &'a Problem<LineResidual<'b>>,
+        plain: Fitted,
+        seen: Seen,
+        wanted: &(dyn Fn(&str) -> bool + Sync),
+    ) -> Result<Self, Error> {
+        let mut listed: Vec<&str> = seen.groups.iter().map(|g| g.effect.id()).collect();
+        listed.dedup();
+        let each = EXPECTED / listed.len().max(1) as f64;
+        let mut bench = Bench {
+            blocks: Blocks::whole(problem.train.blocks()),
+            plain_values: Vec::new(),
+            prior: (each / (1.0 - each)).ln(),
+            problem,
+        };
+        let plain = bench
+            .judge(plain)
+            .ok_or_else(|| Error::Baseline("it has no tangent".into()))?;
+        bench.plain_values = told_constants(problem, &plain.fitted)?;
+        let models = bench.beside(&plain, wanted, FITTED);
+        let best = models.iter().min_by(|a, b| by_foretold(a, b));
+        let best = &best.unwrap_or(&plain).fitted;
         let design = problem
-            .residual(&best.fitted)
-            .design(&best.fitted.state.eta, &best.fitted.state.beta)?;
-        problem
-            .train
-            .independent(design.column(design.ncols() - 1).as_slice())
-    };
-    let score = |m: &Model| bench.score(m, independent);
-    let by_score = |a: &Model, b: &Model| score(b).total_cmp(&score(a));
-    models.sort_by(by_score);
-    let size = |m: &Model| m.fitted.effects.len();
-    let pays = |m: &Model, base: &Model| {
-        let to = MATTERS.powi(i32::try_from(size(m) - size(base)).unwrap_or(1));
-        let lowers = |a: f64, b: f64| a < to * b;
-        lowers(m.raw, base.raw)
-            && lowers(m.foretold.mean_square(), base.foretold.mean_square())
-            && score(m) > score(base)
-    };
-    watch("looking for several causes");
-    let mut known: Vec<Vec<&str>> = Vec::new();
-    let mut starts: Vec<usize> = Vec::new();
-    for (i, m) in models.iter().enumerate() {
-        if starts.len() < STARTS
-            && !starts.iter().any(|&s| models[s].ids() == m.ids())
-            && pays(m, &plain)
-        {
-            starts.push(i);
-        }
+            .residual(best)
+            .design(&best.state.eta, &best.state.beta)?;
+        let left = design.column(design.ncols() - 1);
+        let mut field = Field {
+            independent: problem.train.independent(left.as_slice()),
+            bench,
+            seen,
+            plain,
+            models,
+            twins: Vec::new(),
+        };
+        let mut models = std::mem::take(&mut field.models);
+        field.sort(&mut models);
+        field.models = models;
+        Ok(field)
     }
-    for start in starts {
-        let mut at = start;
-        while models[at].fitted.effects.len() < MOST {
-            let mut set = models[at].ids();
-            set.sort_unstable();
-            if known.contains(&set) {
-                break;
+
+    fn score(&self, m: &Model) -> f64 {
+        self.bench.score(m, self.independent)
+    }
+
+    /// The best score first.
+    fn sort(&self, models: &mut [Model]) {
+        models.sort_by(|a, b| self.score(b).total_cmp(&self.score(a)));
+    }
+
+    /// Whether the causes that a model has beyond another's lower the error by as much as matters.
+    fn pays(&self, m: &Model, base: &Model) -> bool {
+        let more = m.fitted.effects.len() as i32 - base.fitted.effects.len() as i32;
+        let to = MATTERS.powi(more);
+        m.raw < to * base.raw
+            && m.foretold.mean_square() < to * base.foretold.mean_square()
+            && self.score(m) > self.score(base)
+    }
+
+    /// Series of causes that grow from the best single ones, as long as the next one pays.
+    fn grow(&mut self, wanted: &(dyn Fn(&str) -> bool + Sync)) {
+        let mut known: Vec<Vec<&str>> = Vec::new();
+        let mut starts: Vec<usize> = Vec::new();
+        for (i, m) in self.models.iter().enumerate() {
+            if starts.len() < STARTS
+                && !starts.iter().any(|&s| self.models[s].ids() == m.ids())
+                && self.pays(m, &self.plain)
+            {
+                starts.push(i);
             }
-            known.push(set);
-            let mut next = bench.beside(&models[at], &wanted, BESIDE);
-            next.sort_by(by_score);
-            let better = next.first().is_some_and(|n| pays(n, &models[at]));
-            let first = models.len();
-            models.extend(next);
-            if !better {
-                break;
+        }
+        for start in starts {
+            let mut at = start;
+            while self.models[at].fitted.effects.len() < MOST {
+                let mut set = self.models[at].ids();
+                set.sort_unstable();
+                if known.contains(&set) {
+                    break;
+                }
+                known.push(set);
+                let mut next = self.bench.beside(&self.models[at], wanted, BESIDE);
+                self.sort(&mut next);
+                let pays = |n: &Model| self.pays(n, &self.models[at]);
+                let better = next.first().is_some_and(pays);
+                at = self.models.len();
+                self.models.extend(next);
+                if !better {
+                    break;
+                }
             }
-            at = first;
         }
     }
-    // what a series no longer needs
-    if let Some(best) = models.iter().max_by(|a, b| score(a).total_cmp(&score(b))) {
-        let (effects, plain_eta) = (best.fitted.effects.clone(), state.eta.len());
-        let (eta, beta) = (
-            best.fitted.state.eta[..plain_eta].to_vec(),
-            best.fitted.state.beta.clone(),
-        );
-        if effects.len() > 1 {
-            let without: Vec<Model> = (0..effects.len())
-                .into_par_iter()
-                .filter_map(|i| {
-                    let mut rest = effects.clone();
-                    rest.remove(i);
-                    bench.judge(problem.fit(&rest, &eta, &beta, POLISH))
-                })
-                .collect();
-            models.extend(without);
-        }
+
+    /// The best model without each of its causes: what a series may no longer need.
+    fn without_each(&mut self) {
+        let score = |m: &Model| self.score(m);
+        let best = (self.models.iter()).max_by(|a, b| score(a).total_cmp(&score(b)));
+        let Some(best) = best.filter(|m| m.fitted.effects.len() > 1) else {
+            return;
+        };
+        let (bench, fitted) = (&self.bench, &best.fitted);
+        let without: Vec<Model> = (0..fitted.effects.len())
+            .into_par_iter()
+            .filter_map(|i| {
+                let mut rest = fitted.effects.clone();
+                rest.remove(i);
+                bench.judge(bench.problem.fit_near(fitted, &rest, POLISH))
+            })
+            .collect();
+        self.models.extend(without);
     }
-    watch("judging");
-    let mut twins: Vec<Foretold> = bench.twin(&plain.fitted).into_iter().collect();
-    // what leaves far less than noise, and than any flexible model, has made the input told small, not the
-    // error
-    let possible = twins.first().map_or(1.0, Foretold::mean_square).min(1.0);
-    models.retain(|m| m.raw > TOO_GOOD * possible);
-    let left_of = |m: &Model| m.foretold.mean_square();
-    let best = (models.iter()).min_by(|a, b| left_of(a).total_cmp(&left_of(b)));
-    twins.extend(best.and_then(|m| bench.twin(&m.fitted)));
-    let mut scored: Vec<(&Foretold, f64)> = std::iter::once(&plain)
-        .chain(&models)
-        .map(|m| (&m.foretold, bench.prior * m.fitted.effects.len() as f64))
-        .collect();
-    let mut probability = odds(&scored, Forms::Reach(&twins), independent);
-    let nothing = probability[0];
-    let of_cause = |probability: &[f64], id: &str| -> f64 {
-        let sets = models.iter().zip(&probability[1..]);
-        sets.filter(|(m, _)| m.has(id)).map(|(_, p)| p).sum()
-    };
-    let ordered = |probability: &[f64]| {
-        let mut order: Vec<usize> = (0..models.len()).collect();
-        order.sort_by(|&a, &b| {
-            let odds = probability[1 + b].total_cmp(&probability[1 + a]);
-            odds.then(by_score(&models[a], &models[b]))
+
+    /// Flexible models of every site beside the plain model and beside the best; models that cannot be are
+    /// dropped: what leaves far less than noise, and than any flexible model, has made the input told small,
+    /// not the error.
+    fn hold_against_flexible_ones(&mut self) {
+        self.twins.extend(self.bench.twin(&self.plain.fitted));
+        let possible = self.twins.first().map_or(1.0, Foretold::mean_square);
+        self.models.retain(|m| m.raw > TOO_GOOD * possible.min(1.0));
+        let best = self.models.iter().min_by(|a, b| by_foretold(a, b));
+        let beside = best.and_then(|m| self.bench.twin(&m.fitted));
+        self.twins.extend(beside);
+    }
+
+    /// The plain model, then those with causes.
+    fn all(&self) -> impl Iterator<Item = &Model> {
+        std::iter::once(&self.plain).chain(&self.models)
+    }
+
+    /// Works out odds and order from what the models foretell.
+    fn weigh(&self, odds: &mut Odds) {
+        let told = self.all().map(|m| &m.foretold);
+        let told: Vec<(&Foretold, f64)> = told.zip(odds.prior.iter().copied()).collect();
+        odds.probability = blocks::odds(&told, Forms::Reach(&self.twins), self.independent);
+        let score = |i: usize| self.score(&self.models[i]);
+        odds.order = (0..self.models.len()).collect();
+        odds.order.sort_by(|&a, &b| {
+            let likelier = odds.probability[1 + b].total_cmp(&odds.probability[1 + a]);
+            likelier.then(score(b).total_cmp(&score(a)))
         });
-        order
-    };
-    let surprise = chance.largest / chance.limit(request.false_alarm_rate);
-    let rate = request.false_alarm_rate;
-    let allowed = chance.fall(rate);
-    // the best model whose causes all stand on their own; what cannot be leaves its odds to the others
-    let mut named: Option<(&Model, Vec<Vec<&'static str>>)> = None;
-    let mut within_sample: Option<&Model> = None;
-    let mut why_not: Vec<String> = Vec::new();
-    let mut order = ordered(&probability);
-    let mut at = 0;
-    while at < order.len() {
-        let i = order[at];
-        at += 1;
-        let m = &models[i];
-        if scored[1 + i].1 == f64::NEG_INFINITY {
-            continue; // was turned away
+    }
+
+    /// Odds of all models that have a cause.
+    fn of_cause(&self, odds: &Odds, id: &str) -> f64 {
+        let sets = self.models.iter().zip(&odds.probability[1..]);
+        sets.filter(|(m, _)| m.has(id)).map(|(_, p)| p).sum()
+    }
+
+    /// The likeliest model whose causes all stand on their own; what cannot be leaves its odds to the others.
+    fn name(&self) -> Odds {
+        let prior = |m: &Model| self.bench.prior * m.fitted.effects.len() as f64;
+        let mut odds = Odds {
+            prior: self.all().map(prior).collect(),
+            probability: Vec::new(),
+            order: Vec::new(),
+            named: None,
+            within_sample: None,
+            why_not: Vec::new(),
+        };
+        self.weigh(&mut odds);
+        let mut at = 0;
+        while at < odds.order.len() {
+            let i = odds.order[at];
+            at += 1;
+            let Some(alike) = self.stands(&odds, i) else {
+                continue;
+            };
+            let fitted = &self.models[i].fitted;
+            let size = size_is_nothing(self.bench.problem, fitted);
+            if size.as_ref().is_some_and(|s| s.within_sample) {
+                odds.within_sample.get_or_insert(i);
+            }
+            let no = || lowers_nothing(self.bench.problem, &self.plain.fitted, fitted);
+            let Some(reason) = size.map(|s| s.reason).or_else(no) else {
+                odds.named = Some((i, alike));
+                break;
+            };
+            if !odds.why_not.contains(&reason) {
+                odds.why_not.push(reason);
+            }
+            odds.prior[1 + i] = f64::NEG_INFINITY;
+            self.weigh(&mut odds);
+            at = 0;
         }
+        odds
+    }
+
+    /// For each cause of a model those that the recordings cannot tell from it, itself first, where the model
+    /// was not turned away, pays, and every cause is likelier than not with those.
+    fn stands(&self, odds: &Odds, i: usize) -> Option<Vec<Vec<&'static str>>> {
+        let m = &self.models[i];
+        let size = |m: &Model| m.fitted.effects.len();
         let part = |s: &&Model| size(s) < size(m) && s.ids().iter().all(|id| m.has(id));
-        if !(pays(m, &plain) && models.iter().filter(part).all(|s| pays(m, s))) {
-            continue;
+        if odds.prior[1 + i] == f64::NEG_INFINITY
+            || !self.pays(m, &self.plain)
+            || !self.models.iter().filter(part).all(|s| self.pays(m, s))
+        {
+            return None;
         }
-        let mut groups_alike = alike_sets(&bench, m, &groups);
-        for set in &mut groups_alike {
+        let mut groups = alike_sets(&self.bench, m, &self.seen.groups);
+        for set in &mut groups {
             let own = set[0];
-            let rivals = models.iter().zip(&probability[1..]).filter(|(r, p)| {
+            let rivals = self.models.iter().zip(&odds.probability[1..]);
+            let rivals = rivals.filter(|(r, p)| {
                 size(r) == size(m)
                     && !r.has(own)
                     && r.ids().iter().filter(|id| !m.has(id)).count() == 1
-                    && **p >= RIVALS * probability[1 + i]
+                    && **p >= RIVALS * odds.probability[1 + i]
             });
             for id in rivals.flat_map(|(r, _)| r.ids()) {
                 if !m.has(id) && !set.contains(&id) {
@@ -392,291 +508,286 @@ pub(super) fn doubt(
                 }
             }
         }
-        let sure = groups_alike.iter().all(|set| {
-            let own = |id: &str| of_cause(&probability, id);
+        let own = |id: &str| self.of_cause(odds, id);
+        let sure = groups.iter().all(|set| {
             let together: f64 = set.iter().map(|id| own(id)).sum();
             together >= 0.5 && set.iter().all(|id| own(id) <= own(set[0]))
         });
-        if !sure {
-            continue;
-        }
-        let size = size_is_nothing(&problem, &m.fitted);
-        if within_sample.is_none() && size.as_ref().is_some_and(|s| s.within_sample) {
-            within_sample = Some(m);
-        }
-        let no = || lowers_nothing(&problem, &plain.fitted, &m.fitted);
-        let Some(reason) = size.map(|s| s.reason).or_else(no) else {
-            named = Some((m, groups_alike));
-            break;
-        };
-        if !why_not.contains(&reason) {
-            why_not.push(reason);
-        }
-        scored[1 + i].1 = f64::NEG_INFINITY;
-        probability = odds(&scored, Forms::Reach(&twins), independent);
-        order = ordered(&probability);
-        at = 0;
+        sure.then_some(groups)
     }
-    // what can be foretold at all
-    let reach = twins
-        .iter()
-        .chain(models.iter().map(|m| &m.foretold))
-        .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
-    let base = plain.foretold.mean_square();
-    // the share that is left of what could be foretold, or of what noise does not make
-    let left = |m: &Model| {
-        let reached = reach.map_or(0.0, |f| {
+
+    /// What can be foretold at all.
+    fn reach(&self) -> Option<&Foretold> {
+        let models = self.models.iter().map(|m| &m.foretold);
+        let all = self.twins.iter().chain(models);
+        all.min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()))
+    }
+
+    /// Share that a model leaves of what could be foretold, or of what noise does not make.
+    fn left(&self, m: &Model) -> f64 {
+        let base = self.plain.foretold.mean_square();
+        let reached = self.reach().map_or(0.0, |f| {
             let most = (base - f.mean_square()).max(1e-12 * base);
             (m.foretold.mean_square() - f.mean_square()) / most
         });
-        let beyond = (m.raw - LOUD) / (plain.raw - LOUD).max(1e-9);
+        let beyond = (m.raw - LOUD) / (self.plain.raw - LOUD).max(1e-9);
         reached.max(beyond).clamp(0.0, 1.0)
-    };
-    let beaten = |m: &Model| -> Result<bool, Error> {
-        let own = bench.blurred(m)?;
+    }
+
+    /// Whether another model foretells so much more that a model's own form, clock and noise of the coordinate
+    /// do not account for it.
+    fn is_beaten(&self, m: &Model) -> Result<bool, Error> {
+        let own = self.bench.blurred(m)?;
         let raw = m.raw * own.mean_square() / m.foretold.mean_square().max(f64::MIN_POSITIVE);
-        Ok(reach.is_some_and(|f| {
+        Ok(self.reach().is_some_and(|f| {
             f.beats(&own) > BETTER
                 && WORTH_SAYING * f.mean_square() < own.mean_square()
                 && raw.min(m.fits) > WORTH_SAYING
         }))
-    };
-    let significant = surprise > 1.0;
-    let structured = |m: &Model| -> Result<bool, Error> {
+    }
+
+    /// Whether what a model leaves is more than noise makes, and has a structure that noise has not.
+    fn leaves_structure(&self, m: &Model) -> Result<bool, Error> {
+        let (problem, state) = (self.bench.problem, &m.fitted.state);
         let design = problem
             .residual(&m.fitted)
-            .design(&m.fitted.state.eta, &m.fitted.state.beta)?;
+            .design(&state.eta, &state.beta)?;
         let residual = design.column(design.ncols() - 1);
-        let shape = |f| problem.train.noise_shape(&m.fitted.state.beta, f);
-        let left = residual.as_slice();
-        let happens = || {
-            in_bursts(left, &bench.blocks, independent) || is_structured(left, &bench.blocks, shape)
-        };
+        let shape = |f| problem.train.noise_shape(&state.beta, f);
+        let (left, blocks) = (residual.as_slice(), &self.bench.blocks);
+        let happens =
+            || in_bursts(left, blocks, self.independent) || is_structured(left, blocks, shape);
         Ok(m.raw > NOISE_AT_MOST && happens())
-    };
-    let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
-    let says_enough = |m: &Model| share(m.raw, plain.raw) <= LEFT_AT_MOST;
-    let loud = |m: &Model| m.fits > LOUD && share(m.fits, plain.fits) > LEFT_IF_LOUD;
-    let verdict = match &named {
-        Some((m, _))
-            if significant
-                && nothing < 0.5
-                && says_enough(m)
-                && unlisted(m, left(m)) <= 0.5
-                && !(barely_foretells(&problem, &plain, m)
-                    && (loud(m) || misses(&problem, m, independent)?)) =>
+    }
+
+    /// Whether the model that is named says enough of what there is.
+    fn convinces(&self, m: &Model) -> Result<bool, Error> {
+        let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
+        let (problem, plain) = (self.bench.problem, &self.plain);
+        if share(m.raw, plain.raw) > LEFT_AT_MOST || unlisted(m, self.left(m)) > 0.5 {
+            return Ok(false);
+        }
+        if !barely_foretells(problem, plain, m) {
+            return Ok(true);
+        }
+        let loud = m.fits > LOUD && share(m.fits, plain.fits) > LEFT_IF_LOUD;
+        Ok(!loud && !misses(problem, m, self.independent)?)
+    }
+
+    fn verdict(&self, odds: &Odds, rate: f64) -> Result<Verdict, Error> {
+        let chance = &self.seen.chance;
+        let significant = chance.largest / chance.limit(rate) > 1.0;
+        if let Some((named, _)) = &odds.named
+            && significant
+            && odds.probability[0] < 0.5
+            && self.convinces(&self.models[*named])?
         {
-            Verdict::MissingPhysics
+            return Ok(Verdict::MissingPhysics);
         }
-        _ => {
-            // a clock that is a fraction of a sample off is no cause, and what it makes is none either
-            let m = within_sample.unwrap_or(&plain);
-            let more = beaten(m)? || structured(m)? || misses(&problem, m, independent)?;
-            if more {
-                Verdict::Unexplained
-            } else {
-                Verdict::Adequate
-            }
+        let m = self.plainest(odds);
+        let more = self.is_beaten(m)?
+            || self.leaves_structure(m)?
+            || misses(self.bench.problem, m, self.independent)?;
+        Ok(match more {
+            true => Verdict::Unexplained,
+            false => Verdict::Adequate,
+        })
+    }
+
+    /// The plain model, on one clock: one that is a fraction of a sample off is no cause, and what it makes is
+    /// none either.
+    fn plainest(&self, odds: &Odds) -> &Model {
+        let apart = odds.within_sample.map(|i| &self.models[i]);
+        apart.unwrap_or(&self.plain)
+    }
+
+    /// What a verdict comes to.
+    fn explain(
+        self,
+        odds: Odds,
+        verdict: Verdict,
+        remarks: &mut Vec<String>,
+        request: &Request,
+    ) -> Result<Diagnosis, Error> {
+        let (problem, plain) = (self.bench.problem, &self.plain);
+        let in_model = verdict == Verdict::MissingPhysics;
+        let named = odds.named.as_ref().map(|(i, _)| &self.models[*i]);
+        let augmented = named.filter(|_| in_model).unwrap_or(plain);
+        let something_else = match (named, verdict) {
+            (Some(m), _) => unlisted(m, self.left(m)),
+            (None, Verdict::Unexplained) => unlisted(plain, 1.0),
+            (None, _) => unlisted(plain, 0.0),
+        };
+        if !in_model {
+            remarks.extend(odds.why_not.iter().cloned());
         }
-    };
-    let in_model = verdict == Verdict::MissingPhysics;
-    if !in_model {
-        remarks.extend(why_not);
+        remarks.extend(self.remarks(verdict, augmented, self.plainest(&odds)));
+        let candidates = self.candidates(&odds, in_model, augmented, something_else);
+        let groups: Vec<Vec<&'static str>> = match (&odds.named, in_model) {
+            (Some((_, sets)), true) => sets.iter().filter(|s| s.len() > 1).cloned().collect(),
+            _ => Vec::new(),
+        };
+        let places = places(problem, &plain.fitted, &augmented.fitted)?;
+        let law = (verdict == Verdict::Unexplained)
+            .then(|| law::law(problem, &plain.fitted))
+            .transpose()?;
+        let (train, holdout, traces) = gains(problem, &plain.fitted, &augmented.fitted)?;
+        let words = problem.train.words();
+        let apart = odds
+            .within_sample
+            .filter(|_| verdict == Verdict::Adequate)
+            .map(|i| sample_apart(problem, &plain.fitted, &self.models[i].fitted))
+            .transpose()?;
+        let said = || {
+            says(
+                verdict,
+                &candidates,
+                &train,
+                holdout.as_ref(),
+                &places,
+                &words,
+                &groups,
+            )
+        };
+        let says = apart.unwrap_or_else(said);
+        let nothing = match verdict {
+            Verdict::Adequate => odds.probability[0].max(0.5),
+            _ => odds.probability[0],
+        };
+        let listed = 1.0 - something_else;
+        let probabilities = [listed * nothing, listed * (1.0 - nothing), something_else];
+        let allowed = self.seen.chance.fall(request.false_alarm_rate);
+        let state = &augmented.fitted.state;
+        Ok(Diagnosis {
+            verdict,
+            confidence: match verdict {
+                Verdict::Adequate => nothing,
+                Verdict::MissingPhysics => probabilities[1],
+                Verdict::Unexplained => something_else.max(0.5),
+            },
+            probabilities,
+            departed: Vec::new(),
+            beyond: None,
+            built: f64::NAN,
+            places,
+            next_experiment: next_experiment(verdict, &groups, &candidates, &words),
+            groups,
+            hidden: hidden(problem, &self.seen.scanned, allowed),
+            train,
+            holdout,
+            plain: parameters(problem, &plain.fitted),
+            parameters: parameters(problem, &augmented.fitted),
+            eps_r: f64::NAN,
+            rig: problem.train.rig(),
+            values: Subject::values(&problem.train, &state.eta, &state.beta),
+            unit: words.unit,
+            basis: words.basis,
+            over: words.over,
+            plain_mean_square: plain.fits,
+            plain_holdout_mean_square: plain.raw,
+            law,
+            learnt: None,
+            traces,
+            remarks: std::mem::take(remarks),
+            says,
+            evidence: self.evidence(&odds, &candidates, request.false_alarm_rate),
+            rivals: self.seen.rivals,
+            rival_models: self.seen.rival_models,
+            candidates,
+        })
     }
-    let something_else = match &named {
-        Some((m, _)) => unlisted(m, left(m)),
-        None if verdict == Verdict::Unexplained => unlisted(&plain, 1.0),
-        None => unlisted(&plain, 0.0),
-    };
-    let augmented = match (&named, in_model) {
-        (Some((m, _)), true) => *m,
-        _ => &plain,
-    };
-    if augmented.raw < 0.25 {
-        remarks.push(format!("What is left is {:.2} of the noise that was read from the recordings: the noise floor is too high, or the model is too free; look at the repeats.", augmented.raw.sqrt()));
+
+    /// What weakens a verdict: far less than noise is left, or far more.
+    fn remarks(&self, verdict: Verdict, augmented: &Model, plainest: &Model) -> Vec<String> {
+        let mut out = Vec::new();
+        if augmented.raw < TOO_GOOD {
+            out.push(format!("What is left is {:.2} of the noise that was read from the recordings: the noise floor is too high, or the model is too free; look at the repeats.", augmented.raw.sqrt()));
+        }
+        if verdict == Verdict::Adequate && plainest.raw > MAY_BE_NOISE {
+            out.push("Model and recordings differ by more than the noise that is read above the band of the signal, but neither a cause nor a flexible model of position, rate, direction, history, input and time foretells it, and it has the spectrum of noise: it is taken for noise within the band.".into());
+        }
+        out
     }
-    if verdict == Verdict::Adequate && within_sample.unwrap_or(&plain).raw > MAY_BE_NOISE {
-        remarks.push("Model and recordings differ by more than the noise that is read above the band of the signal, but neither a cause nor a flexible model of position, rate, direction, history, input and time foretells it, and it has the spectrum of noise: it is taken for noise within the band.".into());
-    }
-    let mut candidates: Vec<Candidate> = Vec::new();
-    let listed: Vec<(&Model, usize)> = {
-        let mut out: Vec<(&Model, usize)> = Vec::new();
+
+    /// Each cause once, with the likeliest model that has it; those of the augmented model first.
+    fn candidates(
+        &self,
+        odds: &Odds,
+        in_model: bool,
+        augmented: &Model,
+        something_else: f64,
+    ) -> Vec<Candidate> {
+        let problem = self.bench.problem;
         let own = in_model.then_some(augmented);
-        for m in own.into_iter().chain(order.iter().map(|&i| &models[i])) {
+        let by_odds = odds.order.iter().map(|&i| &self.models[i]);
+        let mut listed: Vec<(&Model, usize)> = Vec::new();
+        for m in own.into_iter().chain(by_odds) {
             for e in 0..m.fitted.effects.len() {
-                let id = m.fitted.effects[e].effect.id();
-                if !out
-                    .iter()
-                    .any(|(m, e)| m.fitted.effects[*e].effect.id() == id)
-                {
-                    out.push((m, e));
+                let id = |m: &Model, e: usize| m.fitted.effects[e].effect.id();
+                if !listed.iter().any(|l| id(l.0, l.1) == id(m, e)) {
+                    listed.push((m, e));
                 }
             }
         }
-        out
-    };
-    for (m, own) in listed {
-        let acting = &m.fitted.effects[own];
-        let estimates = value_estimates(&problem, &m.fitted, false)
-            .unwrap_or_else(|_| unknown_values(&m.fitted));
-        let is_in = in_model && std::ptr::eq(m, augmented);
-        let own_odds = (1.0 - something_else) * of_cause(&probability, acting.effect.id());
-        candidates.push(Candidate {
-            acting: acting.clone(),
-            probability: if is_in { own_odds } else { own_odds.min(NOT_NAMED) },
-            delta_bic: -2.0 * (score(m) - score(&plain)),
-            mean_square: m.fits,
-            holdout_mean_square: m.raw,
-            in_model: is_in,
-            values: values(&problem, &m.fitted, own, &estimates),
-            says: format!(
-                "{}; over blocks that took no part in the fit the weighted mean square falls from {} to {}",
-                acting.effect.says(),
-                short(plain.raw),
-                short(m.raw)
-            ),
+        let candidate = |(m, own): (&Model, usize)| {
+            let acting = &m.fitted.effects[own];
+            let estimates = value_estimates(problem, &m.fitted, false)
+                .unwrap_or_else(|_| unknown_values(&m.fitted));
+            let is_in = in_model && std::ptr::eq(m, augmented);
+            let likely = (1.0 - something_else) * self.of_cause(odds, acting.effect.id());
+            Candidate {
+                acting: acting.clone(),
+                probability: if is_in { likely } else { likely.min(NOT_NAMED) },
+                delta_bic: -2.0 * (self.score(m) - self.score(&self.plain)),
+                mean_square: m.fits,
+                holdout_mean_square: m.raw,
+                in_model: is_in,
+                values: values(problem, &m.fitted, own, &estimates),
+                says: format!(
+                    "{}; over blocks that took no part in the fit the weighted mean square falls from {} to {}",
+                    acting.effect.says(),
+                    short(self.plain.raw),
+                    short(m.raw)
+                ),
+            }
+        };
+        let mut out: Vec<Candidate> = listed.into_iter().map(candidate).collect();
+        out.sort_by(|a, b| {
+            let likelier = b.probability.total_cmp(&a.probability);
+            b.in_model.cmp(&a.in_model).then(likelier)
         });
+        out
     }
-    candidates.sort_by(|a, b| {
-        b.in_model
-            .cmp(&a.in_model)
-            .then(b.probability.total_cmp(&a.probability))
-    });
-    let groups_alike: Vec<Vec<&'static str>> = match (&named, in_model) {
-        (Some((_, sets)), true) => sets.iter().filter(|s| s.len() > 1).cloned().collect(),
-        _ => Vec::new(),
-    };
-    let spots = spots(&problem, &plain.fitted, &augmented.fitted)?;
-    let acting: &[Acting] = if in_model {
-        &augmented.fitted.effects
-    } else {
-        &[]
-    };
-    let places = locate::locate(
-        &spots,
-        &problem.train.whereabouts(),
-        &problem.train.coordinates(),
-        1,
-        &words,
-        acting,
-    );
-    let law = (verdict == Verdict::Unexplained)
-        .then(|| law::law(&problem, &plain.fitted))
-        .transpose()?;
-    let (train_gain, mut traces) = gain(
-        &problem.train,
-        &problem.train_when,
-        &plain.fitted,
-        &augmented.fitted,
-        false,
-        |f| Some(f.state.eta[..problem.nonlinear.len()].to_vec()),
-    )?;
-    let mut holdout_gain = None;
-    if let Some(h) = &problem.holdout {
-        let (g, t) = gain(
-            h,
-            &problem.holdout_when,
-            &plain.fitted,
-            &augmented.fitted,
-            true,
-            |f| problem.holdout_eta(f),
-        )?;
-        holdout_gain = Some(g);
-        traces.extend(t);
-    }
-    let catalogue = (1.0 - nothing) * (1.0 - something_else);
-    let confidence = match verdict {
-        Verdict::Adequate => nothing.max(0.5),
-        Verdict::MissingPhysics => catalogue,
-        Verdict::Unexplained => something_else.max(0.5),
-    };
-    let mut tried: Vec<(Vec<&'static str>, f64, f64, f64)> = Vec::new();
-    for &i in &order {
-        let m = &models[i];
-        tried.push((m.ids(), score(&plain) - score(m), m.fits, m.raw));
-    }
-    let hidden = hidden(&problem, &scanned, allowed);
-    let next_experiment = next_experiment(verdict, &groups_alike, &candidates, &words);
-    let apart = (within_sample.filter(|_| verdict == Verdict::Adequate))
-        .map(|m| sample_apart(&problem, &plain.fitted, &m.fitted))
-        .transpose()?;
-    let says = apart.unwrap_or_else(|| {
-        says(
-            verdict,
-            &candidates,
-            &train_gain,
-            holdout_gain.as_ref(),
-            &places,
-            &words,
-            &groups_alike,
-        )
-    });
-    let none = match verdict {
-        Verdict::Adequate => nothing.max(0.5),
-        _ => nothing,
-    };
-    Ok(Diagnosis {
-        verdict,
-        confidence,
-        probabilities: [
-            (1.0 - something_else) * none,
-            (1.0 - something_else) * (1.0 - none),
-            something_else,
-        ],
-        departed: Vec::new(),
-        beyond: None,
-        built: f64::NAN,
-        places,
-        groups: groups_alike,
-        next_experiment,
-        hidden,
-        train: train_gain,
-        holdout: holdout_gain,
-        plain: rising(
-            problem
-                .train
-                .parameters(&plain.fitted.state.eta, &plain.fitted.state.beta),
-        ),
-        parameters: rising(
-            problem
-                .train
-                .parameters(&augmented.fitted.state.eta, &augmented.fitted.state.beta),
-        ),
-        eps_r: f64::NAN,
-        rig: problem.train.rig(),
-        values: Subject::values(
-            &problem.train,
-            &augmented.fitted.state.eta,
-            &augmented.fitted.state.beta,
-        ),
-        unit: words.unit,
-        basis: words.basis,
-        over: words.over,
-        plain_mean_square: plain.fits,
-        plain_holdout_mean_square: plain.raw,
-        law,
-        learnt: None,
-        traces,
-        remarks,
-        says,
-        rivals: named_by_rivals,
-        rival_models,
-        evidence: Evidence {
+
+    /// What the verdict rests on.
+    fn evidence(&self, odds: &Odds, candidates: &[Candidate], rate: f64) -> Evidence {
+        let chance = &self.seen.chance;
+        let tried = odds.order.iter().map(|&i| {
+            let m = &self.models[i];
+            (
+                m.ids(),
+                self.score(&self.plain) - self.score(m),
+                m.fits,
+                m.raw,
+            )
+        });
+        let fall = candidates.iter().map(|c| self.plain.fits - c.mean_square);
+        Evidence {
             surprise: chance.largest,
             whose: chance.whose,
             limit: chance.limit(rate),
             noise_scale: chance.scale,
             each: chance.each.clone(),
-            tried,
+            tried: tried.collect(),
             p_value: chance.p_value(),
-            fall: candidates
-                .iter()
-                .map(|c| plain.fits - c.mean_square)
-                .fold(0.0, f64::max),
-            fall_by_chance: allowed,
-        },
-        candidates,
-    })
+            fall: fall.fold(0.0, f64::max),
+            fall_by_chance: chance.fall(rate),
+        }
+    }
+}
+
+fn by_foretold(a: &Model, b: &Model) -> std::cmp::Ordering {
+    (a.foretold.mean_square()).total_cmp(&b.foretold.mean_square())
 }
 
 /// Constants of the plain model that its recordings tell: mass, damping, stiffness, by name.
@@ -898,7 +1009,6 @@ fn lowers_nothing(
     plain: &Fitted,
     fitted: &Fitted,
 ) -> Option<String> {
-    let own = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
     let ids: Vec<String> = fitted
         .effects
         .iter()
@@ -916,23 +1026,19 @@ fn lowers_nothing(
             ids.join(" with ")
         ))
     };
-    let when = &problem.train_when;
-    let Ok((train, _)) = gain(&problem.train, when, plain, fitted, false, own) else {
+    let Ok((train, _)) = train_gain(problem, plain, fitted) else {
         return nothing_told();
     };
     if train.after_v > MATTERS.sqrt() * train.before_v {
         return Some(why("where it was fitted", &train));
     }
-    if let Some(h) = &problem.holdout {
-        let eta = |f: &Fitted| problem.holdout_eta(f);
-        let Ok((held, _)) = gain(h, &problem.holdout_when, plain, fitted, true, eta) else {
-            return nothing_told();
-        };
-        if held.after_v > held.before_v {
-            return Some(why("on what took no part", &held));
+    match holdout_gain(problem, problem.holdout.as_ref(), plain, fitted) {
+        Err(_) => nothing_told(),
+        Ok(Some((held, _))) if held.after_v > held.before_v => {
+            Some(why("on what took no part", &held))
         }
+        Ok(_) => None,
     }
-    None
 }
 
 /// Probability that something unlisted is at work where a model leaves this share of what can be foretold.
@@ -955,15 +1061,7 @@ fn sample_apart(
     plain: &Fitted,
     fitted: &Fitted,
 ) -> Result<String, Error> {
-    let own = |f: &Fitted| Some(f.state.eta[..problem.nonlinear.len()].to_vec());
-    let (told, _) = gain(
-        &problem.train,
-        &problem.train_when,
-        plain,
-        fitted,
-        false,
-        own,
-    )?;
+    let (told, _) = train_gain(problem, plain, fitted)?;
     let unit = problem.train.words().unit;
     let times: Vec<String> = (fitted.effects.iter())
         .flat_map(|a| {

@@ -367,9 +367,7 @@ fn priors<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> f64 {
 
 /// A fit carried on in a problem that has changed.
 fn refit<S: Subject>(problem: &Problem<S>, from: &Fitted) -> Fitted {
-    let own = problem.nonlinear.len();
-    let (eta, beta) = (&from.state.eta[..own], &from.state.beta);
-    problem.fit(&from.effects, eta, beta, BASELINE)
+    problem.fit_near(from, &from.effects, BASELINE)
 }
 
 impl Built {

@@ -1,0 +1,321 @@
+//! From a choice to a diagnosis: parts beyond their tolerances, what is learnt, candidates, places, gains,
+//! words.
+
+use super::chain::{Case, Choice, Field};
+use super::errors::{holdout_gain, spots, train_gain};
+use super::fits::rising;
+use super::judge::{INDEPENDENT, Judged, alike};
+use super::locate::locate;
+use super::outcome::*;
+use super::problem::{Fitted, Problem};
+use super::subject::Subject;
+use super::verdict::ids;
+use super::words::{
+    candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
+    says_of_part,
+};
+use super::{forms, law, learn, parts, tolerance};
+use crate::effects::Acting;
+use crate::model::Parameters;
+
+/// Error over what noise makes of it from which on there is a gap between them.
+const GAP: f64 = 1.05;
+
+/// Share of what the plain model leaves beyond noise up to which what a cause leaves is a detail.
+const DETAIL: f64 = 0.1;
+
+/// Odds of a cause beside a part beyond its tolerance, over what they are beside parts within: on seeds for
+/// development four such names of robots were all right (Laplace's rule of succession).
+const BESIDE_BEYOND: f64 = 5.0 / 6.0;
+
+/// What a verdict is with the parts that it goes with.
+struct Ruled {
+    verdict: Verdict,
+    /// The part beyond its tolerance with which alone the plain model would suffice.
+    beyond: Option<Departed>,
+    /// Odds of what is named over what they are beside parts within their tolerances.
+    trust: f64,
+}
+
+/// A model suffices only with parts that are within their tolerances. One beyond may be what is off, or stand
+/// in for what is: it is said, and no cause is named beside it but one that takes nearly all away, to which it
+/// can only be a detail, and that only where the part can be believed.
+fn ruled(field: &Field, choice: &Choice) -> Ruled {
+    let (plain, best) = (&field.plain, &choice.best);
+    let detail =
+        |part: &Departed| part.times() < parts::FAR && best.excess() < DETAIL * plain.excess();
+    let beside = field.beyond(best);
+    let missing = choice.verdict == Verdict::MissingPhysics;
+    let verdict = match missing && !beside.as_ref().is_none_or(detail) {
+        true => Verdict::Unexplained,
+        false => choice.verdict,
+    };
+    let suffices = verdict == Verdict::Adequate;
+    let beyond = field.beyond(plain).filter(|_| suffices);
+    let named_beside = verdict == Verdict::MissingPhysics && beside.is_some();
+    Ruled {
+        verdict: match beyond {
+            Some(_) => Verdict::Unexplained,
+            None => verdict,
+        },
+        beyond,
+        trust: if named_beside { BESIDE_BEYOND } else { 1.0 },
+    }
+}
+
+/// The diagnosis that a choice comes to.
+pub(super) fn explain<S: Subject>(
+    case: &mut Case<S>,
+    mut field: Field,
+    mut choice: Choice,
+) -> Result<Diagnosis, Error> {
+    (case.watch)("judging");
+    let (problem, remarks) = (&case.problem, &mut case.remarks);
+    let models = std::iter::once(&mut field.plain).chain(&mut field.singles);
+    let models = models.chain(&mut choice.partners);
+    for judged in models.chain(&mut choice.pair).chain([&mut choice.best]) {
+        judged.hold(problem);
+    }
+    let ruled = ruled(&field, &choice);
+    let (verdict, plain, best) = (ruled.verdict, &field.plain, &choice.best);
+    let in_model = verdict == Verdict::MissingPhysics;
+    let nothing_known = verdict == Verdict::Unexplained && ruled.beyond.is_none();
+    if in_model {
+        remarks.extend(forms::others(problem, plain, best));
+    }
+    let mut taught = None;
+    if nothing_known {
+        (case.watch)("learning what no cause accounts for");
+        taught = learn::learn(problem, &plain.fitted)?;
+    }
+    let augmented: &Fitted = match &taught {
+        Some(taught) => &taught.fitted,
+        None if in_model => &best.fitted,
+        None => &plain.fitted,
+    };
+    let built = field.built.as_ref();
+    let departed = built.map_or_else(Vec::new, |b| b.departed(augmented));
+    let candidates = listed(problem, &field, &choice, &ruled);
+    let groups = if in_model {
+        told_apart(problem, &field, best)
+    } else {
+        Vec::new()
+    };
+    let named = if in_model {
+        &best.fitted
+    } else {
+        &plain.fitted
+    };
+    let places = places(problem, &plain.fitted, named)?;
+    let law = (nothing_known && taught.is_none())
+        .then(|| law::law(problem, &best.fitted))
+        .transpose()?;
+    let (train, holdout, traces) = gains(problem, &plain.fitted, augmented)?;
+    if holdout.is_none() {
+        remarks.push("No recording was held out: the gain is that on the recordings that were fitted, and the verdict is the weaker for it.".into());
+    }
+    let learnt = match &taught {
+        Some(t) => {
+            let gap = holdout.as_ref().map_or(f64::NAN, gap_closed);
+            Some(learn::physics(problem, t, &field.seen.groups, gap)?)
+        }
+        None => None,
+    };
+    let words = problem.train.words();
+    let (confidence, says, next_experiment) = match &ruled.beyond {
+        Some(part) => of_part(&field, part, &train, problem),
+        None => {
+            remarks.extend(tolerance::remark(&departed));
+            let as_built = built.is_some();
+            let held = holdout.as_ref();
+            let mut says = says(
+                verdict,
+                &candidates,
+                &train,
+                held,
+                &places,
+                &words,
+                as_built,
+            );
+            if let Some(learnt) = &learnt {
+                says += &format!(" Learnt from the recordings: {}", learnt.says);
+            }
+            (
+                ruled.trust * confidence(verdict, &choice.odds, plain, best),
+                says,
+                next_experiment(verdict, &groups, &candidates, &words),
+            )
+        }
+    };
+    let state = &augmented.state;
+    Ok(Diagnosis {
+        verdict,
+        confidence,
+        probabilities: probabilities(verdict, confidence),
+        places,
+        candidates,
+        groups,
+        next_experiment,
+        hidden: hidden(problem, &field.seen.scanned, field.by_chance),
+        train,
+        holdout,
+        plain: parameters(problem, &plain.fitted),
+        parameters: parameters(problem, augmented),
+        eps_r: f64::NAN,
+        rig: problem.train.rig(),
+        values: problem.train.values(&state.eta, &state.beta),
+        unit: words.unit,
+        basis: words.basis,
+        over: words.over,
+        plain_mean_square: plain.mean_square,
+        plain_holdout_mean_square: plain.holdout,
+        law,
+        learnt,
+        traces,
+        departed,
+        beyond: ruled.beyond,
+        built: built.map_or(f64::NAN, |b| b.scale),
+        remarks: std::mem::take(remarks),
+        says,
+        evidence: evidence(&field, &choice, case.request.false_alarm_rate),
+        rivals: field.seen.rivals,
+        rival_models: field.seen.rival_models,
+    })
+}
+
+/// The candidates of a choice, with the tolerances of those that are parts.
+fn listed<S: Subject>(
+    problem: &Problem<S>,
+    field: &Field,
+    choice: &Choice,
+    ruled: &Ruled,
+) -> Vec<Candidate> {
+    let mut list = candidates(
+        problem,
+        &field.plain,
+        &field.singles,
+        choice.pair.as_ref(),
+        &choice.partners,
+        ruled.verdict,
+        &choice.odds,
+    );
+    let Some(built) = &field.built else {
+        return list;
+    };
+    for c in &mut list {
+        if c.in_model {
+            c.probability *= ruled.trust;
+        }
+        if let Some(times) = tolerance::times(&built.list, &c.acting) {
+            c.says += &format!("; {times:.1} times its tolerance");
+        }
+    }
+    list
+}
+
+/// Groups of ids that the recordings cannot tell apart, of which a model's causes are the first ones.
+fn told_apart<S: Subject>(
+    problem: &Problem<S>,
+    field: &Field,
+    named: &Judged,
+) -> Vec<Vec<&'static str>> {
+    let group = |own: usize| {
+        let mut ids = alike(problem, &named.fitted, own, &field.seen.groups);
+        ids.insert(0, named.fitted.effects[own].effect.id());
+        ids
+    };
+    let groups = (0..named.fitted.effects.len()).map(group);
+    groups.filter(|ids| ids.len() > 1).collect()
+}
+
+/// Odds and words of a plain model that suffices with a part beyond its tolerance, and what would tell more.
+fn of_part<S: Subject>(
+    field: &Field,
+    part: &Departed,
+    train: &Gain,
+    problem: &Problem<S>,
+) -> (f64, String, String) {
+    let words = problem.train.words();
+    let rows = INDEPENDENT * field.plain.fitted.state.rows as f64;
+    // what it costs to keep the part near the drawing, against what a cause of one value costs
+    let gain = 0.5 * part.times().powi(2) - 0.5 * rows.ln() + field.each;
+    let odds = 1.0 / (1.0 + (-gain).exp());
+    let left = format!("{}{}", in_unit(train.before_v, &words.unit), words.over);
+    (odds.max(0.5), says_of_part(part, &left), measure(part))
+}
+
+/// What the verdict rests on.
+fn evidence(field: &Field, choice: &Choice, rate: f64) -> Evidence {
+    let chance = &field.seen.chance;
+    let tried = field.singles.iter().chain(&choice.partners).map(|j| {
+        (
+            ids(j).collect(),
+            j.score - field.plain.score,
+            j.mean_square,
+            j.holdout,
+        )
+    });
+    Evidence {
+        surprise: chance.largest,
+        whose: chance.whose,
+        limit: chance.limit(rate),
+        noise_scale: chance.scale,
+        each: chance.each.clone(),
+        tried: tried.collect(),
+        p_value: chance.p_value(),
+        fall: field.fall,
+        fall_by_chance: field.by_chance,
+    }
+}
+
+/// Share of the way from the plain model's error to what noise makes that the augmented one goes; NaN where
+/// there is no way to go.
+fn gap_closed(gain: &Gain) -> f64 {
+    let (before, noise) = (gain.before_v, gain.noise_floor_v);
+    match before > GAP * noise {
+        true => (before - gain.after_v) / (before - noise),
+        false => f64::NAN,
+    }
+}
+
+/// Where the plain model fails, and a model with causes (the same one where none is named) does not.
+pub(super) fn places<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    with: &Fitted,
+) -> Result<Vec<Place>, Error> {
+    let train = &problem.train;
+    let spots = spots(problem, plain, with)?;
+    let (entries, coordinates) = (train.whereabouts(), train.coordinates());
+    let named: &[Acting] = &with.effects;
+    Ok(locate(
+        &spots,
+        &entries,
+        &coordinates,
+        S::CHAINS,
+        &train.words(),
+        named,
+    ))
+}
+
+/// Errors of the plain and the augmented model where they were fitted and on what was held out, and the traces
+/// that show them.
+pub(super) fn gains<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    augmented: &Fitted,
+) -> Result<(Gain, Option<Gain>, Vec<Traces>), Error> {
+    let (train, mut traces) = train_gain(problem, plain, augmented)?;
+    let held_out = holdout_gain(problem, problem.holdout.as_ref(), plain, augmented)?;
+    let holdout = held_out.map(|(gain, of_these)| {
+        traces.extend(of_these);
+        gain
+    });
+    Ok((train, holdout, traces))
+}
+
+/// Film and forearm of a fitted model.
+pub(super) fn parameters<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Parameters {
+    let state = &fitted.state;
+    rising(problem.train.parameters(&state.eta, &state.beta))
+}

@@ -1,6 +1,7 @@
 //! Whatever stands in the files and whatever is typed, the program ends with a sentence: manifests, rigs,
-//! parameters, plans, values, files of instruments, results of earlier runs and options are spoiled at random,
-//! one or two at a time, and every command meets them. Nothing panics, nothing hangs, and no figure is NaN.
+//! parameters, plans, values, files of instruments, results of earlier runs and options are spoiled at
+//! random, one or two at a time, and every command meets them. Nothing panics, nothing hangs, and no figure
+//! is NaN.
 //!
 //! A short form always runs. The long one, of any number from any one on, prints what it counted:
 //! `DEACAL_MUTATIONS=2000 cargo test --release --test mutations -- --ignored --nocapture`
@@ -948,8 +949,8 @@ fn spoiled_files_and_words_end_in_a_sentence() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The long form: `DEACAL_MUTATIONS=2000 cargo test --release --test mutations -- --ignored --nocapture`, from
-/// `DEACAL_MUTATIONS_FROM` on; `DEACAL_MUTATIONS_SHOWN=1` shows every run.
+/// The long form: `DEACAL_MUTATIONS=2000 cargo test --release --test mutations -- --ignored --nocapture`,
+/// from `DEACAL_MUTATIONS_FROM` on; `DEACAL_MUTATIONS_SHOWN=1` shows every run.
 #[test]
 #[ignore = "half an hour on two cores"]
 fn two_thousand_spoiled_files_and_words_end_in_a_sentence() {

@@ -650,8 +650,9 @@ fn copy_all(files: &BTreeMap<PathBuf, Vec<u8>>, to: &Path) {
 
 type Files = BTreeMap<PathBuf, Vec<u8>>;
 
-/// Of a set what is in one folder of it, beside its folders (`""`), or all of it (`"*"`), without what a proof
-/// and a run that lasts keep of what they have done, and without what tells shards of whose plan they are.
+/// Of a set what is in one folder of it, beside its folders (`""`), or all of it (`"*"`), without what a
+/// proof and a run that lasts keep of what they have done, and without what tells shards of whose plan they
+/// are.
 fn of_part(files: &Files, part: &str) -> Files {
     let kept = ["trials.part.jsonl", "searches.part.jsonl", "campaign.json"];
     let mut out = files.clone();

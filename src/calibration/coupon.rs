@@ -41,8 +41,8 @@ const SHORTEST_SHARE: f64 = 0.5;
 const START_LOCKING_SHARE: f64 = 3.0;
 /// Upper bound of J: a film that is neo-Hookean as far as a coupon can tell.
 const LARGEST_LOCKING: f64 = 1e4;
-/// Error over the stress range, %, that the grid itself may make (measured in `tests/coupon.rs`): less is not
-/// a misfit.
+/// Error over the stress range, %, that the grid itself may make (measured in `tests/fit/coupon.rs`): less is
+/// not a misfit.
 const GRID_ERROR_PERCENT: f64 = 0.01;
 
 /// Places of the largest excess over the noise that are kept, and the share of all rows below which one is

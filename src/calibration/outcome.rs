@@ -15,8 +15,8 @@ pub enum AtBound {
     Upper,
 }
 
-/// Command above which errors in volts count, V: below, what the noise of the capture makes of a voltage grows
-/// without bound.
+/// Command above which errors in volts count, V: below, what the noise of the capture makes of a voltage
+/// grows without bound.
 pub const JUDGED_ABOVE_V: f64 = 1000.0;
 
 /// How the error that a model leaves stands to the noise: decided here for all kinds of recordings and all

@@ -246,8 +246,8 @@ enum Command {
     Prove(prove::Arguments),
     /// Electrodes over days or batches: stroke, its loss, what moved, and whether two electrodes differ
     Ageing(ageing::Arguments),
-    /// Many films or recording sets: fits (and diagnoses) each, and shows what they have in common: who stands
-    /// out, what drifts, which batch differs
+    /// Many films or recording sets: fits (and diagnoses) each, and shows what they have in common: who
+    /// stands out, what drifts, which batch differs
     Batch(batch::Arguments),
     /// The shards of a batch or a proof as one result, the same bytes as of one run
     Merge(merge::Arguments),

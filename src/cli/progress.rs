@@ -160,8 +160,8 @@ impl Progress {
         self.set(&text.into(), Done::File);
     }
 
-    /// Says that `n` of `all` things are done, of which `before` were there already; from then on nothing else
-    /// is told.
+    /// Says that `n` of `all` things are done, of which `before` were there already; from then on nothing
+    /// else is told.
     pub(super) fn counted(&self, text: String, n: usize, before: usize, all: usize) {
         self.of_many.store(true, Ordering::Relaxed);
         let share = |n: usize| n as f64 / all.max(1) as f64;

@@ -277,7 +277,8 @@ impl Keep for Lasting {
             }
             let known = std::mem::take(known);
             *kept = Self::write(&self.path, &self.of);
-            // said before the pieces are synced one by one: whoever stops it meanwhile hears of those that are
+            // said before the pieces are synced one by one: whoever stops it meanwhile hears of those that
+            // are
             if matches!(*kept, Kept::Written(_)) {
                 self.say();
             }

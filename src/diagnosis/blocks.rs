@@ -204,9 +204,9 @@ fn lomax(medians: f64) -> f64 {
     (1.0 + medians.max(0.0)).powi(-2)
 }
 
-/// The same median of robots. Of twelve visible single causes of robots that are only nearly their drawings (a
-/// seed for development, forms of the generator's own) eight left nothing, two 0.003 and 0.02; two whose parts
-/// had been told wrongly left 0.1.
+/// The same median of robots. Of twelve visible single causes of robots that are only nearly their drawings
+/// (a seed for development, forms of the generator's own) eight left nothing, two 0.003 and 0.02; two whose
+/// parts had been told wrongly left 0.1.
 const ROBOT_FORM_LEAVES: f64 = 0.01;
 
 /// What it costs a model of robots at most, in ln, to leave so much more mean square than the best one does,
@@ -219,8 +219,8 @@ pub(super) fn form_costs(left: f64, way: f64) -> f64 {
 pub(super) enum Forms<'a> {
     /// The best of all models, these among them.
     Reach(&'a [Foretold]),
-    /// The likeliest of those with as many causes; the number of causes of each model. What a further cause adds
-    /// is for the blocks to say. A share counts from the mean square on that matters.
+    /// The likeliest of those with as many causes; the number of causes of each model. What a further cause
+    /// adds is for the blocks to say. A share counts from the mean square on that matters.
     Peers(&'a [usize]),
 }
 

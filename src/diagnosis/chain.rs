@@ -1,6 +1,7 @@
 //! The chain of a doubt on a robot, in rounds: the plain fit, a scan of the catalogue, fits of the leading
-//! causes, a second one, the verdict. A round that finds parts in the place of a cause, or leaning towards one,
-//! begins another with them. Each step gives a value to the next: [`Ground`], [`Seen`], [`Field`], [`Choice`].
+//! causes, a second one, the verdict. A round that finds parts in the place of a cause, or leaning towards
+//! one, begins another with them. Each step gives a value to the next: [`Ground`], [`Seen`], [`Field`],
+//! [`Choice`].
 
 use rayon::prelude::*;
 
@@ -186,8 +187,8 @@ impl<S: Subject> Case<'_, S> {
 
     /// Scans the catalogue, and what simpler methods make of it.
     ///
-    /// What capture and smoothing make of the plain model's own motion does not shrink as recordings grow, but
-    /// their evidence does: it is taken out where that alone may have raised the alarm.
+    /// What capture and smoothing make of the plain model's own motion does not shrink as recordings grow,
+    /// but their evidence does: it is taken out where that alone may have raised the alarm.
     fn look(&mut self, ground: &mut Ground) -> Result<Seen, Error> {
         let (problem, request) = (&mut self.problem, self.request);
         let state = &ground.plain.state;
@@ -229,8 +230,8 @@ impl<S: Subject> Case<'_, S> {
         })
     }
 
-    /// Fits the causes that lead the scan, each alone, best first. Where one clearly does better than none, the
-    /// weights become those of its noise, and the leading ones are fitted to their end.
+    /// Fits the causes that lead the scan, each alone, best first. Where one clearly does better than none,
+    /// the weights become those of its noise, and the leading ones are fitted to their end.
     fn lead(&mut self, ground: &mut Ground, seen: &mut Seen) -> Result<Vec<Fitted>, Error> {
         (self.watch)("fitting the leading effects");
         let problem = &mut self.problem;
@@ -616,8 +617,8 @@ impl Field {
         Odds::of(models.chain(partners), self.each)
     }
 
-    /// Whether a model's causes may be named: it foretells more, and each is likelier than not, itself or with
-    /// those that the recordings cannot tell from it, of which none is far likelier.
+    /// Whether a model's causes may be named: it foretells more, and each is likelier than not, itself or
+    /// with those that the recordings cannot tell from it, of which none is far likelier.
     fn supports<S: Subject>(&self, problem: &Problem<S>, j: &Judged, odds: &Odds) -> bool {
         foretells(&self.plain, j)
             && (0..j.fitted.effects.len()).all(|own| {

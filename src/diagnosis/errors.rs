@@ -202,8 +202,8 @@ pub(super) fn raises_error<S: Subject>(
     Ok(held_out.is_some_and(|(g, _)| rises(&g)))
 }
 
-/// Error that a model takes away from another's, as a root of the difference of squares, and what noise makes:
-/// on the held-out recordings, where there are any.
+/// Error that a model takes away from another's, as a root of the difference of squares, and what noise
+/// makes: on the held-out recordings, where there are any.
 pub(super) fn taken_away<S: Subject>(
     problem: &Problem<S>,
     before: &Fitted,

@@ -38,8 +38,8 @@ struct Ruled {
 }
 
 /// A model suffices only with parts that are within their tolerances. One beyond may be what is off, or stand
-/// in for what is: it is said, and no cause is named beside it but one that takes nearly all away, to which it
-/// can only be a detail, and that only where the part can be believed.
+/// in for what is: it is said, and no cause is named beside it but one that takes nearly all away, to which
+/// it can only be a detail, and that only where the part can be believed.
 fn ruled(field: &Field, choice: &Choice) -> Ruled {
     let (plain, best) = (&field.plain, &choice.best);
     let detail =
@@ -298,8 +298,8 @@ pub(super) fn places<S: Subject>(
     ))
 }
 
-/// Errors of the plain and the augmented model where they were fitted and on what was held out, and the traces
-/// that show them.
+/// Errors of the plain and the augmented model where they were fitted and on what was held out, and the
+/// traces that show them.
 pub(super) fn gains<S: Subject>(
     problem: &Problem<S>,
     plain: &Fitted,

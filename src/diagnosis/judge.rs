@@ -11,7 +11,8 @@ use crate::film::Locked;
 
 /// Share of the residuals that count as independent.
 pub(super) const INDEPENDENT: f64 = 0.8;
-/// Squares at the weights of a model's own noise over those at the shared ones, from which its noise is another.
+/// Squares at the weights of a model's own noise over those at the shared ones, from which its noise is
+/// another.
 const ANOTHER: f64 = 1.5;
 /// Smallest weighted mean square that is believed.
 const NOISE: f64 = 0.1;
@@ -37,8 +38,8 @@ impl Judged {
     /// Judges a fit. A cause changes how much torque the noise of the capture makes: one that softens the
     /// film makes less of it, and would earn by shrinking what it is weighed by, the more the longer the
     /// recordings. So a model with causes is held against the noise of its own as well, and the larger of
-    /// both squares counts. Where its own noise is another (a film without tension makes hardly any), a fit at
-    /// the shared weights says nothing of what the cause can do at its own, and it is fitted there.
+    /// both squares counts. Where its own noise is another (a film without tension makes hardly any), a fit
+    /// at the shared weights says nothing of what the cause can do at its own, and it is fitted there.
     pub fn new<S: Subject>(problem: &Problem<S>, blocks: &Blocks, fitted: Fitted) -> Self {
         let n = fitted.state.rows as f64;
         let share = problem.independent;
@@ -215,8 +216,8 @@ pub(super) fn alike_to(
     out
 }
 
-/// Cosines of a column with the span of each cause's fingerprints on the actuators `on`, largest first; `id` is
-/// the column's own.
+/// Cosines of a column with the span of each cause's fingerprints on the actuators `on`, largest first; `id`
+/// is the column's own.
 pub(super) fn cosines(
     film: &Tangent,
     column: &DVector<f64>,

@@ -13,8 +13,8 @@
 //! 4. Pairs are tried where the best single one leaves more than noise.
 //! 5. Parts that differ within their tolerances are tried in the causes' place (`tolerance`, `parts`).
 //! 6. The verdict: adequate, a named cause, or unexplained (`verdict`); where it lives (`locate`); what is
-//!    learnt where no cause accounts for it (`learn`); what could not have been seen (`words`); all of it said
-//!    (`explain`).
+//!    learnt where no cause accounts for it (`learn`); what could not have been seen (`words`); all of it
+//!    said (`explain`).
 //!
 //! Residuals are torques: linear in the squared voltage, without a special case near 0 V.
 

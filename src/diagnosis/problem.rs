@@ -517,9 +517,10 @@ impl<S: Subject> Problem<S> {
 
     /// Sets the weights at a fitted model. Where its film is so extreme that it makes more noise than the
     /// residual shows, weights set there would hide everything, and those of an ordinary film are taken; so
-    /// they are where it makes far less and does not fit. The same of its causes, but a stop or a friction may multiply the noise of what little motion it leaves,
-    /// so that they are doubted only where the middle sample is too noisy. `ordinary` is
-    /// [`Problem::log_noise`] of an ordinary film. Says whether the model's own film was taken.
+    /// they are where it makes far less and does not fit. The same of its causes, but a stop or a friction
+    /// may multiply the noise of what little motion it leaves, so that they are doubted only where the middle
+    /// sample is too noisy. `ordinary` is [`Problem::log_noise`] of an ordinary film. Says whether the
+    /// model's own film was taken.
     ///
     /// # Errors
     /// Those of [`Problem::weigh`].

@@ -534,8 +534,8 @@ impl<'a, 'b> Field<'a, 'b> {
         reached.max(beyond).clamp(0.0, 1.0)
     }
 
-    /// Whether another model foretells so much more that a model's own form, clock and noise of the coordinate
-    /// do not account for it.
+    /// Whether another model foretells so much more that a model's own form, clock and noise of the
+    /// coordinate do not account for it.
     fn is_beaten(&self, m: &Model) -> Result<bool, Error> {
         let own = self.bench.blurred(m)?;
         let raw = m.raw * own.mean_square() / m.foretold.mean_square().max(f64::MIN_POSITIVE);
@@ -594,8 +594,8 @@ impl<'a, 'b> Field<'a, 'b> {
         })
     }
 
-    /// The plain model, on one clock: one that is a fraction of a sample off is no cause, and what it makes is
-    /// none either.
+    /// The plain model, on one clock: one that is a fraction of a sample off is no cause, and what it makes
+    /// is none either.
     fn plainest(&self, odds: &Odds) -> &Model {
         let apart = odds.within_sample.map(|i| &self.models[i]);
         apart.unwrap_or(&self.plain)

@@ -495,8 +495,8 @@ impl Built {
 
     /// The parts told once more about the mechanism and the film of `fitted`, a fit with them. (A film that
     /// was refitted without those parts that are not in the mechanism would be bent by them again.) What is
-    /// linear about one mechanism need not be so about the next, where a bicep rests against a stop: a step that
-    /// leaves far more than it promised is made shorter.
+    /// linear about one mechanism need not be so about the next, where a bicep rests against a stop: a step
+    /// that leaves far more than it promised is made shorter.
     ///
     /// # Errors
     /// As [`Built::fit`].
@@ -745,7 +745,8 @@ const WORTH_SAYING: f64 = 0.05;
 /// and the share of the cost before from which they are settled.
 const ROUNDS: [usize; 2] = [3, 6];
 const SETTLED: f64 = 0.95;
-/// What a step leaves over what it promised, from which it is made shorter, and the shares of it that are tried.
+/// What a step leaves over what it promised, from which it is made shorter, and the shares of it that are
+/// tried.
 const MISSED: f64 = 4.0;
 const SHORTER: [f64; 2] = [0.25, 0.06];
 /// Departure, in tolerances, above which a part that was picked is not within them: of normal ones one in

@@ -34,8 +34,8 @@ pub(super) fn unexplained(plain: f64, best: f64) -> bool {
     (best > 4.0 && share > 0.03) || (best > 1.8 && share > 0.08) || (best > 1.6 && share > 0.6)
 }
 
-/// Mean square that a model with a part that is off (a link, a tilt, a marker) may leave: a part has no form of
-/// which a large misfit could leave a share.
+/// Mean square that a model with a part that is off (a link, a tilt, a marker) may leave: a part has no form
+/// of which a large misfit could leave a share.
 const PART_LEAVES: f64 = 4.0;
 
 /// Whether what the best model leaves must be something that is in no entry.

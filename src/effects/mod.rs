@@ -354,12 +354,13 @@ pub trait Effect: Sync + Send {
     fn plainer(&self, _v: &[f64]) -> Option<Vec<f64>> {
         None
     }
-    /// Share by which it changes all torque that a voltage makes, to first order; 0 where it does not do that.
+    /// Share by which it changes all torque that a voltage makes, to first order; 0 where it does not do
+    /// that.
     fn share_of_made(&self, _v: &[f64]) -> f64 {
         0.0
     }
-    /// Whether it scales all torque that a voltage makes, by nearly one share all along. Beside parts that may
-    /// differ it can then shrink all torques, and the error with them.
+    /// Whether it scales all torque that a voltage makes, by nearly one share all along. Beside parts that
+    /// may differ it can then shrink all torques, and the error with them.
     fn scales_made(&self) -> bool {
         false
     }

@@ -1,6 +1,6 @@
 //! The film of an actuator is thicker or thinner than drawn, as a part: the lozenge itself differs, so that a
-//! mechanism that is taken as found has it exactly, where the cause `actuator_asymmetry` changes what a fixed one
-//! makes.
+//! mechanism that is taken as found has it exactly, where the cause `actuator_asymmetry` changes what a fixed
+//! one makes.
 
 use super::{Effect, Quantity, Reach, Site, size};
 use crate::kinematics::{Lozenge, Mechanism};

@@ -19,8 +19,8 @@
 //! Phys. 176:430): the two-step formula predicts, the quadratic through the last three N corrects, and the
 //! stress is evaluated once a step, at the prediction. The elastic response is exact, because A and B take
 //! the sampled stretch itself; the equilibrium spring is a lane with r = 0. Derivatives are those of this
-//! discrete scheme, so they agree with differences of its own result to rounding. `tests/golden_film.rs`
-//! states the errors that this leaves at 100 Hz.
+//! discrete scheme, so they agree with differences of its own result to rounding.
+//! `tests/model/golden_film.rs` states the errors that this leaves at 100 Hz.
 //!
 //! No exponential in the loop, one division a stage: C = 1/(A B) and 1/D share the reciprocal of A B (A B D).
 

@@ -31,8 +31,8 @@ pub struct Candidate {
 }
 
 /// Distances from the best value to the ends of the 95 % interval, below and above, for each candidate, and
-/// the evaluations that it took. A side that the data never close ends at the bound. `memory` keeps the refits,
-/// with what they are of.
+/// the evaluations that it took. A side that the data never close ends at the bound. `memory` keeps the
+/// refits, with what they are of.
 pub fn profile<P: SeparableResidual + Sync>(
     problem: &P,
     nonlinear: &[Unknown],

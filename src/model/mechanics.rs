@@ -101,7 +101,8 @@ pub struct ChainMotion {
     pub bicep_n_m: Vec<f64>,
 }
 
-/// What one chain contributes, sample by sample: its own motion, and what the other two chains have a part in.
+/// What one chain contributes, sample by sample: its own motion, and what the other two chains have a part
+/// in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChainTrack {
     /// Its own motion, shared with balances in which only other chains differ.

@@ -235,9 +235,9 @@ impl Effect {
 }
 
 impl ParameterFile {
-    /// The causes of the file, and what was learnt, as the model applies them. `number_of` gives the number of a recording in the
-    /// series of what is to be predicted; `None` when it belongs to another series: a change at a moment
-    /// there never happens.
+    /// The causes of the file, and what was learnt, as the model applies them. `number_of` gives the number
+    /// of a recording in the series of what is to be predicted; `None` when it belongs to another series: a
+    /// change at a moment there never happens.
     ///
     /// # Errors
     /// An id or a name that is not in the catalogue (the nearest is named), or a value that cannot be; of

@@ -15,8 +15,8 @@
 //! ```
 //!
 //! so that xi_n2 = xi_n1^(-1/2) stays, sigma_2 = 0 holds whatever the moduli, and by the uniqueness of the
-//! solution there is no other. (`tests/coupon.rs` solves sigma_2 = 0 with lambda_2 free and finds it.) Hence
-//! a coupon of any mode is one known stretch history, and its nominal stress
+//! solution there is no other. (`tests/fit/coupon.rs` solves sigma_2 = 0 with lambda_2 free and finds it.)
+//! Hence a coupon of any mode is one known stretch history, and its nominal stress
 //!
 //! ```text
 //! P = sigma_1/lambda_1 = sum_n mu_n [ (A_n - C_n)/(D_n lambda_1) ](T_n, J)

@@ -103,9 +103,9 @@ pub enum Departure {
     },
 }
 
-/// Tells what an effect changes of a torque error at the torque that the model asks for, where it changes what
-/// a voltage makes by a share. At the recorded one the error's noise would stand in the column: a film that is
-/// thicker and softer, with a smaller load, shrinks all torques, and the error with them.
+/// Tells what an effect changes of a torque error at the torque that the model asks for, where it changes
+/// what a voltage makes by a share. At the recorded one the error's noise would stand in the column: a film
+/// that is thicker and softer, with a smaller load, shrinks all torques, and the error with them.
 fn as_asked_for(acting: &Acting, error: &Chains, change: &mut Chains) {
     let share = acting.effect.share_of_made(&acting.values);
     for k in (0..3).filter(|&k| share != 0.0 && acting.on[k]) {
@@ -179,7 +179,8 @@ impl FilmTorques {
         Ok(FilmTorques([of(0)?, of(1)?, of(2)?]))
     }
 
-    /// Those of `moved` from `known`, those of `mechanics`: a film that goes the same way has the same torque.
+    /// Those of `moved` from `known`, those of `mechanics`: a film that goes the same way has the same
+    /// torque.
     fn beside(
         moved: &Mechanics,
         parameters: &Parameters,
@@ -315,8 +316,8 @@ impl Prepared<'_> {
         Cow::Owned(out)
     }
 
-    /// Voltage that makes the Maxwell torque at the frames, V. The other actuators' commands are read only where
-    /// an effect hears them.
+    /// Voltage that makes the Maxwell torque at the frames, V. The other actuators' commands are read only
+    /// where an effect hears them.
     fn film_voltage(
         &self,
         mechanics: &Mechanics,
@@ -1257,8 +1258,8 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Whitened change of the residual of all recordings, row by row as in [`RobotResidual::design`], when
-    /// `acting` joins the effects at the parameters. What changes the torque that a voltage makes by a share is
-    /// told at the torque that the model asks for.
+    /// `acting` joins the effects at the parameters. What changes the torque that a voltage makes by a share
+    /// is told at the torque that the model asks for.
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch, or the mechanism cannot follow.
@@ -1457,8 +1458,8 @@ impl<'a> RobotResidual<'a> {
         }
     }
 
-    /// Departures (N m at the frames, as [`RobotResidual::departures`] gives them) at the kept samples: for each
-    /// recording one row a kept sample and chain, one column a departure.
+    /// Departures (N m at the frames, as [`RobotResidual::departures`] gives them) at the kept samples: for
+    /// each recording one row a kept sample and chain, one column a departure.
     pub fn filtered_departures(&self, torques: &[Vec<Chains>]) -> Vec<DMatrix<f64>> {
         let each = |(r, torques): (&Prepared, &Vec<Chains>)| {
             let columns: Vec<DVector<f64>> = (torques.par_iter())
@@ -1472,8 +1473,8 @@ impl<'a> RobotResidual<'a> {
         self.recordings.iter().zip(torques).map(each).collect()
     }
 
-    /// Lets the robot depart along these combinations (columns) of [`RobotResidual::filtered_departures`] too,
-    /// beside those that it may have already: linear unknowns of a fit, of which errors between the kept
+    /// Lets the robot depart along these combinations (columns) of [`RobotResidual::filtered_departures`]
+    /// too, beside those that it may have already: linear unknowns of a fit, of which errors between the kept
     /// samples know nothing.
     pub fn allow_more(&mut self, filtered: &[DMatrix<f64>], combine: &DMatrix<f64>) {
         let before = self.layout.departures;
@@ -1602,9 +1603,9 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// What each coefficient of a learnt term changes of the whitened residual on each actuator alone, to
-    /// first order: rows as in [`RobotResidual::design`]. With them, where it acts on the voltage, by how much
-    /// what it adds to the squared voltage grows with that square, were all voltages larger by the same share
-    /// (0 where there is none).
+    /// first order: rows as in [`RobotResidual::design`]. With them, where it acts on the voltage, by how
+    /// much what it adds to the squared voltage grows with that square, were all voltages larger by the same
+    /// share (0 where there is none).
     pub fn term_columns(&self, term: &Learnt) -> ([DMatrix<f64>; 3], Option<[DMatrix<f64>; 3]>) {
         let (rows, count) = (self.rows(), term.form.count());
         let mut columns = [(); 3].map(|()| DMatrix::zeros(rows, count));

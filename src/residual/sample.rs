@@ -28,7 +28,7 @@
 //! ```
 //!
 //! which leaves three equations in u, v, w a step for Newton; the derivatives with respect to all parameters
-//! are those of the scheme, solved for with the same matrix. `tests/sample.rs` holds it against
+//! are those of the scheme, solved for with the same matrix. `tests/fit/sample.rs` holds it against
 //! `simulate::sample_motion`, which shares nothing with it.
 
 use pulp::Arch;

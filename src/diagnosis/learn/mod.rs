@@ -440,8 +440,8 @@ pub(super) fn learn<S: Subject>(
 }
 
 /// Logarithm of the factor by which less has to be left of recordings that are left out. A convention, beside
-/// what a term of the wrong kind brings about by bending the film; the cases that the proof quotes had no part
-/// in it.
+/// what a term of the wrong kind brings about by bending the film; the cases that the proof quotes had no
+/// part in it.
 const HELPS: f64 = 0.1;
 
 impl<S: Subject> Sited<S> {

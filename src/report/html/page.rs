@@ -77,7 +77,8 @@ pub struct Summary {
 const CARDS: usize = 5;
 
 impl Summary {
-    /// Cards in a row where there is room: as many in each row as can be, none left over for a row of its own.
+    /// Cards in a row where there is room: as many in each row as can be, none left over for a row of its
+    /// own.
     fn columns(&self) -> usize {
         let n = self.tiles.len().max(1);
         n.div_ceil(n.div_ceil(CARDS))

@@ -406,8 +406,8 @@ pub fn waterfall(
     })
 }
 
-/// Sizes above zero by name on a logarithmic axis up to 1000, each a dot at the end of a line; `mark` is drawn
-/// across.
+/// Sizes above zero by name on a logarithmic axis up to 1000, each a dot at the end of a line; `mark` is
+/// drawn across.
 pub fn forest(label: &str, x_title: &str, rows: &[(String, f64, Role)], mark: f64) -> String {
     const ROW: f64 = 17.0;
     let width = Width::Part;

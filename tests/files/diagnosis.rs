@@ -1,7 +1,7 @@
 //! The files of a diagnosis, of one made up for the purpose. `DEACAL_WRITE_LOOK=DIR` also leaves the reports
 //! there, to be looked at.
 
-mod common;
+use crate::common;
 
 use deacal::diagnosis::{
     Candidate, Departed, Diagnosis, Evidence, Gain, Hidden, Law, LearntPhysics, LearntTerm, Place,

@@ -191,7 +191,7 @@ fn a_table_far_larger_than_its_file_is_refused() {
     );
 }
 
-const RIG: &str = include_str!("data/recording/robot/rig.toml");
+const RIG: &str = include_str!("../data/recording/robot/rig.toml");
 const VOLTAGE: &str = "time_s,a_kV,b_kV,c_kV\n0,0,0,0\n1,1,1,1\n";
 
 /// A recording of a robot whose motion is this file, with these lines under [motion].

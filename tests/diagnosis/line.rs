@@ -1,6 +1,6 @@
 //! One coordinate: hinge benches, axes and coupons, from their files to a fit and a diagnosis.
 
-mod common;
+use crate::common;
 
 use std::fmt::Write as _;
 use std::path::Path;

@@ -6,29 +6,29 @@ use std::path::Path;
 use deacal::recording::{ColumnRef, Manifest, ReadOptions, Rig, importers, read_file, survey_file};
 use proptest::prelude::*;
 
-const NEXUS: &[u8] = include_bytes!("data/recording/padded.csv");
-const SEMICOLON: &[u8] = include_bytes!("data/recording/semicolon.csv");
-const MOTION: &[u8] = include_bytes!("data/recording/robot/motion.csv");
-const VOLTAGE: &[u8] = include_bytes!("data/recording/robot/voltage.csv");
-const TRACKER: &[u8] = include_bytes!("data/recording/tracker-quaternion.csv");
-const MOTIVE: &[u8] = include_bytes!("data/recording/motive.csv");
-const MOTIVE_ROWS: &[u8] = include_bytes!("data/recording/motive-rows.csv");
-const QUALISYS: &[u8] = include_bytes!("data/recording/qualisys.tsv");
-const TRC: &[u8] = include_bytes!("data/recording/small.trc");
-const C3D: &[u8] = include_bytes!("../fuzz/corpus/c3d/intel-float.c3d");
-const C3D_DEC: &[u8] = include_bytes!("../fuzz/corpus/c3d/dec-whole.c3d");
-const GBK: &[u8] = include_bytes!("data/recording/gbk.csv");
-const MCAP: &[u8] = include_bytes!("data/recording/small.mcap");
-const TDMS: &[u8] = include_bytes!("data/recording/small.tdms");
-const LVM: &[u8] = include_bytes!("data/recording/two_segments.lvm");
-const MAT: &[u8] = include_bytes!("data/recording/small.mat");
-const MAT_PLAIN: &[u8] = include_bytes!("data/recording/plain.mat");
-const MAT73: &[u8] = include_bytes!("data/recording/small73.mat");
-const MAT_BIG_ENDIAN: &[u8] = include_bytes!("data/recording/matlab-6.1-big-endian.mat");
-const XLSX: &[u8] = include_bytes!("data/recording/sheets.xlsx");
+const NEXUS: &[u8] = include_bytes!("../data/recording/padded.csv");
+const SEMICOLON: &[u8] = include_bytes!("../data/recording/semicolon.csv");
+const MOTION: &[u8] = include_bytes!("../data/recording/robot/motion.csv");
+const VOLTAGE: &[u8] = include_bytes!("../data/recording/robot/voltage.csv");
+const TRACKER: &[u8] = include_bytes!("../data/recording/tracker-quaternion.csv");
+const MOTIVE: &[u8] = include_bytes!("../data/recording/motive.csv");
+const MOTIVE_ROWS: &[u8] = include_bytes!("../data/recording/motive-rows.csv");
+const QUALISYS: &[u8] = include_bytes!("../data/recording/qualisys.tsv");
+const TRC: &[u8] = include_bytes!("../data/recording/small.trc");
+const C3D: &[u8] = include_bytes!("../../fuzz/corpus/c3d/intel-float.c3d");
+const C3D_DEC: &[u8] = include_bytes!("../../fuzz/corpus/c3d/dec-whole.c3d");
+const GBK: &[u8] = include_bytes!("../data/recording/gbk.csv");
+const MCAP: &[u8] = include_bytes!("../data/recording/small.mcap");
+const TDMS: &[u8] = include_bytes!("../data/recording/small.tdms");
+const LVM: &[u8] = include_bytes!("../data/recording/two_segments.lvm");
+const MAT: &[u8] = include_bytes!("../data/recording/small.mat");
+const MAT_PLAIN: &[u8] = include_bytes!("../data/recording/plain.mat");
+const MAT73: &[u8] = include_bytes!("../data/recording/small73.mat");
+const MAT_BIG_ENDIAN: &[u8] = include_bytes!("../data/recording/matlab-6.1-big-endian.mat");
+const XLSX: &[u8] = include_bytes!("../data/recording/sheets.xlsx");
 const SCOPE: &[u8] = b"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1,0.25\n0,1,2,\n1,3,4,\n";
-const MANIFEST: &[u8] = include_bytes!("data/recording/robot/recording.toml");
-const RIG: &[u8] = include_bytes!("data/recording/robot/rig.toml");
+const MANIFEST: &[u8] = include_bytes!("../data/recording/robot/recording.toml");
+const RIG: &[u8] = include_bytes!("../data/recording/robot/rig.toml");
 
 /// Every importer, with and without columns asked for, in several encodings: an answer or an error, never a
 /// panic. Each column has as many values as the section has rows.
@@ -163,7 +163,7 @@ proptest! {
     #[test]
     fn recordings_answer(motion in damaged(MOTION), voltage in damaged(VOLTAGE)) {
         let dir = tempfile::tempdir().unwrap();
-        let monitor: &[u8] = include_bytes!("data/recording/robot/monitor.csv");
+        let monitor: &[u8] = include_bytes!("../data/recording/robot/monitor.csv");
         for (name, bytes) in [("recording.toml", MANIFEST), ("rig.toml", RIG), ("motion.csv", &motion), ("voltage.csv", &voltage), ("monitor.csv", monitor)] {
             std::fs::write(dir.path().join(name), bytes).unwrap();
         }

@@ -1,6 +1,6 @@
 //! The C3D importer on files that are written here, one for each quirk.
 
-mod mocap;
+use crate::mocap;
 
 use std::io::Write;
 use std::path::Path;
@@ -460,7 +460,7 @@ fn a_length_is_not_trusted() {
     assert_eq!(read(&bytes).unwrap_err().kind(), ErrorKind::NoData);
 }
 
-/// `DEACAL_WRITE_CORPUS=1 cargo test --test recording_c3d` writes the seeds for fuzzing.
+/// `DEACAL_WRITE_CORPUS=1 cargo test --test recording c3d::` writes the seeds for fuzzing.
 #[test]
 fn seeds_for_fuzzing_are_current() {
     let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/c3d");

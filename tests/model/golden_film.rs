@@ -1,6 +1,6 @@
 //! The film: reference integrator against an independent simulator, production kernel against both,
 //! identities.
-mod common;
+use crate::common;
 use common::*;
 use deacal::film::kernel::{History, LANES, Pass, ROW, Shape};
 use deacal::film::{Film, InitialState, ReferenceState, gent_stress, integrate_reference};

@@ -1,5 +1,5 @@
 //! Simulation: round trips, energy, replay, additions, and what is refused.
-mod common;
+use crate::common;
 use common::*;
 use deacal::film::InitialState;
 use deacal::kinematics::Joint;

@@ -1,6 +1,6 @@
 //! What a calibration on coupons writes: fit.json, parameters.toml and report.html of the bundled film.
 
-mod common;
+use crate::common;
 
 use std::ops::ControlFlow;
 use std::path::Path;

@@ -2,10 +2,10 @@
 //!
 //! The campaigns are made by the adaptive simulator, which shares nothing with the fit but the model; films,
 //! sizes, days and mounts are drawn with seeds of their own.
-//! `DEACAL_CAMPAIGNS=500 cargo test --release --test ageing -- --nocapture` runs the long form,
+//! `DEACAL_CAMPAIGNS=500 cargo test --release --test fit ageing:: -- --nocapture` runs the long form,
 //! `DEACAL_CAMPAIGN_SEED` other campaigns: what is chosen on some is measured on others.
 
-mod common;
+use crate::common;
 
 use std::fs;
 use std::path::Path;

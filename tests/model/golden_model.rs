@@ -1,6 +1,6 @@
 //! Inverse dynamics and force prediction against an independent simulator: with the reference integrator to
 //! its tolerance, with the production kernel on 100 Hz samples to the tolerance of the kernel's order.
-mod common;
+use crate::common;
 use common::*;
 use deacal::film::integrate_reference;
 use deacal::model::{Mechanics, Parameters, Robot};

@@ -1,10 +1,10 @@
 //! The clock offset is found: by a fit with the film free, and by a channel that was logged beside the
 //! motion.
 //!
-//! 4 fits by default; `DEACAL_TRIALS=500 cargo test --release --test clocks -- --nocapture` is the long
+//! 4 fits by default; `DEACAL_TRIALS=500 cargo test --release --test fit clocks:: -- --nocapture` is the long
 //! proof.
 
-mod common;
+use crate::common;
 
 use std::ops::ControlFlow;
 

@@ -923,7 +923,7 @@ fn sound_recordings_are_not_accused() {
 
 /// Simulated robots of every drive, noise, rate, clock and payload, some with a left-out cause; and the
 /// practice recordings where DEACAL_SHARED says where they are.
-/// `cargo test --release --test checks -- --ignored` (half a minute).
+/// `cargo test --release --test commands checks:: -- --ignored` (half a minute).
 #[test]
 #[ignore = "simulates 144 recordings: half a minute"]
 fn sound_simulated_recordings_are_not_accused() {

@@ -1,7 +1,7 @@
 //! Numbers that are out of the ordinary: curves of any number of nodes, gaps, signs, sentinels, sizes and
 //! rates beyond reason. Every command ends with a sentence or with numbers that hold.
 
-mod common;
+use crate::common;
 
 use common::bench::{self, figure_of_nothing, run};
 use common::recordings::{film, recording};
@@ -276,8 +276,8 @@ fn what_is_unlikely_costs_no_more() {
 }
 
 /// A voltage that jumps under a sample, one that is cut short, a load that no film of the start's stiffness
-/// carries, and a length that lets such a film swing fifty times as far: the model is off by far more than the
-/// noise, and neither starts nor steps go on as if it were not.
+/// carries, and a length that lets such a film swing fifty times as far: the model is off by far more than
+/// the noise, and neither starts nor steps go on as if it were not.
 #[test]
 fn samples_that_do_not_fit_cost_no_more() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,6 +1,6 @@
 //! Files about recordings: CSV, MCAP, JSON and plans.
 
-mod common;
+use crate::common;
 
 use std::io::Cursor;
 use std::path::Path;

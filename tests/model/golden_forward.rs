@@ -1,5 +1,5 @@
 //! Forward dynamics of the robot and of the hanging film sample against an independent simulator.
-mod common;
+use crate::common;
 use common::*;
 use deacal::simulate::{
     Hold, Motion, Options, SampleOptions, SampleTrack, Sampled, Smooth, Voltage, motion, rest,

@@ -1,5 +1,5 @@
-//! The schemas in `schemas/` are those of the types. `DEACAL_WRITE_SCHEMAS=1 cargo test --test files_schemas`
-//! writes them.
+//! The schemas in `schemas/` are those of the types. `DEACAL_WRITE_SCHEMAS=1 cargo test --test files
+//! schemas::` writes them.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ fn committed_schemas_are_current() {
         let committed = std::fs::read_to_string(&path).unwrap_or_default();
         assert!(
             committed == text,
-            "{} is not current: run DEACAL_WRITE_SCHEMAS=1 cargo test --test files_schemas",
+            "{} is not current: run DEACAL_WRITE_SCHEMAS=1 cargo test --test files schemas::",
             path.display()
         );
     }

@@ -1,7 +1,7 @@
 //! Causes of the catalogue in forward dynamics and back: a robot is simulated with a cause, and the inverse
 //! model with the same cause asks for the voltage that was given.
 
-mod common;
+use crate::common;
 
 use common::*;
 use deacal::effects::learnt::{Form, Learnt, Place, Variable};

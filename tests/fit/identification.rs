@@ -1,10 +1,10 @@
 //! What a calibration is for: films that differ by a fifth are recorded, fitted, and driven along a circle
 //! with the voltages that the fitted parameters ask for. The true robot must follow.
 //!
-//! Two films by default; `DEACAL_TRIALS=20 cargo test --release --test identification -- --nocapture` is the
-//! long proof.
+//! Two films by default; `DEACAL_TRIALS=20 cargo test --release --test fit identification:: -- --nocapture`
+//! is the long proof.
 
-mod common;
+use crate::common;
 
 use std::ops::ControlFlow;
 

@@ -1,10 +1,10 @@
 //! 95 % intervals hold the truth in about 95 % of simulated recordings of known films, for every parameter
 //! that is called identifiable; and what is well determined at the truth is called so.
 //!
-//! 40 recordings by default; `DEACAL_TRIALS=500 cargo test --release --test intervals -- --nocapture` is the
-//! long proof.
+//! 40 recordings by default; `DEACAL_TRIALS=500 cargo test --release --test fit intervals:: -- --nocapture`
+//! is the long proof.
 
-mod common;
+use crate::common;
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;

@@ -1,7 +1,7 @@
 //! The diagnosis on concealed cases: blind, then compared. A few of them here; `deacal prove --number 600` is
 //! the long form.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
 //! The mechanism against an independent simulator, and its derivatives against differences of itself.
-mod common;
+use crate::common;
 use common::*;
 
 fn close(what: &str, got: f64, want: f64, absolute: f64, relative: f64) {

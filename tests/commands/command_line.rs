@@ -1,7 +1,7 @@
 //! The program as a user runs it: the main job, and bad input. A failed run says in one line what, where and
 //! what to do, exits with 1, and leaves nothing.
 
-mod common;
+use crate::common;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -9,7 +9,7 @@ use super::locate::locate;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
 use super::subject::Subject;
-use super::verdict::ids;
+use super::verdict::{fails_held_out, ids};
 use super::words::{
     candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
     says_of_part,
@@ -17,9 +17,6 @@ use super::words::{
 use super::{forms, law, learn, parts, tolerance};
 use crate::effects::Acting;
 use crate::model::Parameters;
-
-/// Error over what noise makes of it from which on there is a gap between them.
-const GAP: f64 = 1.05;
 
 /// Share of what the plain model leaves beyond noise up to which what a cause leaves is a detail.
 const DETAIL: f64 = 0.1;
@@ -45,10 +42,10 @@ fn ruled(field: &Field, choice: &Choice) -> Ruled {
     let detail =
         |part: &Departed| part.times() < parts::FAR && best.excess() < DETAIL * plain.excess();
     let beside = field.beyond(best);
-    let missing = choice.verdict == Verdict::MissingPhysics;
-    let verdict = match missing && !beside.as_ref().is_none_or(detail) {
-        true => Verdict::Unexplained,
-        false => choice.verdict,
+    let stands = beside.as_ref().is_none_or(detail) && !fails_held_out(plain, best);
+    let verdict = match choice.verdict {
+        Verdict::MissingPhysics if !stands => Verdict::Unexplained,
+        other => other,
     };
     let suffices = verdict == Verdict::Adequate;
     let beyond = field.beyond(plain).filter(|_| suffices);
@@ -116,7 +113,7 @@ pub(super) fn explain<S: Subject>(
     }
     let learnt = match &taught {
         Some(t) => {
-            let gap = holdout.as_ref().map_or(f64::NAN, gap_closed);
+            let gap = holdout.map_or(f64::NAN, |h| h.gap_closed());
             Some(learn::physics(problem, t, &field.seen.groups, gap)?)
         }
         None => None,
@@ -265,16 +262,6 @@ fn evidence(field: &Field, choice: &Choice, rate: f64) -> Evidence {
         p_value: chance.p_value(),
         fall: field.fall,
         fall_by_chance: field.by_chance,
-    }
-}
-
-/// Share of the way from the plain model's error to what noise makes that the augmented one goes; NaN where
-/// there is no way to go.
-fn gap_closed(gain: &Gain) -> f64 {
-    let (before, noise) = (gain.before_v, gain.noise_floor_v);
-    match before > GAP * noise {
-        true => (before - gain.after_v) / (before - noise),
-        false => f64::NAN,
     }
 }
 

@@ -127,6 +127,21 @@ pub struct Gain {
     pub all_v: [f64; 3],
 }
 
+/// Error over what noise makes of it from which on there is a gap between them.
+const GAP: f64 = 1.05;
+
+impl Gain {
+    /// Share of the way from the plain model's error to what noise makes that the augmented one goes; NaN
+    /// where there is no way to go.
+    #[must_use]
+    pub fn gap_closed(&self) -> f64 {
+        match self.before_v > GAP * self.noise_floor_v {
+            true => (self.before_v - self.after_v) / (self.before_v - self.noise_floor_v),
+            false => f64::NAN,
+        }
+    }
+}
+
 /// Predicted against film voltage of one recording, before and after.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Traces {

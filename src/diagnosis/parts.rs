@@ -2,14 +2,12 @@
 //! explain more than the causes do.
 //!
 //! The model that foretells most likely, -ln L with what its values and the directions of its parts cost, is
-//! what all others are held against. A cause that leaves more than it does may do so by its form: that costs it
-//! no more than the law of forms (`blocks`) allows. Two kinds of names are not spared so: those that leave too
-//! much to be believed, and those that leave more than noise where parts within their tolerances do better,
-//! alone or beside some of the same names. Parts have no form; parts far beyond their tolerances cost what
-//! normal ones as far off would. Each cause costs its prior odds; one within its tolerance, one beside parts and
-//! every further one cost what chance makes of a scan besides.
-
-use std::collections::VecDeque;
+//! what all others are held against. A cause that leaves more than it does may do so by its form: that costs
+//! it no more than the law of forms (`blocks`) allows. Two kinds of names are not spared so: those that leave
+//! too much to be believed, and those that leave more than noise where parts within their tolerances do
+//! better, alone or beside some of the same names. Parts have no form; parts far beyond their tolerances cost
+//! what normal ones as far off would. Each cause costs its prior odds; one within its tolerance, one beside
+//! parts and every further one cost what chance makes of a scan besides.
 
 use rayon::prelude::*;
 
@@ -79,17 +77,17 @@ impl Tried {
     }
 }
 
-/// -ln of the posterior odds of each model, but for a constant; the causes as drawn come first. `plain` is the
-/// mean square of the plain model, `alone` that of parts alone, where they were fitted; `colour` the variance of
-/// a score over the one that white noise would give it.
+/// -ln of the posterior odds of each model, but for a constant; the causes as drawn come first. `plain` is
+/// the mean square of the plain model, `alone` that of parts alone, where they were fitted; `colour` the
+/// variance of a score over the one that white noise would give it.
 fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f64> {
     let least = tried.iter().map(|t| t.square).fold(f64::INFINITY, f64::min);
     let noise = colour.max(1.0) * least.max(1.0);
     let told: Vec<f64> = tried.iter().map(|t| t.told(noise)).collect();
     let whole = |at: usize| tried[at].prior + tried[at].chance + told[at];
     // Parts within their tolerances that do with some of the names, or with none, are no other form of them:
-    // they are held against all that the names leave. (Parts beyond may be what is named, or take up its form.)
-    // Names that leave what noise does keep their place.
+    // they are held against all that the names leave. (Parts beyond may be what is named, or take up its
+    // form.) Names that leave what noise does keep their place.
     let own = &tried[0];
     let fewer = |t: &Tried| {
         let known = |a: &Acting| {
@@ -116,8 +114,27 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
     each.collect()
 }
 
+/// A search for parts that outdo causes.
+struct Search<'a, S, F> {
+    causes: &'a Causes<'a>,
+    problem: &'a mut Problem<S>,
+    blocks: &'a Blocks,
+    /// A scan of the catalogue beside a fit.
+    scanned: F,
+    /// Whether a cause of the best is a departure within its tolerance.
+    expected: bool,
+    /// -ln of the likelihood that chance makes of a scan: what a cause within its tolerance, one beside
+    /// parts, and every further one has to make up for.
+    by_chance: f64,
+    /// -2 ln L that parts must promise in linear theory to be worth a fit.
+    most: f64,
+    tried: Vec<Tried>,
+    /// Mean square of parts alone, where they were fitted.
+    of_parts: Option<f64>,
+}
+
 impl Causes<'_> {
-    /// The parts that outdo the causes, and the fit with them and at most one cause.
+    /// The parts that outdo the causes, and the fit with them and at most two causes.
     ///
     /// # Errors
     /// Those of a scan, and of a mechanism that cannot follow.
@@ -125,102 +142,51 @@ impl Causes<'_> {
         &self,
         problem: &mut Problem<S>,
         blocks: &Blocks,
-        scanned: impl Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error>,
+        scanned: impl Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
     ) -> Result<Option<(Built, Fitted)>, Error> {
         let own = &self.best.fitted;
         let rows = own.state.rows as f64;
         let list = problem.train.tolerances();
-        let within = |f: &Fitted| f.effects.iter().any(|a| tolerance::holds(&list, a));
-        let expected = within(own);
-        let by_chance = 0.5 * self.allowed / self.noise;
-        let prior = |f: &Fitted| Judged::prior_of(f, rows, self.each);
+        let expected = own.effects.iter().any(|a| tolerance::holds(&list, a));
         // work that linear theory, by the noise that the plain misfit looks like, says is in vain
         let causes = own.cost() / self.noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
-            - 2.0 * prior(own);
+            - 2.0 * Judged::prior_of(own, rows, self.each);
         let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
-        let most = causes + WORTH_A_FIT * explained;
         // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
         // does not, and the second of two names, to parts beside a cause too.
         let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
         let doubtful = expected || self.unexplained || loud;
-        let noise = [self.noise, self.colour.max(1.0)];
         let beside = expected || own.effects.len() > 1 || (loud && self.unexplained);
-        // `by_chance` is what chance makes of a scan: what a cause within its tolerance, one beside parts, and
-        // every further one has to make up for
-        let tried_of = |problem: &Problem<S>, parts: Option<Built>, fitted: Fitted| Tried {
-            prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior(&fitted),
-            chance: {
-                let free = usize::from(parts.is_none() && !expected);
-                by_chance * fitted.effects.len().saturating_sub(free) as f64
-            },
-            square: Judged::new(problem, blocks, fitted.clone()).mean_square,
-            // causes as drawn that leave too much for their forms say nothing
-            of_form: !fitted.effects.is_empty() && (parts.is_some() || !self.unexplained),
-            parts,
-            fitted,
+        let mut search = Search {
+            causes: self,
+            problem,
+            blocks,
+            scanned,
+            expected,
+            by_chance: 0.5 * self.allowed / self.noise,
+            most: causes + WORTH_A_FIT * explained,
+            tried: Vec::new(),
+            of_parts: None,
         };
-        let likeliest = |tried: &[Tried], alone: Option<f64>| {
-            let costs = costs(tried, self.plain.mean_square, alone, self.colour);
-            (0..tried.len())
-                .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
-                .unwrap_or(0)
-        };
-        let mut tried = vec![tried_of(problem, None, own.clone())];
-        let mut of_parts = None;
-        let mut starts = VecDeque::from([self.plain.fitted.clone()]);
-        while let Some(start) = starts.pop_front() {
-            let alone = start.effects.is_empty();
-            let told = Built::fit(problem, &start, noise, most);
-            if let Ok(Some((mut built, mut fitted))) = told {
-                if doubtful && alone {
-                    // the same parts with a cause, both told once more: parts that are not settled yet leave
-                    // something to any cause
-                    let mut beside = scanned(problem, &fitted)?;
-                    beside.retain(|s| !s.acting.effect.scales_made());
-                    let with = refit(problem, &fitted, &choose(&beside, BESIDE_PARTS), &[]);
-                    let square = |f: &Fitted| Judged::new(problem, blocks, f.clone()).mean_square;
-                    let with = with.into_par_iter().map(|f| (square(&f), f));
-                    let mut with: Vec<(f64, Fitted)> = with.collect();
-                    with.sort_by(|a, b| a.0.total_cmp(&b.0));
-                    for (_, with) in &with {
-                        let again = built.settled(problem, with);
-                        built.restore(problem)?;
-                        let near = |(parts, f): &(Built, Fitted)| parts.farthest(f) < FAR;
-                        if let Some((parts, with)) = again.ok().flatten().filter(near) {
-                            parts.restore(problem)?;
-                            tried.push(tried_of(problem, Some(parts), with));
-                            break;
-                        }
-                    }
-                    built.restore(problem)?;
-                    if let Ok(again) = built.again(problem, &fitted) {
-                        (built, fitted) = again;
-                    } else {
-                        built.restore(problem)?;
-                    }
+        search.enter(None, own.clone());
+        search.parts_alone(doubtful)?;
+        // no name gives way to parts alone before the same parts were tried beside it
+        if beside || search.likeliest() > 0 {
+            for start in self.beside(search.problem, &list) {
+                if let Some((parts, fitted)) = search.told(&start) {
+                    search.enter_near(parts, fitted);
                 }
-                if alone {
-                    let judged = Judged::new(problem, blocks, fitted.clone());
-                    of_parts = Some(judged.mean_square);
-                }
-                if built.farthest(&fitted) < FAR {
-                    tried.push(tried_of(problem, Some(built), fitted));
-                }
-            }
-            Built::leave(problem)?;
-            // no name gives way to parts alone before the same parts were tried beside it
-            if alone && (beside || likeliest(&tried, of_parts) > 0) {
-                starts.extend(self.beside(problem, &list));
+                Built::leave(search.problem)?;
             }
         }
-        let best = likeliest(&tried, of_parts);
-        let best = tried.swap_remove(best);
+        let best = search.likeliest();
+        let best = search.tried.swap_remove(best);
         Ok(best.parts.map(|parts| (parts, best.fitted)))
     }
 
-    /// The causes beside which parts are worth a fit, each alone: those that are named, and of all others the
-    /// one beside which parts promise most in linear theory; none that is a departure within its tolerance, or
-    /// scales all that voltages make.
+    /// The fits beside which parts are worth one: the causes that are named, each alone and, where they leave
+    /// too much to be believed, all together, and of all others the one beside which parts promise most in
+    /// linear theory; none with a departure within its tolerance, or with what scales all that voltages make.
     fn beside<S: Subject>(&self, problem: &Problem<S>, list: &[Tolerance]) -> Vec<Fitted> {
         let free = |a: &Acting| !tolerance::holds(list, a) && !a.effect.scales_made();
         let alone = |own: &Acting| {
@@ -228,19 +194,139 @@ impl Causes<'_> {
             let fit = || problem.nominal(std::slice::from_ref(own), POLISH);
             known.map_or_else(fit, |s| s.fitted.clone())
         };
-        let named = self.best.fitted.effects.iter();
-        let mut out: Vec<Fitted> = named.filter(|a| free(a)).map(alone).collect();
+        let named = &self.best.fitted;
+        let mut out: Vec<Fitted> = (named.effects.iter())
+            .filter(|a| free(a))
+            .map(alone)
+            .collect();
         let others = self.singles.par_iter().map(|s| &s.fitted).filter(|f| {
             let own = &f.effects[0];
             free(own) && !out.iter().any(|o| o.effects[0].is(own))
         });
         let promised = others.filter_map(|f| {
-            let promise = Built::promise(problem, f, [self.noise, self.colour.max(1.0)]).ok()?;
+            let promise = Built::promise(problem, f, self.noises()).ok()?;
             // less than nothing is what linear theory cannot promise
             (promise > 0.0).then_some((promise, f))
         });
         let most = promised.min_by(|a, b| a.0.total_cmp(&b.0));
         out.extend(most.map(|m| m.1.clone()));
+        if self.unexplained && named.effects.len() > 1 && named.effects.iter().all(free) {
+            out.push(named.clone());
+        }
         out
+    }
+
+    fn noises(&self) -> [f64; 2] {
+        [self.noise, self.colour.max(1.0)]
+    }
+}
+
+impl<S: Subject, F> Search<'_, S, F>
+where
+    F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
+{
+    fn square(&self, fitted: &Fitted) -> f64 {
+        Judged::new(self.problem, self.blocks, fitted.clone()).mean_square
+    }
+
+    /// Holds a model against the others, at the parts that the problem has.
+    fn enter(&mut self, parts: Option<Built>, fitted: Fitted) {
+        let rows = fitted.state.rows as f64;
+        let prior = Judged::prior_of(&fitted, rows, self.causes.each);
+        let free = usize::from(parts.is_none() && !self.expected);
+        self.tried.push(Tried {
+            prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior,
+            chance: self.by_chance * fitted.effects.len().saturating_sub(free) as f64,
+            square: self.square(&fitted),
+            // causes as drawn that leave too much for their forms say nothing
+            of_form: !fitted.effects.is_empty() && (parts.is_some() || !self.causes.unexplained),
+            parts,
+            fitted,
+        });
+    }
+
+    /// The same of parts that can be believed.
+    fn enter_near(&mut self, parts: Built, fitted: Fitted) {
+        if parts.farthest(&fitted) < FAR {
+            self.enter(Some(parts), fitted);
+        }
+    }
+
+    fn likeliest(&self) -> usize {
+        let plain = self.causes.plain.mean_square;
+        let costs = costs(&self.tried, plain, self.of_parts, self.causes.colour);
+        (0..self.tried.len())
+            .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
+            .unwrap_or(0)
+    }
+
+    /// Parts told beside a fit, where linear theory says that this is not in vain.
+    fn told(&mut self, start: &Fitted) -> Option<(Built, Fitted)> {
+        let told = Built::fit(self.problem, start, self.causes.noises(), self.most);
+        told.ok().flatten()
+    }
+
+    /// Parts alone and, where they are in doubt, with causes that a scan beside them finds.
+    fn parts_alone(&mut self, doubtful: bool) -> Result<(), Error> {
+        if let Some((mut parts, mut fitted)) = self.told(&self.causes.plain.fitted) {
+            if doubtful {
+                self.grow(&parts, &fitted)?;
+                parts.restore(self.problem)?;
+                if let Ok(again) = parts.again(self.problem, &fitted) {
+                    (parts, fitted) = again;
+                } else {
+                    parts.restore(self.problem)?;
+                }
+            }
+            self.of_parts = Some(self.square(&fitted));
+            self.enter_near(parts, fitted);
+        }
+        Ok(Built::leave(self.problem)?)
+    }
+
+    /// Parts with one cause that a scan beside them finds; with two where nothing explains a robot as drawn,
+    /// and parts stand in for a second one.
+    fn grow(&mut self, parts: &Built, fitted: &Fitted) -> Result<(), Error> {
+        let far = self.one_more(parts, fitted)?;
+        if let Some((parts, fitted)) = far.filter(|_| self.causes.unexplained) {
+            parts.restore(self.problem)?;
+            self.one_more(&parts, &fitted)?;
+        }
+        Ok(())
+    }
+
+    /// Parts and a fit with them, with one more cause. Both are told once more: parts that are not settled
+    /// yet leave something to any cause. Those that are too far off to be believed are given back, of the
+    /// cause with which they leave least.
+    fn one_more(
+        &mut self,
+        parts: &Built,
+        fitted: &Fitted,
+    ) -> Result<Option<(Built, Fitted)>, Error> {
+        let known = |id: &str| fitted.effects.iter().any(|a| a.effect.id() == id);
+        let mut beside = (self.scanned)(self.problem, fitted)?;
+        beside.retain(|s| !s.acting.effect.scales_made() && !known(s.acting.effect.id()));
+        let chosen = choose(&beside, BESIDE_PARTS);
+        let with = refit(self.problem, fitted, &chosen, &fitted.effects);
+        let with = with.into_par_iter().map(|f| (self.square(&f), f));
+        let mut with: Vec<(f64, Fitted)> = with.collect();
+        with.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut far: Option<(Built, Fitted)> = None;
+        for (_, with) in &with {
+            let again = parts.settled(self.problem, with);
+            parts.restore(self.problem)?;
+            let Some((parts, with)) = again.ok().flatten() else {
+                continue;
+            };
+            if parts.farthest(&with) < FAR {
+                parts.restore(self.problem)?;
+                self.enter(Some(parts), with);
+                return Ok(None);
+            }
+            if far.as_ref().is_none_or(|f| with.cost() < f.1.cost()) {
+                far = Some((parts, with));
+            }
+        }
+        Ok(far)
     }
 }

@@ -23,7 +23,8 @@ pub(super) fn foretells(plain: &Judged, judged: &Judged) -> bool {
 /// What smoothing and numerics leave of a right model is less, however long the recordings.
 pub(super) const MATTERS: f64 = 0.02;
 
-/// Share of what the plain model leaves of blocks that were left out up to which another one foretells them.
+/// Share of what the plain model leaves of blocks that were left out, or of recordings that were held out, up
+/// to which another one foretells them.
 const FORETOLD: f64 = 0.5;
 
 /// Whether what the best model leaves must be something that is in no entry, from the mean squares of the
@@ -57,6 +58,12 @@ pub(super) fn leaves_too_much<S: Subject>(
         return Ok(true);
     }
     Ok(beside_smoothing(problem, best)?.is_none_or(too_much))
+}
+
+/// Whether a model errs on recordings that were held out much as the plain one does: what was named is a
+/// likeness of the fitted ones then.
+pub(super) fn fails_held_out(plain: &Judged, best: &Judged) -> bool {
+    best.holdout > NEVER_ADEQUATE && best.holdout - 1.0 > FORETOLD * (plain.holdout - 1.0)
 }
 
 /// Ids of the causes of a fit.

@@ -255,7 +255,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
         out.group = g.iter().map(|s| s.to_string()).collect();
     }
     if let Some(h) = d.holdout {
-        out.gap_closed = (h.before_v - h.after_v) / (h.before_v - h.noise_floor_v).max(1e-9);
+        out.gap_closed = h.gap_closed();
     }
     out.learnt_site = (d.learnt.as_ref()).map(|l| l.place.name().to_owned());
     let best = d.candidates.first();

@@ -276,9 +276,15 @@ fn chain<S: Subject>(
                 leading.push(f);
             }
         }
+        watch("fitting the best of them to the end");
+        problem.tally.expect(leading.len());
         fits = leading
             .into_par_iter()
-            .map(|f| polish(&problem, f))
+            .map(|f| {
+                let polished = polish(&problem, f);
+                problem.tally.done();
+                polished
+            })
             .collect();
     }
     let plain = Judged::new(&problem, &chance.blocks, plain);
@@ -384,8 +390,12 @@ fn chain<S: Subject>(
     if let (false, Some(first)) = (adequate, singles.first())
         && (first.mean_square > PAIR_ABOVE || given.is_some())
     {
-        watch("looking for a second effect");
         let beside = |base: &Judged| {
+            let names: Vec<String> = ids(base).map(crate::effects::plain_name).collect();
+            watch(&format!(
+                "looking for a second effect beside {}",
+                names.join(" and ")
+            ));
             let mut both = with_partner(&problem, &chance.blocks, base, &groups, &units, &wanted)?;
             weigh_down(&mut both);
             both.sort_by(|a, b| a.score.total_cmp(&b.score));
@@ -722,6 +732,7 @@ fn chain<S: Subject>(
         holdout: holdout_gain,
         plain: rising(model(&plain)),
         parameters: rising(model(augmented)),
+        pose: None,
         eps_r: f64::NAN,
         rig: problem.train.rig(),
         values,

@@ -642,6 +642,7 @@ pub(super) fn doubt(
                 .train
                 .parameters(&augmented.fitted.state.eta, &augmented.fitted.state.beta),
         ),
+        pose: None,
         eps_r: f64::NAN,
         rig: problem.train.rig(),
         values: Subject::values(

@@ -16,7 +16,8 @@ fn root() -> &'static Path {
 fn pages() -> Vec<(PathBuf, String)> {
     let mut files = vec![root().join("README.md")];
     let docs = std::fs::read_dir(root().join("docs/src")).unwrap();
-    files.extend(docs.map(|e| e.unwrap().path()));
+    let is_page = |f: &PathBuf| f.extension().is_some_and(|e| e == "md");
+    files.extend(docs.map(|e| e.unwrap().path()).filter(is_page));
     files.sort();
     let read = |f: PathBuf| {
         let text = std::fs::read_to_string(&f).unwrap();
@@ -153,7 +154,12 @@ fn the_first_hour_runs() {
     };
     assert_eq!(read("diagnose/diagnosis.json")["verdict"], "adequate");
     for job in ["film", "forearm", "validate", "diagnose"] {
-        look(&dir.path().join("out/hour").join(job).join("report.html"));
+        let done = look(&dir.path().join("out/hour").join(job).join("report.html"));
+        // all zero where there is no browser
+        assert!(
+            done == [0; 3] || done.iter().all(|n| *n > 2),
+            "{job}: {done:?}"
+        );
     }
 }
 
@@ -334,8 +340,10 @@ fn a_heading_at_the_foot_of_a_sheet_is_seen() {
 
 /// Opens a report where there is a browser, on a phone and on a desk, light and dark and printed: no wider
 /// than the screen, no blank row, every text to be read, every axis with its unit, nothing is an error
-/// (`scripts/look.js` has the bars).
-fn look(page: &Path) {
+/// (`scripts/look.js` has the bars); drawings zoom and tell values, and their curves hide. Returns the numbers
+/// of drawings that were zoomed, of those that told a value of a curve, and of entries of legends.
+fn look(page: &Path) -> [u64; 3] {
+    let mut tried = [0; 3];
     let dir = tempfile::tempdir().unwrap();
     std::fs::copy(page, dir.path().join("report.html")).unwrap();
     let script = include_str!("scripts/look.js");
@@ -347,7 +355,7 @@ fn look(page: &Path) {
         let scheme = format!("--blink-settings=preferredColorScheme={scheme}");
         let Some(done) = browse(&dir.path().join("frame.html"), &["--dump-dom", &scheme]) else {
             eprintln!("skipped: no browser looks at {}", page.display());
-            return;
+            return tried;
         };
         let said = String::from_utf8_lossy(&done.stderr);
         let errors: Vec<&str> = said.lines().filter(|l| l.contains("CONSOLE")).collect();
@@ -362,13 +370,15 @@ fn look(page: &Path) {
             let wide = seen["wide"].as_u64().unwrap();
             assert!(wide <= width.parse().unwrap(), "{place}: {wide} px wide");
             assert_eq!(seen["dark"], dark, "{place}");
-            for fault in ["blank", "pale", "bare"] {
+            for fault in ["blank", "pale", "bare", "faults"] {
                 let found = seen[fault].as_array().unwrap();
                 assert!(found.is_empty(), "{place}: {fault}: {found:?}");
             }
+            tried = ["zoomed", "curves", "hidden"].map(|what| seen[what].as_u64().unwrap());
         }
     }
     printed(page);
+    tried
 }
 
 /// Text of a page: tags taken out, entities as characters, digits without their narrow spaces.

@@ -1125,9 +1125,10 @@ fn difference(
         b.name,
         ci95[0],
         ci95[1],
-        match p_value < 1e-15 {
-            true => "< 1e-15".to_string(),
-            false => format!("= {p_value:.1e}"),
+        match p_value {
+            p if p < 1e-3 => "< 0.001".to_string(),
+            p if p < 0.0095 => format!("= {p:.3}"),
+            p => format!("= {p:.2}"),
         }
     );
     says += &if between {

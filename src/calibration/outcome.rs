@@ -146,6 +146,8 @@ pub struct RecordingOutcome {
     pub swing_deg: Vec<[f64; 3]>,
     /// Gaps: first frame index and length.
     pub gaps: Vec<(usize, usize)>,
+    /// Where the cycles of the drive begin, and where the last one ends, s; empty where it does not repeat.
+    pub cycles_s: Vec<f64>,
     /// What a reader should know.
     pub notes: Vec<String>,
 }

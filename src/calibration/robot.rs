@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::outcome::*;
 use super::statistics::moved_by;
 use super::{Error, Uncertainty};
-use crate::dataset::{Dataset, OffsetSource};
+use crate::dataset::{Dataset, OffsetSource, repeats};
 use crate::effects::{Acting, Along, Site, When, command_for};
 use crate::fit::memory::Memory;
 use crate::fit::profile::{Candidate, TWO_SIDED_95, profile};
@@ -1104,6 +1104,12 @@ fn assemble(
                 .map(|i| [0, 1, 2].map(|k| mechanics.chains[k].theta_fa_rad[i].to_degrees()))
                 .collect(),
             gaps: d.gaps(),
+            cycles_s: repeats(
+                &d.voltage,
+                offset_s,
+                d.time_s(0),
+                d.time_s(n.saturating_sub(1)),
+            ),
             notes: d.notes.clone(),
         });
     }

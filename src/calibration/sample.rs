@@ -27,7 +27,7 @@ use super::sample_problem::{
     room_of,
 };
 use super::{Error, Request, Stage, Uncertainty};
-use crate::dataset::{HangingDataset, OffsetSource, Plan};
+use crate::dataset::{HangingDataset, OffsetSource, Plan, repeats};
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{self as lm, Resting, StopReason};
 use crate::fit::memory::Memory;
@@ -154,6 +154,8 @@ pub struct SampleFit {
     pub counts: Vec<bool>,
     /// Gaps of the capture: first frame and length.
     pub gaps: Vec<(usize, usize)>,
+    /// Where the cycles of the drive begin, and where the last one ends, s; empty where it does not repeat.
+    pub cycles_s: Vec<f64>,
     /// What a reader should know.
     pub notes: Vec<String>,
 }
@@ -1204,6 +1206,12 @@ fn one(
         sd_v,
         counts,
         gaps: d.gaps(),
+        cycles_s: repeats(
+            &d.voltage,
+            offset_s,
+            d.time_s(0),
+            d.time_s(n.saturating_sub(1)),
+        ),
         notes: d.notes.clone(),
     })
 }

@@ -25,6 +25,9 @@ struct CauseJson {
     of: Vec<&'static str>,
     says: &'static str,
     acts_on: &'static str,
+    equation: &'static str,
+    /// Ids of causes, and what else it is easily taken for.
+    taken_for: Vec<&'static str>,
     parameters: Vec<QuantityJson>,
     brought_out_by: &'static str,
     source: &'static str,
@@ -121,11 +124,24 @@ fn json(c: &Listed) -> CauseJson {
         of: c.1.clone(),
         says: c.0.says(),
         acts_on: acts_on(c),
+        equation: c.0.equation(),
+        taken_for: taken_for(c.0).collect(),
         parameters: c.0.parameters().iter().map(quantity).collect(),
         brought_out_by: c.0.brought_out_by(),
         source: c.0.source(),
     }
 }
+
+/// What a cause is easily taken for, one by one.
+fn taken_for(effect: &dyn Effect) -> impl Iterator<Item = &'static str> {
+    effect.taken_for().split(", ").filter(|s| !s.is_empty())
+}
+
+/// The symbols of the equations.
+const SYMBOLS: [&str; 2] = [
+    "phi_c command, phi on the film, C capacitance, E field; theta_b bicep, theta_DEA lozenge; u position, u_m measured; ' a rate",
+    "x excursion from rest, v its rate, f force that the model asks for, u input, u_c its command, each over its largest",
+];
 
 /// What is met in practice; nothing can be said of a limit that is out of reach where it does nothing.
 fn typical(q: &Quantity) -> Option<f64> {
@@ -141,6 +157,8 @@ fn tell(c: &Listed, talk: Talk) {
     let id = effect.id();
     talk.answer(&format!("{}: {}.", plain_name(id), effect.says()));
     talk.say(&format!("  id: {id}"));
+    talk.say(&format!("  equation: {}", effect.equation()));
+    talk.say(&format!("    ({})", SYMBOLS[usize::from(*of != ["robot"])]));
     let row = |q: &Quantity| {
         let size = |v: f64| number::sized(v, q.unit, 2);
         let what = match q.size {
@@ -163,11 +181,17 @@ fn tell(c: &Listed, talk: Talk) {
         _ => "",
     };
     let kinds: Vec<String> = of.iter().map(|k| (*k).to_owned()).collect();
+    let others: Vec<String> = taken_for(*effect).map(plain_name).collect();
+    let others = match others.is_empty() {
+        true => String::new(),
+        false => number::list(&others),
+    };
     let lines = [
         ("forms", words.as_str()),
         ("of", &number::list(&kinds)),
         ("acts on", acts_on(c)),
         ("sits in", place),
+        ("easily taken for", &others),
         ("brought out by", effect.brought_out_by()),
         ("source", effect.source()),
     ];

@@ -10,7 +10,7 @@ use super::{Failure, Talk, load};
 use crate::checks::{Finding, Grade};
 use crate::dataset::Dataset;
 use crate::diagnosis::{
-    Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, Verdict,
+    Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, Tally, Verdict,
     diagnose_lines, in_unit, next_drive,
 };
 use crate::effects::{CATALOGUE, plain_name};
@@ -129,7 +129,9 @@ pub(super) fn run(
         rivals: a.rivals,
         relevant: a.relevant,
         memory: lasting.memory(),
+        tally: Tally::default(),
     };
+    progress.tallied(request.tally.clone());
     if recordings[0].manifest.kind != Kind::Robot {
         let (mut diagnosis, series) = judge_lines(&recordings, named, &request, &progress)?;
         diagnosis.remarks.extend(copies);

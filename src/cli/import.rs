@@ -133,10 +133,17 @@ fn init(target: &Path, surveys: &[(&PathBuf, Survey)]) -> Result<(), Failure> {
             (name.display().to_string(), survey)
         })
         .collect();
+    // a folder holds one recording; its files have the same names in each
+    let folder = std::path::absolute(target).ok();
+    let folder = folder
+        .as_deref()
+        .and_then(Path::parent)
+        .and_then(Path::file_name);
+    let id = folder.map_or("recording".into(), |name| name.to_string_lossy());
     Ok(write_atomic(
         target,
         Overwrite::Own,
-        survey::manifest(&files),
+        survey::manifest(&id, &files),
     )?)
 }
 

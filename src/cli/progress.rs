@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Talk, plain};
+use crate::diagnosis::Tally;
 use crate::fit::separable::State;
 
 /// How often a line goes to a file or a pipe; shorter runs say nothing there.
@@ -46,18 +47,21 @@ const TELLS: (Duration, f64) = (Duration::from_secs(1), 0.01);
 /// How far a step is.
 #[derive(Clone, Copy, PartialEq)]
 enum Done {
-    /// That cannot be told.
+    /// Nothing is under way.
     Untold,
     /// This share, of which `before` was there when it began.
     Share { now: f64, before: f64 },
     /// As far as the large file that is being read.
     File,
+    /// As far as the tally says.
+    Tally,
 }
 
 /// What is being done.
 struct Step {
     text: String,
     done: Done,
+    tally: Tally,
     since: Instant,
 }
 
@@ -67,6 +71,10 @@ impl Step {
         let told = match self.done {
             Done::Untold => None,
             Done::Share { now, before } => Some(told(now, before, self.since.elapsed())),
+            Done::Tally => self
+                .tally
+                .share()
+                .map(|now| told(now, 0.0, self.since.elapsed())),
             Done::File => crate::recording::share_read().map(|(now, took)| told(now, 0.0, took)),
         };
         self.text.clone() + &told.unwrap_or_default()
@@ -120,6 +128,7 @@ impl Progress {
         let step = Arc::new(Mutex::new(Step {
             text: String::new(),
             done: Done::Untold,
+            tally: Tally::default(),
             since: Instant::now(),
         }));
         let speaks = (!talk.quiet).then(|| match seen {
@@ -143,16 +152,19 @@ impl Progress {
         if self.of_many.load(Ordering::Relaxed) {
             return;
         }
-        *self.now() = Step {
-            text: plain(text),
-            done,
-            since: Instant::now(),
-        };
+        let mut step = self.now();
+        step.tally.begin();
+        (step.text, step.done, step.since) = (plain(text), done, Instant::now());
+    }
+
+    /// Steps from now on are as far as a tally says, which begins anew with each.
+    pub(super) fn tallied(&self, tally: Tally) {
+        self.now().tally = tally;
     }
 
     /// Says what comes now.
     pub(super) fn step(&self, text: impl Into<String>) {
-        self.set(&text.into(), Done::Untold);
+        self.set(&text.into(), Done::Tally);
     }
 
     /// Says that files are read now.

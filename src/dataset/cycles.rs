@@ -8,6 +8,10 @@ const REGULAR: f64 = 0.1;
 const LEVELS: [f64; 2] = [0.35, 0.65];
 /// Samples of the voltage a period at which it is looked at, at least.
 const FINE: f64 = 200.0;
+/// Cycles of a drive that repeats, at least.
+const LEAST: usize = 3;
+/// Times at which the range of a squared voltage is looked at.
+const LOOKS: usize = 2000;
 
 /// Cycles of a drive on the motion clock.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +45,54 @@ pub fn cycles(voltage: &Voltage, offset_s: f64, from_s: f64, to_s: f64) -> Resul
             .map(|k| voltage.at(k, t + offset_s).powi(2))
             .sum()
     };
+    cycles_of(square, from, to)
+}
+
+/// Where the cycles of a drive begin that repeats to its end, and where the last one ends, s of the motion
+/// clock with the clock offset `offset_s`, between `from_s` and `to_s`; empty where it does not repeat at
+/// least `LEAST` times. The channel whose square varies most tells: of three that circle the sum stays level.
+#[must_use]
+pub fn repeats(voltage: &Voltage, offset_s: f64, from_s: f64, to_s: f64) -> Vec<f64> {
+    let (first, last) = voltage.span_s();
+    let (from, to) = (from_s.max(first - offset_s), to_s.min(last - offset_s));
+    if to.is_nan() || to <= from {
+        return Vec::new();
+    }
+    let square = |k: usize, t: f64| voltage.at(k, t + offset_s).powi(2);
+    let swing = |k: &usize| {
+        let [low, high] = (0..LOOKS).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], i| {
+            let v = square(*k, from + (to - from) * i as f64 / LOOKS as f64);
+            [low.min(v), high.max(v)]
+        });
+        high - low
+    };
+    let channels = 0..voltage.channels_v().len();
+    let Some(k) = channels.max_by(|a, b| swing(a).total_cmp(&swing(b))) else {
+        return Vec::new();
+    };
+    let Ok(found) = cycles_of(|t| square(k, t), from, to) else {
+        return Vec::new();
+    };
+    let (period, starts) = (found.period_s, found.starts_s);
+    if found.broken_s.is_some() || starts.len() < LEAST {
+        return Vec::new();
+    }
+    // from one to the next the voltage has to be the same
+    let moved = |pair: &[f64]| -> f64 {
+        let at = |i: usize| period * (i as f64 + 0.5) / FINE;
+        let step = |i: usize| square(k, pair[0] + at(i)) - square(k, pair[1] + at(i));
+        (0..FINE as usize).map(|i| step(i).powi(2)).sum::<f64>() / FINE
+    };
+    let most = starts.windows(2).map(moved).fold(0.0, f64::max);
+    if most.sqrt() > REGULAR * swing(&k) {
+        return Vec::new();
+    }
+    let end = starts.last().map(|s| s + period);
+    starts.into_iter().chain(end).collect()
+}
+
+/// The cycles of what `square` gives at a time, s.
+fn cycles_of(square: impl Fn(f64) -> f64, from: f64, to: f64) -> Result<Cycles, String> {
     // A first look for the period, then a fine one.
     let rises = |step: f64| -> Vec<f64> {
         let count = ((to - from) / step) as usize + 1;
@@ -162,5 +214,22 @@ mod tests {
         assert_eq!(c.starts_s.len(), 5);
         assert!(cycles(&voltage(|_| 3000.0, 10.0), 0.0, 0.0, 10.0).is_err());
         assert!(cycles(&voltage(|t| 100.0 * t, 10.0), 0.0, 0.0, 10.0).is_err());
+    }
+
+    #[test]
+    fn three_voltages_that_circle_repeat_and_others_do_not() {
+        let w = 2.0 * std::f64::consts::PI / 3.0;
+        let circle = |t: f64, k: f64| 2000.0 * (1.0 + (w * (t + k)).cos()).sqrt();
+        let time: Vec<f64> = (0..20_000).map(|i| f64::from(i) * 1e-3).collect();
+        let phi = |k: f64| time.iter().map(|&t| circle(t, k)).collect();
+        let three = Voltage::new(time.clone(), vec![phi(0.0), phi(1.0), phi(2.0)], false);
+        let c = repeats(&three, 0.0, 0.0, 20.0);
+        assert!(c.len() == 6 || c.len() == 7, "{c:?}");
+        assert!(c.windows(2).all(|w| (w[1] - w[0] - 3.0).abs() < 0.01));
+        let once = |t: f64| 2000.0 * (1.0 - (w * t.min(6.0)).cos());
+        assert!(repeats(&voltage(once, 20.0), 0.0, 0.0, 20.0).is_empty());
+        let grows = |t: f64| 100.0 * t * (1.0 - (w * t).cos());
+        assert!(repeats(&voltage(grows, 20.0), 0.0, 0.0, 20.0).is_empty());
+        assert!(repeats(&three, 0.0, 30.0, 40.0).is_empty());
     }
 }

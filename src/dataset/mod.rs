@@ -20,7 +20,7 @@ pub use colour::Colour;
 pub use coupon::{
     Coupon, CouponError, CouponMode, CouponParts, CouponPlan, FEW_ROWS, Grid, GridChoice,
 };
-pub use cycles::{Cycles, cycles};
+pub use cycles::{Cycles, cycles, repeats};
 pub use plan::{Plan, SmoothingPlan, StretchPlan, SyncPlan};
 pub use sample::{HangingDataset, HangingParts};
 pub use stretches::{Between, stretches};

@@ -22,7 +22,7 @@ use super::{
     BASE_RATES, BASELINE, FIRST, FITTED, FITTED_IF_QUIET, LEADING, PAIR_ABOVE, POLISH, QUIET,
     RIVALS, SMOOTHED_BELOW, SURPRISES_TOO, SURPRISING, WEAK_BELOW, rewhiten, rivals,
 };
-use crate::effects::{Acting, by_id, is_rare};
+use crate::effects::{Acting, by_id, is_rare, plain_name};
 
 /// Recordings under doubt.
 pub(super) struct Case<'a, S> {
@@ -273,8 +273,14 @@ impl<S: Subject> Case<'_, S> {
                 leading.push(f);
             }
         }
+        (self.watch)("fitting the best of them to the end");
         let problem = &self.problem;
-        let to_the_end = leading.into_par_iter().map(|f| polish(problem, f));
+        problem.tally.expect(leading.len());
+        let to_the_end = leading.into_par_iter().map(|f| {
+            let polished = polish(problem, f);
+            problem.tally.done();
+            polished
+        });
         Ok(to_the_end.collect())
     }
 
@@ -369,7 +375,6 @@ impl<S: Subject> Case<'_, S> {
         if let (false, Some(first)) = (adequate, field.singles.first())
             && (first.mean_square > PAIR_ABOVE || field.given().is_some())
         {
-            (self.watch)("looking for a second effect");
             partners = self.partners(field, first)?;
             pair = self.pair(field, first, &partners)?;
         }
@@ -410,6 +415,9 @@ impl<S: Subject> Case<'_, S> {
         let wanted = wanted(self.request, field.built.is_some());
         let by_score = |a: &Judged, b: &Judged| a.score.total_cmp(&b.score);
         let beside = |base: &Judged| {
+            let names: Vec<String> = ids(base).map(plain_name).collect();
+            let names = names.join(" and ");
+            (self.watch)(&format!("looking for a second effect beside {names}"));
             let mut both = with_partner(problem, &chance.blocks, base, groups, units, &wanted)?;
             field.weigh_down(&mut both);
             both.sort_by(by_score);

@@ -158,6 +158,7 @@ pub(super) fn explain<S: Subject>(
         holdout,
         plain: parameters(problem, &plain.fitted),
         parameters: parameters(problem, augmented),
+        pose: None,
         eps_r: f64::NAN,
         rig: problem.train.rig(),
         values: problem.train.values(&state.eta, &state.beta),

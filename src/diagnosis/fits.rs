@@ -59,6 +59,7 @@ pub(super) fn refit<S: Subject>(
     chosen: &[&Scanned],
     beside: &[Acting],
 ) -> Vec<Fitted> {
+    problem.tally.expect(chosen.len());
     let mut fits: Vec<Fitted> = chosen
         .par_iter()
         .map(|s| {
@@ -68,10 +69,14 @@ pub(super) fn refit<S: Subject>(
             if warm.cost() > base.cost() - 0.5 * s.promised {
                 // Worse than promised: the plain film may have run to its bounds.
                 let cold = problem.nominal(&effects, FIRST);
-                if cold.cost() < warm.cost() {
-                    return cold;
-                }
+                problem.tally.done();
+                return if cold.cost() < warm.cost() {
+                    cold
+                } else {
+                    warm
+                };
             }
+            problem.tally.done();
             warm
         })
         .filter(|f: &Fitted| f.cost().is_finite())
@@ -157,11 +162,16 @@ pub(super) fn with_partner<S: Subject>(
         .collect();
     let count = if first.mean_square > 3.0 { 6 } else { 3 };
     let chosen: Vec<&Scanned> = choose(&scanned, count);
+    problem.tally.expect(PARTNERS.min(chosen.len()));
     let mut fits = refit(problem, &first.fitted, &chosen, &first.fitted.effects);
     fits.truncate(PARTNERS);
     Ok(fits
         .into_par_iter()
-        .map(|f| Judged::new(problem, blocks, polish(problem, &f)))
+        .map(|f| {
+            let judged = Judged::new(problem, blocks, polish(problem, &f));
+            problem.tally.done();
+            judged
+        })
         .collect())
 }
 

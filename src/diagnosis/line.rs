@@ -92,6 +92,7 @@ pub fn diagnose_lines(
         weighed_at: None,
         smoothed_at: None,
         memory: request.memory.clone(),
+        tally: request.tally.clone(),
     };
     doubt(problem, remarks, request, watch)
 }

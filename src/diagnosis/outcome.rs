@@ -1,9 +1,13 @@
 //! What a diagnosis finds: plain data.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use crate::effects::Acting;
 use crate::effects::learnt::wider;
 use crate::fit::memory::Memory;
-use crate::model::Parameters;
+use crate::kinematics::Vec3;
+use crate::model::{Parameters, Robot};
 
 /// What is to be said of model and recordings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -292,6 +296,15 @@ pub struct RivalModel {
     pub holdout: Option<Gain>,
 }
 
+/// A robot in the middle of what was recorded, for a drawing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pose {
+    /// Its lengths.
+    pub robot: Robot,
+    /// Position of the end effector, m.
+    pub position_m: Vec3,
+}
+
 /// What a diagnosis finds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -321,6 +334,8 @@ pub struct Diagnosis {
     pub parameters: Parameters,
     /// Relative permittivity used; NaN where there is none.
     pub eps_r: f64,
+    /// The robot, to be drawn; none of other kinds.
+    pub pose: Option<Pose>,
     /// What was diagnosed, and so which of the parameters mean something.
     pub rig: RigKind,
     /// Numbers of the augmented model that is neither film nor forearm (an axis): name with its unit, value.
@@ -456,6 +471,43 @@ pub struct Request {
     pub relevant: Option<f64>,
     /// What was found before the run was stopped.
     pub memory: Memory,
+    /// How much of the step under way is done, for whom it is told.
+    pub tally: Tally,
+}
+
+/// How many things a step has to do and how many of them are done, where that can be told. It changes no
+/// result.
+#[derive(Debug, Clone, Default)]
+pub struct Tally(Arc<[AtomicUsize; 2]>);
+
+/// Two are alike: how far a step is, is no part of what is asked.
+impl PartialEq for Tally {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Tally {
+    /// A step begins.
+    pub fn begin(&self) {
+        self.0.iter().for_each(|n| n.store(0, Ordering::Relaxed));
+    }
+
+    /// So many more things are to be done.
+    pub(super) fn expect(&self, things: usize) {
+        self.0[0].fetch_add(things, Ordering::Relaxed);
+    }
+
+    /// One of them is done.
+    pub(super) fn done(&self) {
+        self.0[1].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Share that is done, 0 to 1; none where nothing is counted.
+    pub fn share(&self) -> Option<f64> {
+        let [all, done] = [0, 1].map(|i| self.0[i].load(Ordering::Relaxed));
+        (all > 0).then(|| done.min(all) as f64 / all as f64)
+    }
 }
 
 impl Default for Request {
@@ -466,6 +518,24 @@ impl Default for Request {
             rivals: false,
             relevant: None,
             memory: Memory::default(),
+            tally: Tally::default(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tally_tells_what_is_done() {
+        let tally = Tally::default();
+        let other = tally.clone();
+        assert_eq!(tally.share(), None);
+        other.expect(4);
+        other.done();
+        assert_eq!(tally.share(), Some(0.25));
+        tally.begin();
+        assert_eq!(other.share(), None);
     }
 }

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::outcome::Tally;
 use super::subject::Subject;
 use super::tolerance::Built;
 use crate::effects::{Acting, Site, When};
@@ -59,6 +60,8 @@ pub(super) struct Problem<S> {
     pub smoothed_at: Option<Fitted>,
     /// What was found before the run was stopped.
     pub memory: Memory,
+    /// How much of the step under way is done.
+    pub tally: Tally,
 }
 
 /// A fitted model: the plain one when it has no effects.
@@ -341,6 +344,7 @@ impl<S: Subject> Problem<S> {
             weighed_at: None,
             smoothed_at: None,
             memory: self.memory.clone(),
+            tally: self.tally.clone(),
         }
     }
 

@@ -16,6 +16,7 @@ use crate::effects::learnt::Learnt;
 use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
 use crate::film::Locked;
 use crate::fit::memory::Memory;
+use crate::kinematics::Vec3;
 use crate::model::{ForearmTorque, Parameters, Robot};
 use crate::residual::{
     Departure, DepartureTorques, ExpectedScore, OFFSET_REACH_S, RobotResidual, root_v,
@@ -39,9 +40,25 @@ pub fn diagnose(
     let mut remarks = Vec::new();
     let mut problem = open(robot, train, holdout, &mut remarks)?;
     problem.memory = request.memory.clone();
+    problem.tally = request.tally.clone();
     let mut diagnosis = doubt(problem, remarks, request, watch)?;
     diagnosis.eps_r = robot.eps_r;
+    diagnosis.pose = Some(Pose {
+        robot: robot.clone(),
+        position_m: middle(train),
+    });
     Ok(diagnosis)
+}
+
+/// The mean position of the end effector, m.
+fn middle(entries: &[Entry]) -> Vec3 {
+    let (count, sum) = entries
+        .iter()
+        .flat_map(|e| e.dataset.track().position_m)
+        .fold((0.0, [0.0; 3]), |(n, sum): (f64, Vec3), p| {
+            (n + 1.0, [0, 1, 2].map(|i| sum[i] + p[i]))
+        });
+    sum.map(|s| s / f64::max(count, 1.0))
 }
 
 pub(super) fn open<'a>(
@@ -121,6 +138,7 @@ pub(super) fn open<'a>(
         weighed_at: None,
         smoothed_at: None,
         memory: Memory::default(),
+        tally: Tally::default(),
     };
     Ok(problem)
 }

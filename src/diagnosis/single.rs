@@ -677,6 +677,7 @@ impl<'a, 'b> Field<'a, 'b> {
             holdout,
             plain: parameters(problem, &plain.fitted),
             parameters: parameters(problem, &augmented.fitted),
+            pose: None,
             eps_r: f64::NAN,
             rig: problem.train.rig(),
             values: Subject::values(&problem.train, &state.eta, &state.beta),

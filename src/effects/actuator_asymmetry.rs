@@ -1,7 +1,7 @@
 //! One actuator's film has another thickness: L3 -> L3 thickness_factor in one chain (film torque ~ L3,
 //! Maxwell torque ~ 1/L3).
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site};
 use crate::film::Film;
 
 pub struct ActuatorAsymmetry;
@@ -15,6 +15,15 @@ impl Effect for ActuatorAsymmetry {
     }
     fn source(&self) -> &'static str {
         "thickness in the energy balance (model, section 3)"
+    }
+    fn equation(&self) -> &'static str {
+        "L3 -> thickness_factor L3 of one actuator: film torque ~ L3, Maxwell torque ~ 1/L3"
+    }
+    fn taken_for(&self) -> &'static str {
+        "link_length_error of one chain, frame_tilt, amplifier_gain of one actuator"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -1,7 +1,7 @@
 //! Weight and inertia of bicep, SAM links and lozenge: as the point mass of the balance, with the first
 //! moment S about the bicep joint:  S (q theta_b'' - g sin theta_b) on theta_b.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ActuatorMass;
 
@@ -17,6 +17,15 @@ impl Effect for ActuatorMass {
     }
     fn source(&self) -> &'static str {
         "point mass at the bicep (model, section 4)"
+    }
+    fn equation(&self) -> &'static str {
+        "torque on theta_b: -first_moment (q theta_b'' - g sin theta_b)"
+    }
+    fn taken_for(&self) -> &'static str {
+        "hinge_stiffness, a payload, marker_offset"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Bicep
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("first_moment", "kg m", -2e-3, 2e-3, 2e-4)] }

@@ -1,7 +1,7 @@
 //! Below a threshold the output stays near zero, above it follows the command:  phi = phi_c s((|phi_c| -
 //! threshold)/w), s a soft step.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size, soft_step};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size, soft_step};
 
 pub struct AmplifierDeadband;
 
@@ -14,6 +14,15 @@ impl Effect for AmplifierDeadband {
     }
     fn source(&self) -> &'static str {
         "dead band of high-voltage converters; soft edge"
+    }
+    fn equation(&self) -> &'static str {
+        "phi = phi_c/(1 + e^(-(|phi_c| - threshold)/edge))"
+    }
+    fn taken_for(&self) -> &'static str {
+        "end_stop, joint_friction near rest"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Amplifier
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -1,7 +1,7 @@
 //! The amplifier's gain or offset is wrong:  phi = (1 + e) phi_c + offset. The offset fades out below 50 V:
 //! an amplifier that is told zero gives zero.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct AmplifierGain;
 
@@ -17,6 +17,15 @@ impl Effect for AmplifierGain {
     }
     fn source(&self) -> &'static str {
         "definition of gain and offset error"
+    }
+    fn equation(&self) -> &'static str {
+        "phi = (1 + gain_error) phi_c + offset sign(phi_c) (1 - e^(-(phi_c/50 V)^2))"
+    }
+    fn taken_for(&self) -> &'static str {
+        "permittivity_stretch, all moduli scaled together"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Amplifier
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

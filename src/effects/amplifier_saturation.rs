@@ -1,6 +1,6 @@
 //! The output does not exceed a ceiling (soft knee):  phi = phi_c - w ln(1 + exp((phi_c - ceiling)/w)).
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, soft_plus};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, soft_plus};
 
 pub struct AmplifierSaturation;
 
@@ -13,6 +13,15 @@ impl Effect for AmplifierSaturation {
     }
     fn source(&self) -> &'static str {
         "limit of the converter's output with a soft knee"
+    }
+    fn equation(&self) -> &'static str {
+        "phi = sign(phi_c) (|phi_c| - knee ln(1 + e^((|phi_c| - ceiling)/knee)))"
+    }
+    fn taken_for(&self) -> &'static str {
+        "leakage, loss_of_tension"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Amplifier
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -1,7 +1,7 @@
 //! An angle of the drawing is off: theta_k1 = theta_b - omega - alpha, or theta_DEA = dea_offset - theta_SAM.
 //! No cause of the catalogue (a wrong link does nearly the same), but a tolerance that every robot has.
 
-use super::{Effect, Quantity, Reach, Site, shape, size};
+use super::{Effect, Part, Quantity, Reach, Site, shape, size};
 use crate::kinematics::{Lozenge, Mechanism};
 
 pub struct AngleError;
@@ -18,6 +18,12 @@ impl Effect for AngleError {
     }
     fn source(&self) -> &'static str {
         "geometry (model, section 1)"
+    }
+    fn equation(&self) -> &'static str {
+        "angle -> angle + error"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::FourBar
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

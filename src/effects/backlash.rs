@@ -15,6 +15,9 @@ impl Effect for Backlash {
     fn source(&self) -> &'static str {
         "play operator (Krasnosel'skii and Pokrovskii 1989)"
     }
+    fn equation(&self) -> &'static str {
+        "torque on theta_b: -stiffness (s - s_0), s moves only where |theta_b - s| would exceed play"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

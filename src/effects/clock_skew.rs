@@ -1,6 +1,6 @@
 //! One clock runs fast: the command is read at (1 + skew) t, t from the first frame.
 
-use super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ClockSkew;
 
@@ -13,6 +13,15 @@ impl Effect for ClockSkew {
     }
     fn source(&self) -> &'static str {
         "definition of the skew"
+    }
+    fn equation(&self) -> &'static str {
+        "phi_c is read at (1 + skew) t, t from the first frame"
+    }
+    fn taken_for(&self) -> &'static str {
+        "time_offset, temperature_drift"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Clocks
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("skew", "1", -0.05, 0.05, 4e-3)] }

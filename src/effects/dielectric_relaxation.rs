@@ -2,7 +2,7 @@
 //! tau_j psi_j' = phi - psi_j. Two shares, because one time leaves structure: `time_constant`, and fifteen
 //! times that.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, shape, size};
 
 pub struct DielectricRelaxation;
 
@@ -18,6 +18,16 @@ impl Effect for DielectricRelaxation {
     }
     fn source(&self) -> &'static str {
         "Debye relaxation with two times"
+    }
+    fn equation(&self) -> &'static str {
+        "phi^2 = (1 - x - y) phi_c^2 + x psi_1^2 + y psi_2^2, tau_j psi_j' = phi_c - psi_j, x = \
+         fraction, y = slow_fraction, tau_1 = time_constant, tau_2 = 15 tau_1"
+    }
+    fn taken_for(&self) -> &'static str {
+        "slow branches of the film, series_resistance, slow_creep"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

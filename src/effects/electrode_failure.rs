@@ -1,7 +1,7 @@
 //! From a time on part of the active area has lost contact:  C, C' -> (1 - fraction) C, C' of one actuator;
 //! lasting.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct ElectrodeFailure;
 
@@ -14,6 +14,15 @@ impl Effect for ElectrodeFailure {
     }
     fn source(&self) -> &'static str {
         "capacitance in proportion to the contacted area"
+    }
+    fn equation(&self) -> &'static str {
+        "C -> (1 - fraction) C of one actuator, from the time on"
+    }
+    fn taken_for(&self) -> &'static str {
+        "payload_change, actuator_asymmetry"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

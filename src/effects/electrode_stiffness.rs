@@ -2,7 +2,7 @@
 //! lambda_2 = 1.5^-1/2): sigma_i = mu (A_i - C),  A_i = (lambda_i/lambda_i0)^2,  C = 1/(A_1 A_2); torque V
 //! sum sigma_i d ln lambda_i/d theta.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ElectrodeStiffness;
 
@@ -18,6 +18,15 @@ impl Effect for ElectrodeStiffness {
     }
     fn source(&self) -> &'static str {
         "neo-Hookean layer with its own stress-free state"
+    }
+    fn equation(&self) -> &'static str {
+        "sigma_i = modulus (A_i - 1/(A_1 A_2)), A_1 = (lambda_1/1.5)^2, A_2 = 1.5 lambda_2^2"
+    }
+    fn taken_for(&self) -> &'static str {
+        "hinge_stiffness, the film's equilibrium modulus and locking constant"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("modulus", "Pa", 0.0, 1e6, 1e5)] }

@@ -1,7 +1,7 @@
 //! The electrode flows like grease: each direction carries eta d ln lambda_i/dt, referred to the film's
 //! thickness, which is a torque -V eta sum (d ln lambda_i/d theta_DEA)^2 theta_DEA'.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ElectrodeViscosity;
 
@@ -14,6 +14,13 @@ impl Effect for ElectrodeViscosity {
     }
     fn source(&self) -> &'static str {
         "Newtonian layer on the film"
+    }
+    fn equation(&self) -> &'static str {
+        "torque on theta_DEA: -V viscosity sum_i (d ln lambda_i/d theta_DEA)^2 theta_DEA', V the \
+         film's volume"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("viscosity", "Pa s", 0.0, 2e5, 3e3)] }

@@ -15,6 +15,13 @@ impl Effect for EndStop {
     fn source(&self) -> &'static str {
         "one-sided elastic contact with an edge that gives, and damping in proportion to its depth (Hunt and Crossley 1975)"
     }
+    fn equation(&self) -> &'static str {
+        "torque on theta_b: -stiffness edge ln(1 + e^((theta_b - theta_stop)/edge)) max(1 + damping \
+         theta_b', 0)"
+    }
+    fn taken_for(&self) -> &'static str {
+        "amplifier_deadband, joint_friction, marker_offset"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

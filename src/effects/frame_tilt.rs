@@ -1,7 +1,7 @@
 //! The capture axes are rotated against the world about the base marker:  u = p + R (u_measured - p), R =
 //! exp(rotation).
 
-use super::{Effect, Quantity, Reach, Reading, Seen, Site, size};
+use super::{Effect, Part, Quantity, Reach, Reading, Seen, Site, size};
 use crate::kinematics::Vec3;
 
 pub struct FrameTilt;
@@ -36,6 +36,15 @@ impl Effect for FrameTilt {
     }
     fn source(&self) -> &'static str {
         "Rodrigues's rotation about the base marker"
+    }
+    fn equation(&self) -> &'static str {
+        "u = p + R (u_m - p), R = exp(rotation), p at the base marker"
+    }
+    fn taken_for(&self) -> &'static str {
+        "actuator_asymmetry, marker_offset"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Marker
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

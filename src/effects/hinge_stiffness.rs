@@ -1,6 +1,6 @@
 //! The lozenge's torsion hinges push back:  tau = -k (x + c x^3),  x = theta_DEA - rest_angle.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct HingeStiffness;
 
@@ -13,6 +13,15 @@ impl Effect for HingeStiffness {
     }
     fn source(&self) -> &'static str {
         "flexure hinge, linear and cubic"
+    }
+    fn equation(&self) -> &'static str {
+        "torque on theta_DEA: -stiffness (x + cubic x^3), x = theta_DEA - rest_angle"
+    }
+    fn taken_for(&self) -> &'static str {
+        "electrode_stiffness, actuator_mass, marker_offset"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Hinges
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -25,6 +25,13 @@ impl Effect for JointFriction {
     fn source(&self) -> &'static str {
         "Dahl 1968, presliding; Stribeck"
     }
+    fn equation(&self) -> &'static str {
+        "torque on theta_b: -torque z, dz = (g sign(d theta_b) - z)(1 - e^(-|d theta_b|/(g \
+         presliding))), g = 1 + sticking e^(-(theta_b'/0.1 rad/s)^2)"
+    }
+    fn taken_for(&self) -> &'static str {
+        "the film's hysteresis, joint_damping, amplifier_deadband"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -5,7 +5,7 @@
 //! obeys Ohm's law at low fields. Without a resistance the loss is at once.
 
 use super::series_resistance::charged;
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct Leakage;
 
@@ -43,6 +43,16 @@ impl Effect for Leakage {
     }
     fn source(&self) -> &'static str {
         "voltage divider with a conductance that grows with the field, Kirchhoff's law for the wire before it"
+    }
+    fn equation(&self) -> &'static str {
+        "resistance (C phi)' = phi_c - phi (1 + x (1 - n/m + n/m (E/E_0)^m)), \
+         x = loss_fraction/(1 - loss_fraction), n = field_exponent, m = max(n, 2), E_0 the field at 3 kV"
+    }
+    fn taken_for(&self) -> &'static str {
+        "amplifier_gain, permittivity_stretch, amplifier_saturation"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -17,7 +17,7 @@
 //! Torques on theta_b and forces are turned to torques on theta_DEA by their levers. At the electrical sites
 //! the sum is added to the square of the voltage that makes the Maxwell torque, which never falls below 0.
 
-use super::{Along, Effect, Quantity, Reach, Site, decays};
+use super::{Along, Effect, Part, Quantity, Reach, Site, decays};
 use crate::kinematics::{Vec3, dot};
 
 /// Where a learnt term acts.
@@ -982,6 +982,17 @@ impl Effect for Learnt {
     }
     fn source(&self) -> &'static str {
         "learnt from recordings"
+    }
+    fn equation(&self) -> &'static str {
+        "what its terms make at its place, added up"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        match self.place {
+            Place::Bicep | Place::Series => Part::BicepJoint,
+            Place::Film | Place::Capacitance => Part::Film,
+            Place::Force => Part::Effector,
+            Place::Electrical => Part::Lead,
+        }
     }
     fn parameters(&self) -> &'static [Quantity] {
         self.quantities

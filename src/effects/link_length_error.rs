@@ -1,6 +1,6 @@
 //! A link differs from its drawing:  length (1 + relative_error), in all chains or in one.
 
-use super::{Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 use crate::kinematics::{Lozenge, Mechanism};
 
 pub struct LinkLengthError;
@@ -16,6 +16,21 @@ impl Effect for LinkLengthError {
     }
     fn source(&self) -> &'static str {
         "geometry (model, section 1)"
+    }
+    fn equation(&self) -> &'static str {
+        "length -> length (1 + relative_error)"
+    }
+    fn taken_for(&self) -> &'static str {
+        "marker_offset, actuator_mass, hinge_stiffness"
+    }
+    fn part(&self, v: &[f64]) -> Part {
+        match LINKS[v[0] as usize % LINKS.len()] {
+            "l_ch" => Part::Base,
+            "l_end" => Part::Effector,
+            "q" => Part::Bicep,
+            "n0" => Part::Forearm,
+            _ => Part::FourBar,
+        }
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

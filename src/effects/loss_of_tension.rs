@@ -2,7 +2,7 @@
 //! around its mean, the parts below the threshold carry it no further. Carried is  t + (p + w - t)^2/(4 w)
 //! between t - w and t + w, t below, p above.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape};
 
 pub struct LossOfTension;
 
@@ -15,6 +15,16 @@ impl Effect for LossOfTension {
     }
     fn source(&self) -> &'static str {
         "tension field: no compressive membrane stress; uneven stress"
+    }
+    fn equation(&self) -> &'static str {
+        "of p = sigma_2 - eps E^2 the film carries t + (p + w - t)^2/(4 w) between t - w and t + w, \
+         t below, p above; t = threshold |sigma_2(0)|, w = unevenness |sigma_2(0)|"
+    }
+    fn taken_for(&self) -> &'static str {
+        "amplifier_saturation, leakage"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     // Both over the net stress at rest.
     fn parameters(&self) -> &'static [Quantity] {

@@ -1,6 +1,6 @@
 //! The end-effector marker sits elsewhere than stated:  u = u_measured - offset.
 
-use super::{Effect, Quantity, Reach, Reading, Seen, Site, size};
+use super::{Effect, Part, Quantity, Reach, Reading, Seen, Site, size};
 
 pub struct MarkerOffset;
 
@@ -13,6 +13,15 @@ impl Effect for MarkerOffset {
     }
     fn source(&self) -> &'static str {
         "translation of the measured point"
+    }
+    fn equation(&self) -> &'static str {
+        "u = u_m - offset"
+    }
+    fn taken_for(&self) -> &'static str {
+        "link_length_error, actuator_mass, hinge_stiffness, frame_tilt"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Marker
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -3,7 +3,7 @@
 //! motion lags by, (1.4 + rho) tau; `pure` is rho, at most 1: a delay that were free would take the place of
 //! every clock offset.
 
-use super::{Effect, Quantity, Reach, Reading, Seen, Site, shape, size};
+use super::{Effect, Part, Quantity, Reach, Reading, Seen, Site, shape, size};
 use crate::kinematics::Vec3;
 
 pub struct MocapLag;
@@ -59,6 +59,15 @@ impl Effect for MocapLag {
     }
     fn source(&self) -> &'static str {
         "second-order low-pass, inverted"
+    }
+    fn equation(&self) -> &'static str {
+        "u(t) = (u_m + 1.4 tau u_m' + tau^2 u_m'')(t + pure tau), tau = delay/(1.4 + pure)"
+    }
+    fn taken_for(&self) -> &'static str {
+        "time_offset of the other sign, series_resistance"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Marker
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

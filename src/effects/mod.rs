@@ -118,6 +118,35 @@ pub enum Site {
     Motion,
 }
 
+/// A part of a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// High-voltage amplifier.
+    Amplifier,
+    /// Wires from it to the film.
+    Lead,
+    /// Film with its electrodes.
+    Film,
+    /// Hinges of the lozenge.
+    Hinges,
+    /// The four-bar between bicep and lozenge.
+    FourBar,
+    /// The joint of a bicep at the base.
+    BicepJoint,
+    /// Bicep.
+    Bicep,
+    /// Forearm.
+    Forearm,
+    /// Base.
+    Base,
+    /// End effector.
+    Effector,
+    /// What the capture sees: the marker on the end effector.
+    Marker,
+    /// The clocks of voltage and motion.
+    Clocks,
+}
+
 /// Which actuators a cause may sit in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
@@ -329,6 +358,20 @@ pub trait Effect: Sync + Send {
     fn says(&self) -> &'static str;
     /// Where the form is from.
     fn source(&self) -> &'static str;
+    /// Its equation, one line of plain text in the names of its parameters. Of a robot: phi_c is the command
+    /// and phi the voltage on the film, u the position and u_m the measured one, a prime a rate. Of a single
+    /// coordinate: x is the excursion from rest, f the force that the model asks for, u the input and u_c its
+    /// command, each over its largest value; v is the rate of x.
+    fn equation(&self) -> &'static str;
+    /// What it is easily taken for: ids of causes, and parts of the plain model in words; empty where nothing
+    /// is stated. What given recordings cannot tell apart, a diagnosis works out from them.
+    fn taken_for(&self) -> &'static str {
+        ""
+    }
+    /// The part of a robot that it sits in, with these values.
+    fn part(&self, _v: &[f64]) -> Part {
+        Part::BicepJoint
+    }
     /// Its parameters.
     fn parameters(&self) -> &'static [Quantity];
     /// Where it enters; unless stated, the balance.
@@ -498,5 +541,43 @@ fn soft_plus(x: f64) -> f64 {
         // most samples are that far from an edge
         x if x < -100.0 => 0.0,
         x => x.exp().ln_1p(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equations_are_in_the_names_of_their_parameters() {
+        let lines = line::every().map(|e| e as &dyn Effect);
+        for effect in CATALOGUE.iter().copied().chain(lines) {
+            let says = effect.equation();
+            for q in effect.parameters() {
+                let name = q.part().0;
+                // which link, and in which recording, is no number of an equation
+                let picks = !effect.variants().is_empty() || name == "recording";
+                assert!(
+                    says.contains(name) || picks,
+                    "{}: {name} in {says}",
+                    effect.id()
+                );
+            }
+            for other in effect
+                .taken_for()
+                .split([',', ' '])
+                .filter(|w| w.contains('_'))
+            {
+                assert!(by_id(other).is_some(), "{}: {other}", effect.id());
+            }
+        }
+    }
+
+    #[test]
+    fn a_link_sits_where_it_is() {
+        let link =
+            by_id("link_length_error").map(|e| [0, 2, 3, 7].map(|l| e.part(&[f64::from(l), 0.0])));
+        let places = [Part::Base, Part::Bicep, Part::Forearm, Part::FourBar];
+        assert_eq!(link, Some(places));
     }
 }

@@ -4,7 +4,7 @@
 
 use statrs::function::erf::erf;
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 use crate::film::Film;
 
 pub struct MullinsSoftening;
@@ -18,6 +18,16 @@ impl Effect for MullinsSoftening {
     }
     fn source(&self) -> &'static str {
         "Ogden and Roxburgh 1999, pseudo-elasticity"
+    }
+    fn equation(&self) -> &'static str {
+        "stress of the equilibrium spring times 1 - softening erf((W_max - W)/energy_scale), W its \
+         energy density"
+    }
+    fn taken_for(&self) -> &'static str {
+        "slow branches of the film, temperature_drift"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     // Energies of the film between rest and full stroke are of the order of 1e5 J/m^3.
     fn parameters(&self) -> &'static [Quantity] {

@@ -3,7 +3,7 @@
 //! time at S_0. Relaxed at the first sample.
 
 use super::slow_creep::creep;
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct NonlinearFlow;
 
@@ -32,6 +32,13 @@ impl Effect for NonlinearFlow {
     }
     fn source(&self) -> &'static str {
         "power law of the flow (Bergstrom and Boyce 1998)"
+    }
+    fn equation(&self) -> &'static str {
+        "sigma_i = modulus s_i and (ln xi_i)' as of slow_creep with this time_constant, times \
+         (s/0.1)^(stress_exponent - 1), s^2 = s_1^2 - s_1 s_2 + s_2^2, relaxed at the first sample"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -1,6 +1,6 @@
 //! A mass appears on (or leaves) the end effector:  mass (u'' + g Z) more from a time on; lasting.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct PayloadChange;
 
@@ -16,6 +16,15 @@ impl Effect for PayloadChange {
     }
     fn source(&self) -> &'static str {
         "weight and inertia (model, section 4)"
+    }
+    fn equation(&self) -> &'static str {
+        "force on the end effector: -mass (u'' + g Z), from the time on"
+    }
+    fn taken_for(&self) -> &'static str {
+        "electrode_failure, temperature_drift"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Effector
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

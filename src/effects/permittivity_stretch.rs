@@ -1,7 +1,7 @@
 //! The permittivity falls with the area stretch a = lambda_1 lambda_2:  eps = eps(1) g(a), g = 1 - slope (a -
 //! 1). The capacitance is C g, so  d(C g)/d theta = C' (g + a g'/2), because C ~ a^2.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct PermittivityStretch;
 
@@ -14,6 +14,15 @@ impl Effect for PermittivityStretch {
     }
     fn source(&self) -> &'static str {
         "first order in the area stretch; electrostriction of elastomers"
+    }
+    fn equation(&self) -> &'static str {
+        "eps = eps(1) (1 - slope (x - curvature x^2)), x = lambda_1 lambda_2 - 1"
+    }
+    fn taken_for(&self) -> &'static str {
+        "amplifier_gain, leakage"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

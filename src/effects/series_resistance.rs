@@ -1,6 +1,6 @@
 //! Wire and electrode resistance R feed the capacitance of the film:  R d(C phi)/dt = phi_c - phi.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, size};
 
 pub struct SeriesResistance;
 
@@ -13,6 +13,15 @@ impl Effect for SeriesResistance {
     }
     fn source(&self) -> &'static str {
         "Kirchhoff's law for a resistor before a changing capacitance"
+    }
+    fn equation(&self) -> &'static str {
+        "resistance (C phi)' = phi_c - phi"
+    }
+    fn taken_for(&self) -> &'static str {
+        "time_offset, mocap_lag, joint_damping, slew_limit"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Lead
     }
     // The film has about 3 nF: 0.5 Gohm would leave a lag of 1.5 s.
     fn parameters(&self) -> &'static [Quantity] {

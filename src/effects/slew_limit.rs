@@ -1,6 +1,6 @@
 //! |d phi/dt| is bounded, on the falling side possibly lower: phi follows the command at no more than `rate_up`, `rate_down`.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site};
 
 pub struct SlewLimit;
 
@@ -25,6 +25,15 @@ impl Effect for SlewLimit {
     }
     fn source(&self) -> &'static str {
         "output current of the converter over the film's capacitance"
+    }
+    fn equation(&self) -> &'static str {
+        "-rate_down <= |phi|' <= rate_up, and phi as near to phi_c as that allows"
+    }
+    fn taken_for(&self) -> &'static str {
+        "series_resistance, time_offset"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Amplifier
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[rate("rate_up"), rate("rate_down")] }

@@ -2,7 +2,7 @@
 //! assembly, `since_assembly` before the first recording; between recordings the film rests in the pose of
 //! the next first sample.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct SlowCreep;
 
@@ -28,6 +28,16 @@ impl Effect for SlowCreep {
     }
     fn source(&self) -> &'static str {
         "an eighth branch of the film (Eqs 18 to 23), not relaxed at the first sample"
+    }
+    fn equation(&self) -> &'static str {
+        "sigma_i = modulus s_i, s_i = (lambda_i/xi_i)^2 - (xi_1 xi_2/(lambda_1 lambda_2))^2, \
+         (ln xi_1)' = (s_1 - s_2/2)/(3 time_constant), xi_2 alike, xi = 1 since_assembly ago"
+    }
+    fn taken_for(&self) -> &'static str {
+        "temperature_drift, electrode_stiffness, dielectric_relaxation"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

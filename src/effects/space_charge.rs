@@ -1,7 +1,7 @@
 //! Charge creeps into the film and holds off part of the voltage:  phi = phi_c - s,  s' = (x phi_c - s)/tau,
 //! none at the first sample.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, decays, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, shape, size};
 
 pub struct SpaceCharge;
 
@@ -14,6 +14,12 @@ impl Effect for SpaceCharge {
     }
     fn source(&self) -> &'static str {
         "one trap level of first order"
+    }
+    fn equation(&self) -> &'static str {
+        "phi = phi_c - s, s' = (fraction phi_c - s)/time_constant"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

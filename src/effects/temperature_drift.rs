@@ -1,7 +1,7 @@
 //! The moduli drift over minutes:  mu -> mu (1 + a (1 - e^(-t/T)) + b (1 - e^(-4 t/T))), t over the series; T
 //! stays at what warming up takes, because the data leave it open beside a and b.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 use crate::film::Film;
 
 pub struct TemperatureDrift;
@@ -15,6 +15,16 @@ impl Effect for TemperatureDrift {
     }
     fn source(&self) -> &'static str {
         "thermal relaxation of the surroundings, two rates"
+    }
+    fn equation(&self) -> &'static str {
+        "mu -> mu (1 + relative_change (1 - e^(-t/T)) + early_change (1 - e^(-4 t/T))), T = \
+         time_constant, t over the series"
+    }
+    fn taken_for(&self) -> &'static str {
+        "slow_creep, mullins_softening"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

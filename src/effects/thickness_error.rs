@@ -2,7 +2,7 @@
 //! mechanism that is taken as found has it exactly, where the cause `actuator_asymmetry` changes what a fixed
 //! one makes.
 
-use super::{Effect, Quantity, Reach, Site, size};
+use super::{Effect, Part, Quantity, Reach, Site, size};
 use crate::kinematics::{Lozenge, Mechanism};
 
 pub struct ThicknessError;
@@ -16,6 +16,12 @@ impl Effect for ThicknessError {
     }
     fn source(&self) -> &'static str {
         "thickness in the energy balance (model, section 3)"
+    }
+    fn equation(&self) -> &'static str {
+        "L3 -> thickness_factor L3"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Film
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

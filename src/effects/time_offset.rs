@@ -1,6 +1,6 @@
 //! Voltage and motion clocks differ by a constant: the command is read at t + offset.
 
-use super::{Effect, Quantity, Reach, Seen, Site, size};
+use super::{Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct TimeOffset;
 
@@ -13,6 +13,15 @@ impl Effect for TimeOffset {
     }
     fn source(&self) -> &'static str {
         "definition of the offset (voltage clock minus motion clock)"
+    }
+    fn equation(&self) -> &'static str {
+        "phi_c is read at t + offset"
+    }
+    fn taken_for(&self) -> &'static str {
+        "series_resistance, mocap_lag"
+    }
+    fn part(&self, _: &[f64]) -> Part {
+        Part::Clocks
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("offset", "s", -0.6, 0.6, 0.06)] }

@@ -14,7 +14,7 @@ mod score;
 pub use concealment::{Concealment, StandsOut, stands_out};
 pub use line::{blind_lines, trial_lines};
 pub use own_form::own_form;
-pub use score::{Count, Median, Method, Proof, Row, score};
+pub use score::{Count, FirstNames, Median, Method, Proof, Row, score};
 
 use crate::cases::{Case, CaseRecording, Truth};
 use crate::dataset::Dataset;

@@ -1,6 +1,6 @@
 //! Scores of a proof: counts with their 95 % intervals.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
@@ -147,6 +147,8 @@ pub struct Proof {
     pub brier: [f64; 2],
     /// truth -> what was said -> how often; `none`, `unknown` and pairs with a plus.
     pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// Cases with one cause or none, true cause against first name.
+    pub first_names: Vec<FirstNames>,
     /// Shares right by strength: from, to, count.
     pub power: Vec<(f64, f64, Count)>,
     /// The rivals on the same cases, and the diagnosis itself first.
@@ -214,6 +216,73 @@ impl Row {
         rows.into_iter()
             .map(|((rig, what), row)| Row { rig, what, ..row })
             .collect()
+    }
+}
+
+/// True cause against first name, of the robots or of the single coordinates, of causes that a plain refit
+/// leaves visible or of the others (and of cases without a cause).
+#[derive(Debug, Clone, Serialize)]
+pub struct FirstNames {
+    /// Whether they are robots.
+    pub robots: bool,
+    /// Whether a plain refit leaves 1.5 times the noise or more.
+    pub visible: bool,
+    /// What is true, a row each: `none`, ids, `unknown` (in no catalogue).
+    pub truths: Vec<String>,
+    /// What was said, a column each: `none` (adequate), ids of the first name, `unknown` (unexplained).
+    pub said: Vec<String>,
+    /// How often.
+    pub counts: Vec<Vec<usize>>,
+}
+
+impl FirstNames {
+    fn of(trials: &[&Trial]) -> Vec<FirstNames> {
+        let said = |t: &Trial| match t.verdict.as_str() {
+            "adequate" => "none".to_owned(),
+            "unexplained" => "unknown".into(),
+            _ => t.named.first().cloned().unwrap_or_else(|| "unknown".into()),
+        };
+        let truth = |t: &Trial| match kind(t) {
+            "clean" => "none".to_owned(),
+            "unknown" => "unknown".into(),
+            _ => t.truth[0].clone(),
+        };
+        let sorted = |list: Vec<String>| {
+            let place = |id: &str| match id {
+                "none" => 0,
+                "unknown" => 2,
+                _ => 1,
+            };
+            let set: BTreeSet<(u8, String)> = list.into_iter().map(|id| (place(&id), id)).collect();
+            set.into_iter().map(|(_, id)| id).collect::<Vec<_>>()
+        };
+        let mut out = Vec::new();
+        for (robots, visible) in [(true, true), (true, false), (false, true), (false, false)] {
+            let here: Vec<(String, String)> = trials
+                .iter()
+                .filter(|t| kind(t) != "pair" && (t.rig == "robot") == robots)
+                .filter(|t| (t.detectability >= DETECTABLE && !t.truth.is_empty()) == visible)
+                .map(|t| (truth(t), said(t)))
+                .collect();
+            let truths = sorted(here.iter().map(|c| c.0.clone()).collect());
+            let said = sorted(here.iter().map(|c| c.1.clone()).collect());
+            let count =
+                |t: &String, s: &String| here.iter().filter(|c| c.0 == *t && c.1 == *s).count();
+            let counts = truths
+                .iter()
+                .map(|t| said.iter().map(|s| count(t, s)).collect());
+            let counts = counts.collect();
+            if !here.is_empty() {
+                out.push(FirstNames {
+                    robots,
+                    visible,
+                    truths,
+                    said,
+                    counts,
+                });
+            }
+        }
+        out
     }
 }
 
@@ -474,6 +543,7 @@ pub fn score(trials: &[Trial]) -> Proof {
         calibration_error: error,
         brier: [brier, base * (1.0 - base)],
         confusion,
+        first_names: FirstNames::of(&done),
         power,
         methods,
         stated_group_detectable: Count::of(&visible, first_in_group),

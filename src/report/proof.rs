@@ -5,7 +5,8 @@ use minijinja::context;
 use super::html::number;
 use super::html::page::{self, Cell, Section, Status, Summary, Table, Tile};
 use super::html::plot::{self, Axis, Band, Mark, Panel, Role, Width};
-use crate::proof::{Count, Proof, Row, Trial};
+use crate::effects::plain_name;
+use crate::proof::{Count, FirstNames, Proof, Row, Trial};
 
 fn share(c: &Count) -> Cell {
     let Some(p) = c.share else {
@@ -357,7 +358,39 @@ fn confusion(proof: &Proof) -> Section {
             Cell::text(text.join(", ")),
         ]);
     }
-    Section::table("confusion", "Confusion", "", table)
+    let pictures: String = proof.first_names.iter().map(first_names).collect();
+    let says = "What is true to the left, what was named first below, how often in the cells: blue where it is right, vermilion where not. Cases with two causes are in the table.";
+    let context =
+        context! { says => says, pictures => page::safe(pictures), table => table.html() };
+    let template = "<p>{{ says }}</p>{{ pictures }}{{ table }}";
+    Section::new("confusion", "Confusion", template, context)
+}
+
+/// True cause against first name as a picture.
+fn first_names(f: &FirstNames) -> String {
+    let names = |list: &[String], none: &str, unknown: &str| -> Vec<String> {
+        let name = |id: &String| match id.as_str() {
+            "none" => none.to_owned(),
+            "unknown" => unknown.to_owned(),
+            id => plain_name(id),
+        };
+        list.iter().map(name).collect()
+    };
+    let rows = names(&f.truths, "no cause", "in no catalogue");
+    let columns = names(&f.said, "adequate", "unexplained");
+    let of = match f.robots {
+        true => "Robots",
+        false => "Single coordinates",
+    };
+    let which = match f.visible {
+        true => "visible: a plain refit leaves 1.5 times the noise or more.",
+        false => "hidden: a plain refit leaves less than that; and cases without a cause.",
+    };
+    let caption = format!("{of}, {which}");
+    let label = format!("What is true against what was named first: {caption}");
+    let right = |i: usize, j: usize| f.truths[i] == f.said[j];
+    let drawing = plot::counts(&label, &rows, &columns, &f.counts, right);
+    plot::figure(&[drawing], "", &caption)
 }
 
 fn rows(anchor: &'static str, title: &'static str, text: &str, list: &[Row]) -> Section {
@@ -470,4 +503,60 @@ fn concealed(trials: &[Trial]) -> Section {
         "Film moved to: the three parameters of the plain refit that are furthest from the true ones, over these. A ratio near 1 means that wrong moduli hide the effect in volts; the weighted torque residual still sees it.",
         table,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::proof::score;
+
+    fn trial(truth: &[&str], said: &[&str], verdict: &str, times_the_noise: f64) -> Trial {
+        let text = serde_json::json!({
+            "case": "case-1", "rig": "robot", "recordings": [], "truth": truth, "actuators": [],
+            "form": truth, "strength": 0.5, "detectability": times_the_noise, "verdict": verdict,
+            "confidence": 0.9, "named": said, "odds": vec![0.9; said.len()],
+            "candidates": [("leakage", 0.9)],
+            "group": [], "groups": [], "stands_out": [],
+            "concealment": { "residual_over_floor": 1.0, "held_out_over_floor": 1.0, "moved": [] },
+            "gap_closed": 0.5, "located": null, "values": [], "true_values": [],
+            "over_smallest": null, "mean_squares": [1.0, 1.0, 1.0, 1.0],
+            "evidence": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "most_surprising": "", "surprises": [],
+            "tried": [], "rivals": [], "failure": null,
+        });
+        serde_json::from_value(text).expect("a trial")
+    }
+
+    #[test]
+    fn first_names_are_drawn_against_the_truth() {
+        let missing = "missing_physics";
+        let trials = [
+            trial(&["joint_friction"], &["joint_friction"], missing, 3.0),
+            trial(
+                &["joint_friction"],
+                &["joint_damping", "leakage"],
+                missing,
+                2.0,
+            ),
+            trial(&["joint_friction"], &[], "adequate", 1.1),
+            trial(&["unknown"], &[], "unexplained", 4.0),
+            trial(&[], &[], "adequate", 1.0),
+            trial(&["leakage", "joint_friction"], &["leakage"], missing, 5.0),
+        ];
+        let proof = score(&trials);
+        let [seen, hidden] = &proof.first_names[..] else {
+            panic!("{:?}", proof.first_names);
+        };
+        assert!(seen.visible && !hidden.visible && seen.robots);
+        assert_eq!(seen.truths, ["joint_friction", "unknown"]);
+        assert_eq!(seen.said, ["joint_damping", "joint_friction", "unknown"]);
+        assert_eq!(seen.counts, [[1, 1, 0], [0, 0, 1]]);
+        assert_eq!(hidden.truths, ["none", "joint_friction"]);
+        assert_eq!(hidden.counts, [[1], [1]]);
+        let html = render_proof(&proof, &trials);
+        let [first, _] = [0, 1].map(|i| first_names(&proof.first_names[i]));
+        let cells = |role: &str| first.matches(&format!("class=\"f-{role}\"")).count();
+        // right once and unexplained once, one other name
+        assert_eq!((cells("one"), cells("two")), (2, 1));
+        assert_eq!(html.matches("class=\"plot heat counts\"").count(), 2);
+    }
 }

@@ -359,10 +359,10 @@ fn base<'a>(places: &[Place<'a>], motion: Place<'a>) -> Option<(f64, &'a MarkerS
         .map(|(t, m, s)| (t, m, unit(s, m)))
 }
 
-/// A `recording.toml` to start from, for files beside it. What is a guess has a question mark behind it; what
+/// A `recording.toml` to start from, for files beside it, of a recording that is called `id`. What is a guess has a question mark behind it; what
 /// the files do not say is left to be filled in.
 #[must_use]
-pub fn manifest(files: &[(String, &Survey)]) -> String {
+pub fn manifest(id: &str, files: &[(String, &Survey)]) -> String {
     let places: Vec<Place> = files
         .iter()
         .flat_map(|(file, survey)| {
@@ -385,17 +385,13 @@ pub fn manifest(files: &[(String, &Survey)]) -> String {
         .iter()
         .filter(|p| p.section().rows > 1)
         .find_map(|p| Some((*p, in_volts(p.section()))).filter(|(_, c)| !c.is_empty()));
-    let id = files.first().map_or("recording", |(name, _)| name.as_str());
-    let id = Path::new(id)
-        .file_stem()
-        .map_or("recording".into(), |s| s.to_string_lossy());
     let mut out = String::from(
         "# A start, from what is in the files: lines with a question mark are guesses. Check them, then: deacal import .\n\n",
     );
     let _ = write!(
         out,
         "[recording]\nid = {}\nkind = \"robot\"                 # ? or film-sample, film-coupon, hinge-bench, axis\nrig = \"rig.toml\"               # ? where the robot is described\npayload_g = 0.0                # ? mass added to the end effector\nfilm_state = \"relaxed\"         # ? \"virgin\" where the film was stretched just now\n",
-        quoted(&id)
+        quoted(id)
     );
     match motion {
         Some(place) => moving(place, base(&places, place), &mut out),

@@ -429,6 +429,7 @@ fn import_writes_a_manifest_to_start_from() {
         )
     };
     assert_eq!(labels(&recording), labels(&original));
+    assert_eq!(recording.manifest.id, "new");
     assert_eq!(
         recording.voltage.unwrap().channels,
         original.voltage.unwrap().channels

@@ -3,14 +3,17 @@
 
 use crate::common;
 
+use std::path::Path;
+
 use deacal::diagnosis::{
     Candidate, Departed, Diagnosis, Evidence, Gain, Hidden, Law, LearntPhysics, LearntTerm, Place,
-    RivalModel, Traces, Value, Verdict,
+    Pose, RivalModel, Traces, Value, Verdict,
 };
 use deacal::effects::learnt::{Form, Learnt, Place as Site, Variable};
 use deacal::effects::{Acting, by_id};
 use deacal::film::Film;
-use deacal::model::{ForearmTorque, Parameters};
+use deacal::model::{ForearmTorque, Parameters, Robot};
+use deacal::recording::Rig;
 use deacal::report::diagnosis_json::DiagnosisJson;
 use deacal::report::html::render_diagnosis;
 use deacal::report::json::to_text;
@@ -127,6 +130,16 @@ fn trace(id: &str, held_out: bool) -> Traces {
     }
 }
 
+/// The robot of the bundled rig.
+fn robot() -> Robot {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/twin2026_delta/rig.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    match Rig::parse(&path, &text).unwrap() {
+        Rig::Robot(rig) => Robot::from_rig(&rig, None).unwrap(),
+        Rig::FilmSample(_) => panic!("no robot"),
+    }
+}
+
 fn diagnosis(verdict: Verdict) -> Diagnosis {
     let parameters = Parameters {
         film: Film {
@@ -189,6 +202,10 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
         holdout: (verdict != Verdict::Unexplained).then_some(gain),
         plain: parameters.clone(),
         parameters,
+        pose: Some(Pose {
+            robot: robot(),
+            position_m: [0.0, 0.0, -0.036],
+        }),
         eps_r: 2.8,
         rig: deacal::diagnosis::RigKind::Robot,
         values: Vec::new(),
@@ -411,7 +428,7 @@ fn the_report_answers_in_words_first() {
             let path = std::path::Path::new(&dir).join(format!("{}.html", verdict.name()));
             std::fs::write(path, &html).unwrap();
         }
-        for absent in ["<b>sine", "NaN", "http://", "https://", "<script"] {
+        for absent in ["<b>sine", "NaN", "http://", "https://", "<script src"] {
             assert!(!html.contains(absent), "{absent} in {}", verdict.name());
         }
         let first = html.split("<nav").next().unwrap();
@@ -423,6 +440,25 @@ fn the_report_answers_in_words_first() {
             "What could not have been seen?",
         ] {
             assert!(first.contains(question), "{question}");
+        }
+        let robot = html.split("id=\"robot\"").nth(1).unwrap();
+        let robot = robot.split("</section>").next().unwrap();
+        // a mark on the wires of actuator 2, one on the end effector; none where nothing is missing
+        let marks = robot.matches("class=\"f-two\"").count();
+        let marked = match verdict {
+            Verdict::Adequate => 0,
+            _ => robot.matches("<li>").count(),
+        };
+        assert_eq!(marks > 0, verdict != Verdict::Adequate, "{robot}");
+        assert!(robot.contains("The robot: base") && marks >= marked);
+        if verdict == Verdict::MissingPhysics {
+            assert_eq!(marks, 2);
+            for words in [
+                "A: series resistance, 93 %: the wires, actuator 2",
+                "B: payload change, 81 %: the end effector",
+            ] {
+                assert!(robot.contains(words), "{words} not in {robot}");
+            }
         }
         let changed = first.contains("What changed when it was added?");
         assert_eq!(changed, verdict == Verdict::MissingPhysics);

@@ -119,6 +119,7 @@ fn recording_outcome(d: &Dataset) -> RecordingOutcome {
         contributions_n_m: vec![],
         swing_deg: vec![[0.0; 3]; n],
         gaps: d.gaps(),
+        cycles_s: vec![],
         notes: d.notes.clone(),
     }
 }

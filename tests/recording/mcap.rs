@@ -752,7 +752,7 @@ fn a_start_from_topics() {
     let path = dir.path().join("run.mcap");
     std::fs::write(&path, bytes).unwrap();
     let survey = survey_file(&path, None, &ReadOptions::default()).unwrap();
-    let text = manifest(&[("run.mcap".to_owned(), &survey)]);
+    let text = manifest("run", &[("run.mcap".to_owned(), &survey)]);
     assert!(text.contains("end_effector = \"/topic2\""), "{text}");
     assert!(text.contains("base = \"/topic1\""), "{text}");
     assert!(
@@ -778,7 +778,7 @@ fn a_start_from_topics() {
     let bytes = write(WriteOptions::new(), &[moving(1, 1.0), moving(1, 2.0)]);
     std::fs::write(&path, bytes).unwrap();
     let survey = survey_file(&path, None, &ReadOptions::default()).unwrap();
-    let text = manifest(&[("run.mcap".to_owned(), &survey)]);
+    let text = manifest("run", &[("run.mcap".to_owned(), &survey)]);
     assert!(
         text.contains("# ? no marker was seen in more than one row"),
         "{text}"

@@ -598,7 +598,7 @@ fn a_start_has_the_clock_of_the_file() {
         };
         let survey = survey_file(&path, None, &options).unwrap();
         let lines = lines(&path, &survey).join("\n");
-        (manifest(&[(name.to_owned(), &survey)]), lines)
+        (manifest("run", &[(name.to_owned(), &survey)]), lines)
     };
     let open = |start: &str| {
         let text = start.lines().find(|l| l.starts_with("kind")).unwrap();
@@ -707,7 +707,7 @@ fn a_table_without_a_header_has_a_start() {
     assert_eq!(survey.sections[0].columns.len(), 4);
     let rising: Vec<bool> = survey.sections[0].columns.iter().map(|c| c.rises).collect();
     assert_eq!(rising, [true, false, false, false]);
-    let text = manifest(&[("run.txt".to_owned(), &survey)]);
+    let text = manifest("run", &[("run.txt".to_owned(), &survey)]);
     for wanted in [
         "# time = 1  # ? it rises from row to row\n",
         "# time_unit = \"ms\"",

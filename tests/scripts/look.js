@@ -83,13 +83,68 @@ function look(doc, view) {
   };
 }
 
+// What the page's own script does: a drag zooms in all drawings of the same axis and a double click brings them
+// back, the pointer is told a value, and an entry of a legend hides its curve.
+function tried(doc, view) {
+  const faults = [];
+  const want = (ok, says) => ok || faults.push(says);
+  const plots = [...doc.querySelectorAll("svg[data-axes]")];
+  const at = (type, svg, [x, y]) => {
+    const p = new view.DOMPoint(x, y).matrixTransform(svg.getScreenCTM());
+    svg.dispatchEvent(new view.PointerEvent(type, { clientX: p.x, clientY: p.y, button: 0, bubbles: true }));
+  };
+  const seen = (svg) => [...svg.querySelectorAll("polyline")].map((e) => e.getAttribute("points")).join();
+  let [zoomed, hidden, curves] = [0, 0, 0];
+  for (const svg of plots) {
+    const axes = JSON.parse(svg.dataset.axes);
+    const label = svg.getAttribute("aria-label");
+    const [left, right] = axes.at;
+    const [top, bottom] = axes.panels[0].at;
+    const place = (share) => [left + share * (right - left), (top + bottom) / 2];
+    const same = (p) => ["title", "x"].every((k) => String(JSON.parse(p.dataset.axes)[k]) === String(axes[k]));
+    const partner = plots.find((p) => p !== svg && same(p));
+    const before = [svg, partner || svg].map(seen);
+    at("pointermove", svg, place(0.5));
+    const tip = doc.querySelector(".tip");
+    const middle = (axes.x[0] + axes.x[1]) / 2;
+    const number = Number(tip.textContent.replace("\u2212", "-").split("\n")[0].slice(axes.title.split(", ")[0].length).split("\u00a0")[0]);
+    want(!tip.hidden && Math.abs(number - middle) <= 2e-3 * (axes.x[1] - axes.x[0]) + 5e-4 * Math.abs(middle), `no value under the pointer: ${label}: ${tip.textContent}`);
+    if (tip.textContent.split("\n").length > 1) curves += 1;
+    const box = tip.getBoundingClientRect();
+    want(box.left >= 0 && box.right <= view.innerWidth, `a value beside the screen: ${label}`);
+    at("pointerdown", svg, place(0.25));
+    at("pointermove", svg, place(0.5));
+    at("pointerup", svg, place(0.5));
+    const after = [svg, partner || svg].map(seen);
+    const moves = svg.querySelector("polyline:not(.s-grid):not(.s-rule):not(.fresh)");
+    if (moves) want(before.every((b, i) => b !== after[i]), `no zoom: ${label}`);
+    want(svg.querySelectorAll("text.fresh").length >= 2, `no ticks where it is zoomed: ${label}`);
+    zoomed += 1;
+    svg.dispatchEvent(new view.MouseEvent("dblclick", { bubbles: true }));
+    want([svg, partner || svg].every((s, i) => seen(s) === before[i]), `does not come back: ${label}`);
+    at("pointerleave", svg, place(0.5));
+    want(tip.hidden, `a value stays: ${label}`);
+  }
+  for (const entry of doc.querySelectorAll("figure .key li[role=button]")) {
+    const gone = () => entry.closest("figure").querySelectorAll(".gone").length;
+    const before = gone();
+    entry.click();
+    want(gone() > before, `nothing hidden: ${entry.textContent}`);
+    entry.click();
+    want(gone() === before, `stays hidden: ${entry.textContent}`);
+    hidden += 1;
+  }
+  return { faults, zoomed, hidden, curves };
+}
+
 const WIDTHS = [390, 1280];
 const told = {};
 for (const width of WIDTHS) {
   const frame = document.createElement("iframe");
   frame.style = `width:${width}px;height:844px;border:0`;
   frame.onload = () => {
-    told[width] = look(frame.contentDocument, frame.contentWindow);
+    const [doc, view] = [frame.contentDocument, frame.contentWindow];
+    told[width] = { ...look(doc, view), ...tried(doc, view) };
     if (Object.keys(told).length === WIDTHS.length) {
       document.title = "looked";
       document.getElementById("told").textContent = JSON.stringify(told);

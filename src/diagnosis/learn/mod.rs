@@ -182,6 +182,7 @@ fn joint<S: Subject>(
             weighed_at: None,
             smoothed_at: None,
             memory: problem.memory.clone(),
+            tally: problem.tally.clone(),
         },
         combine,
     }
@@ -356,6 +357,7 @@ fn left_out<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Result<Vec<f64
                 weighed_at: None,
                 smoothed_at: None,
                 memory: problem.memory.clone(),
+                tally: problem.tally.clone(),
             };
             let told = others.fit(&[], &eta[..own], beta, POLISH);
             let design = problem.train.design(&told.state.eta, &told.state.beta)?;

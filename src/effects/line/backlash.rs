@@ -25,6 +25,9 @@ impl Effect for Backlash {
     fn source(&self) -> &'static str {
         "play operator"
     }
+    fn equation(&self) -> &'static str {
+        "x -> s, s moves only where |x - s| would exceed gap"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("gap", "coordinate", 0.0, 0.6, 0.02)] }
     }

@@ -24,6 +24,9 @@ impl Effect for BranchStretch {
     fn source(&self) -> &'static str {
         "strain-dependent branch modulus"
     }
+    fn equation(&self) -> &'static str {
+        "stress of the branches times max(1 + slope x, 0)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("slope", "1", -0.95, 5.0, 0.3)] }
     }

@@ -29,6 +29,9 @@ impl Effect for ClockOffset {
     fn source(&self) -> &'static str {
         "clock model"
     }
+    fn equation(&self) -> &'static str {
+        "u_c is read at t + offset"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("offset", "s", -1.0, 1.0, 0.01)] }
     }

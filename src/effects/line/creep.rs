@@ -32,6 +32,9 @@ impl Effect for Creep {
     fn source(&self) -> &'static str {
         "Maxwell branch"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + stiffness (x - q), q' = (x - q)/time_constant"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

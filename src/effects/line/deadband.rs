@@ -24,6 +24,9 @@ impl Effect for Deadband {
     fn source(&self) -> &'static str {
         "dead zone"
     }
+    fn equation(&self) -> &'static str {
+        "u = u_c/(1 + e^(-(|u_c| - threshold)/w)), w = 0.05 threshold"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("threshold", "input", 0.0, 0.8, 0.05)] }
     }

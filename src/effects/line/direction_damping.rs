@@ -25,6 +25,9 @@ impl Effect for DirectionDamping {
     fn source(&self) -> &'static str {
         "one-sided viscous force"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + coefficient max(v, 0)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("coefficient", "force s/coordinate", -10.0, 10.0, 0.05)] }
     }

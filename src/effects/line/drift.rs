@@ -25,6 +25,9 @@ impl Effect for Drift {
     fn source(&self) -> &'static str {
         "linear drift of the modulus"
     }
+    fn equation(&self) -> &'static str {
+        "all springs times 1 + relative_change t/t_end"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("relative_change", "1", -0.5, 0.5, 0.05)] }
     }

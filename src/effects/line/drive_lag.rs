@@ -27,6 +27,9 @@ impl Effect for DriveLag {
     fn source(&self) -> &'static str {
         "series resistance into a capacitance, or an amplifier's bandwidth"
     }
+    fn equation(&self) -> &'static str {
+        "time_constant u' = u_c - u"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("time_constant", "s", 0.0, 10.0, 0.02)] }
     }

@@ -24,6 +24,9 @@ impl Effect for DrivePower {
     fn source(&self) -> &'static str {
         "electrostatic force, E^2"
     }
+    fn equation(&self) -> &'static str {
+        "u = sign(u_c) |u_c|^exponent"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[Quantity {

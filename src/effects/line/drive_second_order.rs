@@ -27,6 +27,9 @@ impl Effect for DriveSecondOrder {
     fn source(&self) -> &'static str {
         "an elastic transmission, or the velocity loop of a servo"
     }
+    fn equation(&self) -> &'static str {
+        "T^2 u'' + 2 z T u' + u = u_c, T = time_constant, z = damping_ratio"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -25,6 +25,9 @@ impl Effect for DriveStroke {
     fn source(&self) -> &'static str {
         "virtual work of a capacitance that is no straight line over the stroke: 1/2 u^2 dC/dx"
     }
+    fn equation(&self) -> &'static str {
+        "u = u_c e^(-decay x)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("decay", "1", -5.0, 5.0, 0.5)] }
     }

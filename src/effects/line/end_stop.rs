@@ -28,6 +28,9 @@ impl Effect for EndStop {
     fn source(&self) -> &'static str {
         "one-sided linear contact"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + stiffness max(x - stop, 0), where stop < 0: min(x - stop, 0)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -29,6 +29,9 @@ impl Effect for Friction {
     fn source(&self) -> &'static str {
         "Dahl 1968, presliding"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + force z, dz = (sign(dx) - z)(1 - e^(-|dx|/presliding))"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

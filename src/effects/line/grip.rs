@@ -24,6 +24,9 @@ impl Effect for Grip {
     fn source(&self) -> &'static str {
         "gauge length that is not the stated one, or grips that slip"
     }
+    fn equation(&self) -> &'static str {
+        "x -> x (1 - share)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("share", "1", -0.5, 0.5, 0.05)] }
     }

@@ -28,6 +28,9 @@ impl Effect for LoadFriction {
     fn source(&self) -> &'static str {
         "Coulomb's law on a loaded contact; Dahl's presliding"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + coefficient |f_elastic| z, dz = (sign(dx) - z)(1 - e^(-|dx|/presliding))"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -25,6 +25,9 @@ impl Effect for MeanDrift {
     fn source(&self) -> &'static str {
         "linear drift of a zero"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + change t/t_end"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("change", "force", -1.0, 1.0, 0.05)] }
     }

@@ -25,6 +25,9 @@ impl Effect for NonlinearStiffness {
     fn source(&self) -> &'static str {
         "Duffing 1918"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + quadratic x^2 + cubic x^3"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -25,6 +25,9 @@ impl Effect for PermanentSet {
     fn source(&self) -> &'static str {
         "permanent set of an elastomer"
     }
+    fn equation(&self) -> &'static str {
+        "x -> x - share x_max, x_max the largest x so far"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("share", "1", 0.0, 0.5, 0.03)] }
     }

@@ -25,6 +25,9 @@ impl Effect for QuadraticDamping {
     fn source(&self) -> &'static str {
         "drag of a body in a fluid"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + coefficient v |v|"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[size(

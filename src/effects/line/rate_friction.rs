@@ -28,6 +28,9 @@ impl Effect for RateFriction {
     fn source(&self) -> &'static str {
         "Coulomb 1785, smoothed about zero speed"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + force tanh(v/speed)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

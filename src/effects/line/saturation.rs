@@ -27,6 +27,9 @@ impl Effect for Saturation {
     fn source(&self) -> &'static str {
         "soft saturation"
     }
+    fn equation(&self) -> &'static str {
+        "u = sign(u_c) (|u_c| - w ln(1 + e^((|u_c| - ceiling)/w))), w = 0.02 ceiling"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[Quantity {

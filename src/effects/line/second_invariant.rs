@@ -25,6 +25,9 @@ impl Effect for SecondInvariant {
     fn source(&self) -> &'static str {
         "Mooney 1940, Rivlin 1948"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + modulus s, s = 2 (lambda_3^-2 - lambda_1^-2)/lambda_1"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("modulus", "force", -1.0, 1.0, 0.1)] }
     }

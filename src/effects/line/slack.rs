@@ -24,6 +24,9 @@ impl Effect for Slack {
     fn source(&self) -> &'static str {
         "zero of the stretch"
     }
+    fn equation(&self) -> &'static str {
+        "x -> x - stretch"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("stretch", "coordinate", -0.3, 0.3, 0.01)] }
     }

@@ -29,6 +29,10 @@ impl Effect for Softening {
     fn source(&self) -> &'static str {
         "Ogden and Roxburgh 1999, pseudo-elasticity, over the excursion"
     }
+    fn equation(&self) -> &'static str {
+        "the spring's force times 1 - softening (1 - e^(-(x_max - |x|)/scale)), x_max the largest \
+         |x| so far"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -28,6 +28,9 @@ impl Effect for Stribeck {
     fn source(&self) -> &'static str {
         "Stribeck 1902, exponential form"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + force tanh(v/(0.1 speed)) e^(-(v/speed)^2)"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

@@ -26,6 +26,9 @@ impl Effect for StrokeDamping {
     fn source(&self) -> &'static str {
         "van der Pol 1926; squeeze-film damping"
     }
+    fn equation(&self) -> &'static str {
+        "f -> f + (linear x + quadratic x^2) v"
+    }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[

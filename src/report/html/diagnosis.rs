@@ -7,7 +7,7 @@ use super::page::{self, Cell, Item, Note, Section, Status, Summary, Table, Tile,
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary::{item, note, remarks, sized, tile};
-use super::{Provenance, learnt, provenance};
+use super::{Provenance, learnt, mechanism, provenance};
 use crate::diagnosis::{Candidate, Diagnosis, Gain, Place, RigKind, Traces, Verdict};
 use crate::effects::{by_id, plain_name};
 use crate::report::answer::{Answer, mistaken_for, odds, sits_in, size};
@@ -37,6 +37,7 @@ const DOTS: usize = 500;
 pub fn render_diagnosis(d: &Diagnosis, made_of: &Provenance) -> String {
     let sections: Vec<Section> = [
         voltages(d),
+        mechanism::section(d),
         located(d),
         candidates(d),
         rivals(d),

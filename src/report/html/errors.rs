@@ -6,7 +6,7 @@ use super::page::{Cell, Section, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Width};
 use super::recordings::curve;
 use super::{Provenance, number};
-use crate::calibration::{ChainError, JUDGED_ABOVE_V, Outcome};
+use crate::calibration::{ChainError, JUDGED_ABOVE_V, Outcome, RecordingOutcome};
 
 const TEMPLATE: &str = include_str!("errors.html");
 
@@ -39,8 +39,8 @@ const LEAST: usize = 10;
 /// Frames to each side over which the rate of the command is taken.
 const REACH: usize = 3;
 
-/// One sample: where, error and what noise makes.
-type Sample = [f64; 3];
+/// One sample: where (or when), error and what noise makes.
+pub type Sample = [f64; 3];
 
 /// Root mean squares of error and noise over parts of an axis.
 fn summed_up(samples: &[Sample]) -> [Vec<[f64; 2]>; 2] {
@@ -70,6 +70,109 @@ fn summed_up(samples: &[Sample]) -> [Vec<[f64; 2]>; 2] {
         };
         parts.iter().enumerate().map(of).collect()
     })
+}
+
+/// A recording, cycle by cycle.
+pub struct Cycles<'a> {
+    /// Its name.
+    pub id: &'a str,
+    /// Time of each frame, s.
+    pub time_s: &'a [f64],
+    /// Where its cycles begin, and where the last one ends, s; may be empty.
+    pub cycles_s: &'a [f64],
+    /// Errors of the voltage above 1 kV, V, over time.
+    pub samples: Vec<Sample>,
+}
+
+/// Root mean squares of error and noise of each cycle; nothing where fewer than two have enough samples.
+fn of_each(r: &Cycles) -> Option<[Vec<[f64; 2]>; 2]> {
+    let cycle = |edges: &[f64]| {
+        let here = |s: &&Sample| edges[0] <= s[0] && s[0] < edges[1];
+        let [n, error, noise] = r
+            .samples
+            .iter()
+            .filter(here)
+            .fold([0.0; 3], |[n, e, w], s| {
+                [n + 1.0, e + s[1] * s[1], w + s[2] * s[2]]
+            });
+        let middle = f64::midpoint(edges[0], edges[1]);
+        let root = |sum: f64| match n >= LEAST as f64 {
+            true => [middle, (sum / n).sqrt()],
+            false => [middle, f64::NAN],
+        };
+        [root(error), root(noise)]
+    };
+    let rows: Vec<[[f64; 2]; 2]> = r.cycles_s.windows(2).map(cycle).collect();
+    let known = rows.iter().filter(|r| r[0][1].is_finite()).count();
+    (known > 1).then(|| [0, 1].map(|i| rows.iter().map(|r| r[i]).collect()))
+}
+
+/// A figure of the error and the noise of each cycle of the recordings whose drive repeats; empty where none
+/// does.
+pub fn per_cycle(recordings: &[Cycles]) -> String {
+    let panel = |r: &Cycles| {
+        let [error, noise] = of_each(r)?;
+        let all = error.iter().chain(&noise).map(|p| p[1]);
+        let most = all.filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let panel = Panel {
+            y: Axis::over(
+                format!("{}: error of each cycle, V rms", r.id),
+                [0.0, 1.1 * most.max(1e-9)],
+            ),
+            height: 150.0,
+            shades: Vec::new(),
+            bands: Vec::new(),
+            series: vec![
+                curve("noise makes", Role::Base, Mark::Broad, noise),
+                curve("error", Role::Two, Mark::Line, error),
+            ],
+        };
+        // the axis of the other drawings over this time
+        let span = plot::extent(r.time_s.iter().copied());
+        Some((panel, span))
+    };
+    let drawn: Vec<(Panel, [f64; 2])> = recordings.iter().filter_map(panel).collect();
+    let drawings: Vec<String> = drawn
+        .iter()
+        .map(|(panel, span)| {
+            let label = format!("Error and noise of each cycle, {}", panel.y.title);
+            let x = Axis::over("time, s", *span);
+            plot::line_plot(&label, &x, std::slice::from_ref(panel), Width::Part)
+        })
+        .collect();
+    let Some((first, _)) = drawn.first() else {
+        return String::new();
+    };
+    let caption = "Each cycle of the drive by itself, above 1 kV. An error that falls or rises from cycle to cycle is memory that the model lacks, or a robot that changes; one that stays is the same physics missing each time.";
+    plot::figure(
+        &drawings,
+        &plot::legend(std::slice::from_ref(first)),
+        caption,
+    )
+}
+
+/// Error and noise of each cycle of the recordings whose drive repeats.
+fn cycles(outcome: &Outcome) -> String {
+    let of = |r: &RecordingOutcome| {
+        let sample = |i: usize, k: usize| {
+            let error = r.predicted_v[i][k] - r.command_v[i][k];
+            [r.time_s[i], error, r.sd_v[i][k]]
+        };
+        (0..r.time_s.len())
+            .filter(|i| r.counts[*i])
+            .flat_map(|i| (0..3).map(move |k| (i, k)))
+            .filter(|(i, k)| r.command_v[*i][*k].abs() > JUDGED_ABOVE_V)
+            .map(|(i, k)| sample(i, k))
+            .filter(|s| s.iter().all(|v| v.is_finite()))
+            .collect()
+    };
+    let each = outcome.recordings.iter().map(|r| Cycles {
+        id: &r.id,
+        time_s: &r.time_s,
+        cycles_s: &r.cycles_s,
+        samples: of(r),
+    });
+    per_cycle(&each.collect::<Vec<_>>())
 }
 
 /// The error over height, command and rate of the command, and what noise makes there.
@@ -162,6 +265,6 @@ pub fn section(outcome: &Outcome, _: &Provenance) -> Option<Section> {
         }
     }
     table.row_of("total", cells(Cell::text("all"), &outcome.total));
-    let context = context! { table => table.html(), over => safe(over(outcome)) };
+    let context = context! { table => table.html(), over => safe(over(outcome)), cycles => safe(cycles(outcome)) };
     Some(Section::new("errors", "Errors in volts", TEMPLATE, context))
 }

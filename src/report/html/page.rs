@@ -5,6 +5,7 @@ use minijinja::{Environment, UndefinedBehavior, Value, context};
 use super::number;
 
 const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("page.js");
 const PAGE: &str = include_str!("page.html");
 const TABLE: &str = include_str!("table.html");
 
@@ -195,6 +196,7 @@ pub fn page(title: &str, summary: &Summary, sections: &[Section]) -> String {
     let context = context! {
         title => title,
         style => safe(STYLE.to_string()),
+        script => safe(SCRIPT.to_string()),
         summary => summary.context(),
         sections => listed,
     };

@@ -242,26 +242,31 @@ fn stacked(
     const FOOT: f64 = 47.0;
     let height = FOOT + panels.iter().map(|p| HEAD + p.height).sum::<f64>();
     let size = [width.units(), height];
-    canvas(label, width.class(), size, |c| {
-        let mut top = 0.0;
-        for (number, panel) in panels.iter().enumerate() {
-            top += HEAD;
-            let y = panel.y.range.unwrap_or_else(|| {
-                let series = panel.series.iter().flat_map(|s| &s.points);
-                let bands = panel.bands.iter().flat_map(|b| &b.rows);
-                let values = series.map(|p| p[1]);
-                padded(extent(values.chain(bands.flat_map(|r| [r[1], r[2]]))))
-            });
-            let frame = Frame {
-                left: 50.0,
-                right: size[0] - 8.0,
-                top,
-                bottom: top + panel.height,
-                x: span,
-                y,
-            };
-            c.panel(&frame, panel, number + 1 == panels.len(), both);
-            top += panel.height;
+    let mut top = 0.0;
+    let frame = |panel: &Panel| {
+        top += HEAD;
+        let y = panel.y.range.unwrap_or_else(|| {
+            let series = panel.series.iter().flat_map(|s| &s.points);
+            let bands = panel.bands.iter().flat_map(|b| &b.rows);
+            let values = series.map(|p| p[1]);
+            padded(extent(values.chain(bands.flat_map(|r| [r[1], r[2]]))))
+        });
+        let frame = Frame {
+            left: 50.0,
+            right: size[0] - 8.0,
+            top,
+            bottom: top + panel.height,
+            x: span,
+            y,
+        };
+        top += panel.height;
+        frame
+    };
+    let frames: Vec<Frame> = panels.iter().map(frame).collect();
+    let axes = axes_of(x_title, span, panels, &frames, both);
+    canvas_of(label, width.class(), size, &axes, |c| {
+        for (number, (panel, frame)) in panels.iter().zip(&frames).enumerate() {
+            c.panel(frame, panel, number + 1 == panels.len(), both);
         }
         let middle = (50.0 + size[0] - 8.0) / 2.0;
         c.text(
@@ -272,6 +277,21 @@ fn stacked(
             VPos::Bottom,
         );
     })
+}
+
+/// What the script of the page needs to tell values from places: the axes with their ranges, and where they
+/// lie on the canvas.
+fn axes_of(x: &str, span: [f64; 2], panels: &[Panel], frames: &[Frame], both: bool) -> String {
+    let panel = |(panel, f): (&Panel, &Frame)| {
+        let place = [f.top, f.bottom].map(|v| v * FINE);
+        serde_json::json!({ "title": panel.y.title, "y": f.y, "at": place })
+    };
+    let sides = frames
+        .first()
+        .map_or([0.0; 2], |f| [f.left, f.right].map(|v| v * FINE));
+    let panels: Vec<_> = panels.iter().zip(frames).map(panel).collect();
+    serde_json::json!({ "title": x, "x": span, "at": sides, "loops": both, "panels": panels })
+        .to_string()
 }
 
 /// One bar: colour, length.
@@ -546,6 +566,67 @@ pub fn heat_map(label: &str, names: &[String], rows: &[Vec<f64>]) -> String {
     })
 }
 
+/// How often each column was met in each row: a cell is the bluer the greater its share of the row, vermilion
+/// where `right` (row, column) does not hold. It keeps its size and is scrolled on a narrow screen.
+pub fn counts(
+    label: &str,
+    rows: &[String],
+    columns: &[String],
+    cells: &[Vec<usize>],
+    right: impl Fn(usize, usize) -> bool,
+) -> String {
+    const CELL: f64 = 24.0;
+    let long = |names: &[String]| {
+        let longest = names.iter().map(|n| n.chars().count()).max().unwrap_or(0);
+        8.0 + 6.4 * longest as f64
+    };
+    let (left, foot) = (long(rows), long(columns));
+    let bottom = CELL * rows.len() as f64;
+    let size = [
+        left + CELL * columns.len() as f64 + 2.0,
+        bottom + foot + 2.0,
+    ];
+    let drawing = canvas(label, "heat counts", size, |c| {
+        for (i, (name, row)) in rows.iter().zip(cells).enumerate() {
+            let y = CELL * i as f64;
+            let at = [left - 6.0, y + CELL / 2.0];
+            c.text(name, at, Role::Ink, HPos::Right, VPos::Center);
+            let all: usize = row.iter().sum();
+            for (j, count) in row.iter().enumerate() {
+                let x = left + CELL * j as f64;
+                let same = right(i, j);
+                let corners = ([x + 0.5, y + 0.5], [x + CELL - 0.5, y + CELL - 0.5]);
+                c.rectangle(corners.0, corners.1, Role::Grid, 0.5);
+                if *count > 0 {
+                    let role = if same { Role::One } else { Role::Two };
+                    let share = *count as f64 / all as f64;
+                    c.rectangle(corners.0, corners.1, role, 0.15 + 0.45 * share);
+                    let at = [x + CELL / 2.0, y + CELL / 2.0];
+                    c.text(
+                        &count.to_string(),
+                        at,
+                        Role::Ink,
+                        HPos::Center,
+                        VPos::Center,
+                    );
+                }
+                if same {
+                    let [a, b] = [corners.0, corners.1];
+                    let around = [a, [b[0], a[1]], b, [a[0], b[1]], a];
+                    c.line(&around, Role::Rule, 1.0, false);
+                }
+            }
+        }
+        for (j, name) in columns.iter().enumerate() {
+            c.upright(name, [left + CELL * (j as f64 + 0.5), bottom + 6.0]);
+        }
+    });
+    let width = 1.2 * size[0];
+    format!(
+        "<div class=\"scroll\"><div class=\"sized\" style=\"width:{width:.0}px\">{drawing}</div></div>"
+    )
+}
+
 /// The names of everything drawn in `panels`, each once, with its sign: a list for the caption of the figure.
 pub fn legend(panels: &[Panel]) -> String {
     let mut entries: Vec<(&str, String)> = Vec::new();
@@ -691,11 +772,27 @@ impl Frame {
 }
 
 /// The area that is drawn on. Drawing into a string does not fail, so that results are not looked at.
-struct Canvas<'a> {
+pub(super) struct Canvas<'a> {
     area: DrawingArea<SVGBackend<'a>, Shift>,
 }
 
-fn canvas(label: &str, class: &str, size: [f64; 2], draw: impl FnOnce(&Canvas)) -> String {
+pub(super) fn canvas(
+    label: &str,
+    class: &str,
+    size: [f64; 2],
+    draw: impl FnOnce(&Canvas),
+) -> String {
+    canvas_of(label, class, size, "", draw)
+}
+
+/// The same with what the page's script needs to know of the axes, as JSON; may be empty.
+fn canvas_of(
+    label: &str,
+    class: &str,
+    size: [f64; 2],
+    axes: &str,
+    draw: impl FnOnce(&Canvas),
+) -> String {
     let mut raw = String::new();
     let fine = size.map(|s| (s * FINE).round() as u32);
     {
@@ -707,10 +804,14 @@ fn canvas(label: &str, class: &str, size: [f64; 2], draw: impl FnOnce(&Canvas)) 
     // A drawing grows with the page, but not beyond a comfortable size.
     let most = if size[0] < 400.0 { 1.2 } else { 1.45 } * size[0];
     let open = format!(
-        "<svg class=\"plot {class}\" viewBox=\"0 0 {} {}\" style=\"max-width:{most:.0}px\" role=\"img\" aria-label=\"{}\">",
+        "<svg class=\"plot {class}\" viewBox=\"0 0 {} {}\" style=\"max-width:{most:.0}px\" role=\"img\" aria-label=\"{}\"{}>",
         fine[0],
         fine[1],
-        escape(label)
+        escape(label),
+        match axes {
+            "" => String::new(),
+            axes => format!(" data-axes=\"{}\"", escape(axes)),
+        }
     );
     themed(&raw, &open)
 }
@@ -720,7 +821,7 @@ fn fine(at: [f64; 2]) -> (i32, i32) {
 }
 
 impl Canvas<'_> {
-    fn line(&self, points: &[[f64; 2]], role: Role, width: f64, dashed: bool) {
+    pub(super) fn line(&self, points: &[[f64; 2]], role: Role, width: f64, dashed: bool) {
         let style = ShapeStyle::from(role.colour(dashed)).stroke_width((width * FINE) as u32);
         let mut path: Vec<(i32, i32)> = points.iter().map(|p| fine(*p)).collect();
         path.dedup();
@@ -732,26 +833,26 @@ impl Canvas<'_> {
         }
     }
 
-    fn polygon(&self, points: &[[f64; 2]], role: Role, opacity: f64) {
+    pub(super) fn polygon(&self, points: &[[f64; 2]], role: Role, opacity: f64) {
         let colour: RGBAColor = role.colour(false).mix(opacity);
         let path: Vec<(i32, i32)> = points.iter().map(|p| fine(*p)).collect();
         let _ = self.area.draw(&Polygon::new(path, colour));
     }
 
-    fn rectangle(&self, from: [f64; 2], to: [f64; 2], role: Role, opacity: f64) {
+    pub(super) fn rectangle(&self, from: [f64; 2], to: [f64; 2], role: Role, opacity: f64) {
         let style = role.colour(false).mix(opacity).filled();
         let _ = self
             .area
             .draw(&Rectangle::new([fine(from), fine(to)], style));
     }
 
-    fn dot(&self, at: [f64; 2], radius: f64, role: Role) {
+    pub(super) fn dot(&self, at: [f64; 2], radius: f64, role: Role) {
         let style = role.colour(false).filled();
         let radius = (radius * FINE) as i32;
         let _ = self.area.draw(&Circle::new(fine(at), radius, style));
     }
 
-    fn text(&self, text: &str, at: [f64; 2], role: Role, h: HPos, v: VPos) {
+    pub(super) fn text(&self, text: &str, at: [f64; 2], role: Role, h: HPos, v: VPos) {
         let font = ("sans-serif", 12).into_font();
         let colour = role.colour(false);
         let style = TextStyle::from(font).color(&colour).pos(Pos::new(h, v));

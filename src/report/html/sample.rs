@@ -3,12 +3,13 @@
 
 use minijinja::{Value, context};
 
+use super::errors::{Cycles, per_cycle};
 use super::page::{self, Cell, Section, Summary, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::recordings::curve;
 use super::summary;
 use super::{Provenance, number, parameters, provenance, reduce, starts};
-use crate::calibration::{SampleFit, SampleOutcome, Standing};
+use crate::calibration::{JUDGED_ABOVE_V, SampleFit, SampleOutcome, Standing};
 use crate::report::answer::Answer;
 
 const TEMPLATE: &str = include_str!("samples.html");
@@ -264,6 +265,24 @@ fn errors(outcome: &SampleOutcome) -> Option<Section> {
         ]);
     }
     let says = "x: captured frames averaged over one step of the integration. Voltage, at the film: what the measured motion needs minus what the command makes there.";
-    let context = context! { says => says, table => table.html() };
-    Some(Section::new("errors", "Errors", ERRORS, context))
+    let each: Vec<Cycles> = outcome.recordings.iter().map(cycles).collect();
+    let context =
+        context! { says => says, table => table.html(), cycles => safe(per_cycle(&each)) };
+    let template = format!("{ERRORS}{{{{ cycles }}}}\n");
+    Some(Section::new("errors", "Errors", &template, context))
+}
+
+/// Errors of the voltage of a recording, to be judged cycle by cycle.
+fn cycles(r: &SampleFit) -> Cycles<'_> {
+    let judged = |i: &usize| r.counts[*i] && r.command_v[*i].abs() > JUDGED_ABOVE_V;
+    let sample = |i: usize| {
+        let error = r.needed_squared_v2[i].max(0.0).sqrt() - r.film_v[i].abs();
+        [r.time_s[i], error, r.sd_v[i]]
+    };
+    Cycles {
+        id: &r.id,
+        time_s: &r.time_s,
+        cycles_s: &r.cycles_s,
+        samples: (0..r.time_s.len()).filter(judged).map(sample).collect(),
+    }
 }

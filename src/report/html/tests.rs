@@ -85,6 +85,7 @@ fn recording(id: &str, frames: usize) -> RecordingOutcome {
             .collect(),
         swing_deg: vec![[1.0; 3]; frames],
         gaps: vec![(100, 10)],
+        cycles_s: (0..6).map(f64::from).collect(),
         notes: vec!["the offset is NaN in one place".into()],
         time_s,
     }
@@ -239,8 +240,9 @@ fn render(outcome: &Outcome, provenance: &Provenance) -> String {
 
 /// Opens and closes its tags in order, as far as a plain count can tell.
 pub fn assert_balanced(html: &str) {
+    let html = apart(html).0;
     let mut open: Vec<&str> = Vec::new();
-    let mut rest = html;
+    let mut rest = html.as_str();
     while let Some(start) = rest.find('<') {
         let end = start + rest[start..].find('>').expect("a tag ends");
         let tag = &rest[start + 1..end];
@@ -255,12 +257,30 @@ pub fn assert_balanced(html: &str) {
     assert!(open.is_empty(), "{open:?} stay open");
 }
 
+/// A page without its script, and the script.
+fn apart(html: &str) -> (String, String) {
+    let (before, rest) = html.split_once("<script>").unwrap_or((html, ""));
+    let (script, after) = rest.split_once("</script>").unwrap_or(("", rest));
+    ([before, after].concat(), script.into())
+}
+
 /// Nothing is fetched from anywhere.
 pub fn assert_self_contained(html: &str) {
+    let (html, script) = &apart(html);
+    for absent in [
+        "http",
+        "import",
+        "fetch",
+        "src",
+        "XMLHttp",
+        "eval",
+        "innerHTML",
+    ] {
+        assert!(!script.contains(absent), "{absent}");
+    }
     for absent in [
         "http://",
         "https://",
-        "<script",
         "@import",
         "url(",
         "<link",
@@ -327,6 +347,32 @@ fn a_full_outcome_has_every_section_and_needs_nothing_else() {
     assert_eq!(
         html.matches("<figure").count(),
         html.matches("<figcaption").count()
+    );
+}
+
+#[test]
+fn cycles_are_judged_one_by_one_where_there_are_some() {
+    let mut outcome = full(600);
+    let cycles = |html: &str| html.matches("Error and noise of each cycle,").count();
+    assert_eq!(cycles(&render(&outcome, &provenance())), 4);
+    outcome.recordings[2].cycles_s = Vec::new();
+    assert_eq!(cycles(&render(&outcome, &provenance())), 3);
+    // each by itself: 3 V in the first second, 5 V in the next, 40 V after the last cycle
+    let error = |t: f64| [3.0, 5.0, 40.0][t as usize];
+    let samples: Vec<[f64; 3]> = (0..300)
+        .map(|i| f64::from(i) * 0.01)
+        .map(|t| [t, error(t), 1.0])
+        .collect();
+    let each = super::errors::Cycles {
+        id: "a",
+        time_s: &[0.0, 3.0],
+        cycles_s: &[0.0, 1.0, 2.0],
+        samples,
+    };
+    let html = super::errors::per_cycle(&[each]);
+    assert!(
+        html.contains("class=\"s-two\"") && html.contains("[0.0,5.5]"),
+        "{html}"
     );
 }
 

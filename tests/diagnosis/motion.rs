@@ -398,7 +398,7 @@ fn intervals_of_named_causes_hold() {
     assert!(held * 100 >= 83 * all, "{held} of {all}");
 }
 
-/// `cargo test --release --test diagnosis chain:: intervals -- --ignored --nocapture`
+/// `cargo test --release --test diagnosis intervals -- --ignored --nocapture`
 #[test]
 #[ignore = "200 axes: minutes"]
 fn intervals_of_two_hundred_axes_hold() {
@@ -447,7 +447,7 @@ fn noise_shortens_nothing_of_a_fit_to_the_motion() {
     assert!(balance.iter().any(|b| b.abs() > 3.0), "{balance:?}");
 }
 
-/// `cargo test --release --test diagnosis chain:: bias -- --ignored --nocapture`
+/// `cargo test --release --test diagnosis bias -- --ignored --nocapture`
 #[test]
 #[ignore = "three times 120 axes: minutes"]
 fn bias_is_below_a_third_of_a_standard_error() {
@@ -579,7 +579,7 @@ fn errors_mv(fit: &LineOutcome) -> [f64; 3] {
 }
 
 /// The public table of the silverbox, its official split: everything is fitted and chosen on the training
-/// multisines. `cargo test --release --test diagnosis chain:: silverbox -- --ignored --nocapture`
+/// multisines. `cargo test --release --test diagnosis silverbox -- --ignored --nocapture`
 #[test]
 #[ignore = "65,062 samples: ten seconds and more"]
 fn silverbox_in_the_public_table() {

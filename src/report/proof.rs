@@ -169,7 +169,7 @@ fn power_curve(proof: &Proof) -> String {
     }];
     let drawing = plot::line_plot(
         "Right effect first, over its strength",
-        &Axis::over("strength, 0 barely visible, 1 strong", [0.0, 1.0]),
+        &Axis::over("strength from 0 (barely visible) to 1 (strong)", [0.0, 1.0]),
         &panels,
         Width::Part,
     );

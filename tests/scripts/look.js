@@ -6,7 +6,8 @@ const BLANK = 60;
 /// Text needs so much contrast to its ground (WCAG 2, level AA).
 const CONTRAST = 4.5;
 /// Axes of numbers without a unit.
-const PLAIN = ["stretch", "row", "day", "number of the set", "rank of the start", "batch"];
+const PLAIN = ["stretch", "row", "day", "number of the set", "rank of the start", "batch",
+  "strength from 0 (barely visible) to 1 (strong)"];
 
 function look(doc, view) {
   const of = (e) => view.getComputedStyle(e);
@@ -107,7 +108,7 @@ function tried(doc, view) {
     at("pointermove", svg, place(0.5));
     const tip = doc.querySelector(".tip");
     const middle = (axes.x[0] + axes.x[1]) / 2;
-    const number = Number(tip.textContent.replace("\u2212", "-").split("\n")[0].slice(axes.title.split(", ")[0].length).split("\u00a0")[0]);
+    const number = Number(tip.textContent.replace("\u2212", "-").split("\n")[0].slice(axes.title.split(/, (?=[^,]*$)/)[0].length).split("\u00a0")[0]);
     want(!tip.hidden && Math.abs(number - middle) <= 2e-3 * (axes.x[1] - axes.x[0]) + 5e-4 * Math.abs(middle), `no value under the pointer: ${label}: ${tip.textContent}`);
     if (tip.textContent.split("\n").length > 1) curves += 1;
     const box = tip.getBoundingClientRect();

@@ -151,7 +151,7 @@ fn drawn(l: &LearntPhysics, t: &LearntTerm) -> Option<String> {
     };
     let who = on(t);
     let panel = Panel {
-        y: Axis::new(format!("{}{by}, actuators: {who}", l.place.unit())),
+        y: Axis::new(format!("actuators {who}, {}{by}", l.place.unit())),
         height: 150.0,
         shades: Vec::new(),
         bands: vec![Band {

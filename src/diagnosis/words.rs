@@ -24,6 +24,7 @@ pub(super) fn candidates<S: Subject>(
     // Each cause once, with the first model that names it.
     let mut chosen: Vec<(&Judged, usize, f64, bool)> = Vec::new();
     let id = |judged: &Judged, own: usize| judged.fitted.effects[own].effect.id();
+    let said = |own: f64, named: bool| if named { own } else { own.min(NOT_NAMED) };
     let mut add = |judged, own, probability, in_model| {
         if chosen.iter().all(|c| id(c.0, c.1) != id(judged, own)) {
             chosen.push((judged, own, probability, in_model));
@@ -49,25 +50,20 @@ pub(super) fn candidates<S: Subject>(
         members.sort_by_key(|&own| rank(own));
         for own in members {
             let id = pair.fitted.effects[own].effect.id();
-            add(pair, own, known * odds.cause(id), in_model);
+            add(pair, own, said(known * odds.cause(id), in_model), in_model);
         }
     }
     for (place, single) in singles.iter().enumerate() {
         let named = in_model && pair.is_none() && place == 0;
         let own = known * odds.cause(id(single, 0));
-        add(
-            single,
-            0,
-            if named { own } else { own.min(NOT_NAMED) },
-            named,
-        );
+        add(single, 0, said(own, named), named);
     }
     // What almost joined as a second one comes after the first.
     if let (None, Some(almost)) = (pair, partners.first())
         && almost.fitted.effects.len() > 1
     {
         let own = known * odds.cause(id(almost, 1));
-        add(almost, 1, own.min(NOT_NAMED), false);
+        add(almost, 1, said(own, false), false);
     }
     let mut models: Vec<(&Judged, bool)> = Vec::new();
     for (judged, _, _, in_model) in &chosen {

@@ -74,6 +74,7 @@ impl Step {
             Done::Tally => self
                 .tally
                 .share()
+                .filter(|now| *now < 1.0) // the step goes on beyond what is counted
                 .map(|now| told(now, 0.0, self.since.elapsed())),
             Done::File => crate::recording::share_read().map(|(now, took)| told(now, 0.0, took)),
         };

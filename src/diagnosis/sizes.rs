@@ -300,6 +300,16 @@ impl Told {
                 near.priors[a] / near.scale[a] * (self.truth[i] - near.at[i])
             });
             let step = &near.inverse * (near.scaled(&score.mean) - held);
+            // a step that takes a size out of its range is longer than linear theory holds
+            let leaves = |&a: &usize| {
+                let (u, number) = (&near.unknowns[near.free[a]], near.free[a] - near.first);
+                let (e, v) = fitted.free[number];
+                let to = self.truth[near.free[a]] + near.scale[a] * step[a];
+                fitted.effects[e].effect.parameters()[v].size && !(u.lower..=u.upper).contains(&to)
+            };
+            if own.iter().any(leaves) {
+                break;
+            }
             let largest = (own.iter())
                 .map(|&a| step[a].abs() / near.variance(self, a).sqrt())
                 .fold(0.0, f64::max);

@@ -265,7 +265,7 @@ pub fn voltage_csv(out: &mut impl Write, log: &VoltageLog, drive: &Sampled) -> i
 }
 
 /// Writes a number with so many digits after the point, without a sign where that leaves zero: in whole units
-/// of the last digit, which takes a fifth of the time of exact decimals and differs from them in ties alone.
+/// of the last digit, which is quicker than exact decimals and differs from them in ties alone.
 fn fixed(out: &mut impl Write, value: f64, places: usize) -> io::Result<()> {
     const WHOLE: f64 = 9_007_199_254_740_992.0; // from 2^53 on not every integer is a number
     let units = (value * 10f64.powi(places as i32)).round();

@@ -27,7 +27,7 @@ struct CauseJson {
     acts_on: &'static str,
     equation: &'static str,
     /// Ids of causes, and what else it is easily taken for.
-    taken_for: Vec<&'static str>,
+    taken_for: &'static [&'static str],
     parameters: Vec<QuantityJson>,
     brought_out_by: &'static str,
     source: &'static str,
@@ -125,16 +125,11 @@ fn json(c: &Listed) -> CauseJson {
         says: c.0.says(),
         acts_on: acts_on(c),
         equation: c.0.equation(),
-        taken_for: taken_for(c.0).collect(),
+        taken_for: c.0.taken_for(),
         parameters: c.0.parameters().iter().map(quantity).collect(),
         brought_out_by: c.0.brought_out_by(),
         source: c.0.source(),
     }
-}
-
-/// What a cause is easily taken for, one by one.
-fn taken_for(effect: &dyn Effect) -> impl Iterator<Item = &'static str> {
-    effect.taken_for().split(", ").filter(|s| !s.is_empty())
 }
 
 /// The symbols of the equations.
@@ -181,11 +176,8 @@ fn tell(c: &Listed, talk: Talk) {
         _ => "",
     };
     let kinds: Vec<String> = of.iter().map(|k| (*k).to_owned()).collect();
-    let others: Vec<String> = taken_for(*effect).map(plain_name).collect();
-    let others = match others.is_empty() {
-        true => String::new(),
-        false => number::list(&others),
-    };
+    let others = effect.taken_for().iter().copied().map(plain_name);
+    let others = number::list(&others.collect::<Vec<String>>());
     let lines = [
         ("forms", words.as_str()),
         ("of", &number::list(&kinds)),

@@ -19,8 +19,12 @@ impl Effect for ActuatorAsymmetry {
     fn equation(&self) -> &'static str {
         "L3 -> thickness_factor L3 of one actuator: film torque ~ L3, Maxwell torque ~ 1/L3"
     }
-    fn taken_for(&self) -> &'static str {
-        "link_length_error of one chain, frame_tilt, amplifier_gain of one actuator"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "link_length_error of one chain",
+            "frame_tilt",
+            "amplifier_gain of one actuator",
+        ]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -21,8 +21,8 @@ impl Effect for ActuatorMass {
     fn equation(&self) -> &'static str {
         "torque on theta_b: -first_moment (q theta_b'' - g sin theta_b)"
     }
-    fn taken_for(&self) -> &'static str {
-        "hinge_stiffness, a payload, marker_offset"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["hinge_stiffness", "a payload", "marker_offset"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Bicep

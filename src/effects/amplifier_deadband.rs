@@ -18,8 +18,8 @@ impl Effect for AmplifierDeadband {
     fn equation(&self) -> &'static str {
         "phi = phi_c/(1 + e^(-(|phi_c| - threshold)/edge))"
     }
-    fn taken_for(&self) -> &'static str {
-        "end_stop, joint_friction near rest"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["end_stop", "joint_friction near rest"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Amplifier

@@ -21,8 +21,8 @@ impl Effect for AmplifierGain {
     fn equation(&self) -> &'static str {
         "phi = (1 + gain_error) phi_c + offset sign(phi_c) (1 - e^(-(phi_c/50 V)^2))"
     }
-    fn taken_for(&self) -> &'static str {
-        "permittivity_stretch, all moduli scaled together"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["permittivity_stretch", "all moduli scaled together"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Amplifier

@@ -17,8 +17,8 @@ impl Effect for AmplifierSaturation {
     fn equation(&self) -> &'static str {
         "phi = sign(phi_c) (|phi_c| - knee ln(1 + e^((|phi_c| - ceiling)/knee)))"
     }
-    fn taken_for(&self) -> &'static str {
-        "leakage, loss_of_tension"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["leakage", "loss_of_tension"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Amplifier

@@ -17,8 +17,8 @@ impl Effect for ClockSkew {
     fn equation(&self) -> &'static str {
         "phi_c is read at (1 + skew) t, t from the first frame"
     }
-    fn taken_for(&self) -> &'static str {
-        "time_offset, temperature_drift"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["time_offset", "temperature_drift"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Clocks

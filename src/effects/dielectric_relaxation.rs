@@ -23,8 +23,12 @@ impl Effect for DielectricRelaxation {
         "phi^2 = (1 - x - y) phi_c^2 + x psi_1^2 + y psi_2^2, tau_j psi_j' = phi_c - psi_j, x = \
          fraction, y = slow_fraction, tau_1 = time_constant, tau_2 = 15 tau_1"
     }
-    fn taken_for(&self) -> &'static str {
-        "slow branches of the film, series_resistance, slow_creep"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "slow branches of the film",
+            "series_resistance",
+            "slow_creep",
+        ]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -18,8 +18,8 @@ impl Effect for ElectrodeFailure {
     fn equation(&self) -> &'static str {
         "C -> (1 - fraction) C of one actuator, from the time on"
     }
-    fn taken_for(&self) -> &'static str {
-        "payload_change, actuator_asymmetry"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["payload_change", "actuator_asymmetry"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

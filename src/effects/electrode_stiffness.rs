@@ -22,8 +22,11 @@ impl Effect for ElectrodeStiffness {
     fn equation(&self) -> &'static str {
         "sigma_i = modulus (A_i - 1/(A_1 A_2)), A_1 = (lambda_1/1.5)^2, A_2 = 1.5 lambda_2^2"
     }
-    fn taken_for(&self) -> &'static str {
-        "hinge_stiffness, the film's equilibrium modulus and locking constant"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "hinge_stiffness",
+            "the film's equilibrium modulus and locking constant",
+        ]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -19,8 +19,8 @@ impl Effect for EndStop {
         "torque on theta_b: -stiffness edge ln(1 + e^((theta_b - theta_stop)/edge)) max(1 + damping \
          theta_b', 0)"
     }
-    fn taken_for(&self) -> &'static str {
-        "amplifier_deadband, joint_friction, marker_offset"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["amplifier_deadband", "joint_friction", "marker_offset"]
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

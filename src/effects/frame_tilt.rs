@@ -40,8 +40,8 @@ impl Effect for FrameTilt {
     fn equation(&self) -> &'static str {
         "u = p + R (u_m - p), R = exp(rotation), p at the base marker"
     }
-    fn taken_for(&self) -> &'static str {
-        "actuator_asymmetry, marker_offset"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["actuator_asymmetry", "marker_offset"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Marker

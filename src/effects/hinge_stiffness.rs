@@ -17,8 +17,8 @@ impl Effect for HingeStiffness {
     fn equation(&self) -> &'static str {
         "torque on theta_DEA: -stiffness (x + cubic x^3), x = theta_DEA - rest_angle"
     }
-    fn taken_for(&self) -> &'static str {
-        "electrode_stiffness, actuator_mass, marker_offset"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["electrode_stiffness", "actuator_mass", "marker_offset"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Hinges

@@ -17,8 +17,12 @@ impl Effect for JointDamping {
     fn equation(&self) -> &'static str {
         "torque on theta_b: -coefficient theta_b'"
     }
-    fn taken_for(&self) -> &'static str {
-        "the fastest branch of the film, series_resistance, time_offset"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "the fastest branch of the film",
+            "series_resistance",
+            "time_offset",
+        ]
     }
     fn parameters(&self) -> &'static [Quantity] {
         const { &[size("coefficient", "N m s/rad", 0.0, 2e-2, 5e-4)] }

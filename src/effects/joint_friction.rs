@@ -29,8 +29,12 @@ impl Effect for JointFriction {
         "torque on theta_b: -torque z, dz = (g sign(d theta_b) - z)(1 - e^(-|d theta_b|/(g \
          presliding))), g = 1 + sticking e^(-(theta_b'/0.1 rad/s)^2)"
     }
-    fn taken_for(&self) -> &'static str {
-        "the film's hysteresis, joint_damping, amplifier_deadband"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "the film's hysteresis",
+            "joint_damping",
+            "amplifier_deadband",
+        ]
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -48,8 +48,12 @@ impl Effect for Leakage {
         "resistance (C phi)' = phi_c - phi (1 + x (1 - n/m + n/m (E/E_0)^m)), \
          x = loss_fraction/(1 - loss_fraction), n = field_exponent, m = max(n, 2), E_0 the field at 3 kV"
     }
-    fn taken_for(&self) -> &'static str {
-        "amplifier_gain, permittivity_stretch, amplifier_saturation"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "amplifier_gain",
+            "permittivity_stretch",
+            "amplifier_saturation",
+        ]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -20,8 +20,8 @@ impl Effect for LinkLengthError {
     fn equation(&self) -> &'static str {
         "length -> length (1 + relative_error)"
     }
-    fn taken_for(&self) -> &'static str {
-        "marker_offset, actuator_mass, hinge_stiffness"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["marker_offset", "actuator_mass", "hinge_stiffness"]
     }
     fn part(&self, v: &[f64]) -> Part {
         match LINKS[v[0] as usize % LINKS.len()] {

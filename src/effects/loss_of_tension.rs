@@ -20,8 +20,8 @@ impl Effect for LossOfTension {
         "of p = sigma_2 - eps E^2 the film carries t + (p + w - t)^2/(4 w) between t - w and t + w, \
          t below, p above; t = threshold |sigma_2(0)|, w = unevenness |sigma_2(0)|"
     }
-    fn taken_for(&self) -> &'static str {
-        "amplifier_saturation, leakage"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["amplifier_saturation", "leakage"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -17,8 +17,13 @@ impl Effect for MarkerOffset {
     fn equation(&self) -> &'static str {
         "u = u_m - offset"
     }
-    fn taken_for(&self) -> &'static str {
-        "link_length_error, actuator_mass, hinge_stiffness, frame_tilt"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "link_length_error",
+            "actuator_mass",
+            "hinge_stiffness",
+            "frame_tilt",
+        ]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Marker

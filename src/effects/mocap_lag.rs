@@ -63,8 +63,8 @@ impl Effect for MocapLag {
     fn equation(&self) -> &'static str {
         "u(t) = (u_m + 1.4 tau u_m' + tau^2 u_m'')(t + pure tau), tau = delay/(1.4 + pure)"
     }
-    fn taken_for(&self) -> &'static str {
-        "time_offset of the other sign, series_resistance"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["time_offset of the other sign", "series_resistance"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Marker

@@ -365,8 +365,8 @@ pub trait Effect: Sync + Send {
     fn equation(&self) -> &'static str;
     /// What it is easily taken for: ids of causes, and parts of the plain model in words; empty where nothing
     /// is stated. What given recordings cannot tell apart, a diagnosis works out from them.
-    fn taken_for(&self) -> &'static str {
-        ""
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[]
     }
     /// The part of a robot that it sits in, with these values.
     fn part(&self, _v: &[f64]) -> Part {
@@ -563,11 +563,8 @@ mod tests {
                     effect.id()
                 );
             }
-            for other in effect
-                .taken_for()
-                .split([',', ' '])
-                .filter(|w| w.contains('_'))
-            {
+            let words = effect.taken_for().iter().flat_map(|t| t.split(' '));
+            for other in words.filter(|w| w.contains('_')) {
                 assert!(by_id(other).is_some(), "{}: {other}", effect.id());
             }
         }

@@ -23,8 +23,8 @@ impl Effect for MullinsSoftening {
         "stress of the equilibrium spring times 1 - softening erf((W_max - W)/energy_scale), W its \
          energy density"
     }
-    fn taken_for(&self) -> &'static str {
-        "slow branches of the film, temperature_drift"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["slow branches of the film", "temperature_drift"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -20,8 +20,8 @@ impl Effect for PayloadChange {
     fn equation(&self) -> &'static str {
         "force on the end effector: -mass (u'' + g Z), from the time on"
     }
-    fn taken_for(&self) -> &'static str {
-        "electrode_failure, temperature_drift"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["electrode_failure", "temperature_drift"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Effector

@@ -18,8 +18,8 @@ impl Effect for PermittivityStretch {
     fn equation(&self) -> &'static str {
         "eps = eps(1) (1 - slope (x - curvature x^2)), x = lambda_1 lambda_2 - 1"
     }
-    fn taken_for(&self) -> &'static str {
-        "amplifier_gain, leakage"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["amplifier_gain", "leakage"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -17,8 +17,8 @@ impl Effect for SeriesResistance {
     fn equation(&self) -> &'static str {
         "resistance (C phi)' = phi_c - phi"
     }
-    fn taken_for(&self) -> &'static str {
-        "time_offset, mocap_lag, joint_damping, slew_limit"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["time_offset", "mocap_lag", "joint_damping", "slew_limit"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Lead

@@ -29,8 +29,8 @@ impl Effect for SlewLimit {
     fn equation(&self) -> &'static str {
         "-rate_down <= |phi|' <= rate_up, and phi as near to phi_c as that allows"
     }
-    fn taken_for(&self) -> &'static str {
-        "series_resistance, time_offset"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["series_resistance", "time_offset"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Amplifier

@@ -33,8 +33,12 @@ impl Effect for SlowCreep {
         "sigma_i = modulus s_i, s_i = (lambda_i/xi_i)^2 - (xi_1 xi_2/(lambda_1 lambda_2))^2, \
          (ln xi_1)' = (s_1 - s_2/2)/(3 time_constant), xi_2 alike, xi = 1 since_assembly ago"
     }
-    fn taken_for(&self) -> &'static str {
-        "temperature_drift, electrode_stiffness, dielectric_relaxation"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &[
+            "temperature_drift",
+            "electrode_stiffness",
+            "dielectric_relaxation",
+        ]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

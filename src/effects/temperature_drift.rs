@@ -20,8 +20,8 @@ impl Effect for TemperatureDrift {
         "mu -> mu (1 + relative_change (1 - e^(-t/T)) + early_change (1 - e^(-4 t/T))), T = \
          time_constant, t over the series"
     }
-    fn taken_for(&self) -> &'static str {
-        "slow_creep, mullins_softening"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["slow_creep", "mullins_softening"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Film

@@ -17,8 +17,8 @@ impl Effect for TimeOffset {
     fn equation(&self) -> &'static str {
         "phi_c is read at t + offset"
     }
-    fn taken_for(&self) -> &'static str {
-        "series_resistance, mocap_lag"
+    fn taken_for(&self) -> &'static [&'static str] {
+        &["series_resistance", "mocap_lag"]
     }
     fn part(&self, _: &[f64]) -> Part {
         Part::Clocks

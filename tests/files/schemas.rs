@@ -1,5 +1,5 @@
-//! The schemas in `schemas/` are those of the types. `DEACAL_WRITE_SCHEMAS=1 cargo test --test files
-//! schemas::` writes them.
+//! The schemas in `schemas/` are those of the types. They are written by
+//! `DEACAL_WRITE_SCHEMAS=1 cargo test --test files schemas::`.
 
 use std::path::Path;
 

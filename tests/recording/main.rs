@@ -1,13 +1,11 @@
 //! Importers: files as instruments write them.
 
-#[path = "../mocap/mod.rs"]
-mod mocap;
-
 mod c3d;
 mod captures;
 mod files;
 mod formats;
 mod mcap;
+mod mocap;
 mod open;
 mod random;
 mod shared;

@@ -644,19 +644,10 @@ mod tests {
     /// order four.
     #[test]
     fn order_conditions() {
-        let mul = |x: [f64; STAGES], y: [f64; STAGES]| {
-            let mut out = x;
-            for i in 0..STAGES {
-                out[i] *= y[i];
-            }
-            out
-        };
-        let apply = |x: [f64; STAGES]| {
-            let mut out = [0.0; STAGES];
-            for i in 0..STAGES {
-                out[i] = (0..STAGES).map(|j| A[i][j] * x[j]).sum();
-            }
-            out
+        type Tree = [f64; STAGES];
+        let mul = |x: Tree, y: Tree| -> Tree { std::array::from_fn(|i| x[i] * y[i]) };
+        let apply = |x: Tree| -> Tree {
+            std::array::from_fn(|i| A[i].iter().zip(x).map(|(a, x)| a * x).sum())
         };
         let one = [1.0; STAGES];
         let c = apply(one);
@@ -688,9 +679,10 @@ mod tests {
             (apply(ac2), 1.0 / 60.0),
             (apply(aac), 1.0 / 120.0),
         ];
-        let sum = |b: [f64; STAGES], x: [f64; STAGES]| mul(b, x).iter().sum::<f64>();
-        for (x, want) in up_to_four.iter().chain(&five) {
-            assert!((sum(B, *x) - want).abs() < 1e-12);
+        let sum = |b: Tree, x: Tree| mul(b, x).iter().sum::<f64>();
+        for (i, (x, want)) in up_to_four.iter().chain(&five).enumerate() {
+            let sum = sum(B, *x);
+            assert!((sum - want).abs() < 1e-12, "tree {i}: {sum}, not {want}");
         }
         for (x, want) in &up_to_four {
             assert!((sum(B_HAT, *x) - want).abs() < 1e-11);

@@ -301,74 +301,17 @@ impl Parameters {
     }
 
     fn parse(&mut self, bytes: &[u8], path: &Path, notes: &mut Vec<Note>) {
-        let mut at = 0;
-        let mut names: HashMap<u8, String> = HashMap::new();
-        let mut found: Vec<(u8, String, Parameter)> = Vec::new();
-        let mut broken = false;
-        // values do not overlap: more bytes than the section has is damage, however often a record says so
-        let mut budget = bytes.len();
-        // a group may stand after its parameters: ids become names at the end
-        while let Some([length, id]) = bytes
-            .get(at..at + 2)
-            .and_then(|b| <[u8; 2]>::try_from(b).ok())
-        {
-            let length = usize::from(length.cast_signed().unsigned_abs());
-            if length == 0 || id == 0 {
-                break;
-            }
-            let id = id.cast_signed();
-            let Some(name) = bytes.get(at + 2..at + 2 + length) else {
-                broken = true;
-                break;
-            };
-            let link = at + 2 + length;
-            let Some(offset) = two(bytes, link).map(|b| usize::from(self.processor.u16(b))) else {
-                broken = true;
-                break;
-            };
-            let is_name = name.iter().all(|b| *b >= b' ' && *b != 0x7f);
-            if !is_name {
-                broken = true;
-                break;
-            }
-            let name = decode(name).trim().to_uppercase();
-            if id < 0 {
-                if names.values().any(|n| *n == name) {
-                    notes.push(Note::warning(
-                        path,
-                        format!("parameter group {name} is there twice; the later values count"),
-                    ));
-                }
-                names.insert(id.unsigned_abs(), name);
-            } else {
-                match value(bytes, link + 2).filter(|v| v.bytes.len() <= budget) {
-                    Some(v) => {
-                        budget -= v.bytes.len();
-                        let bytes = v.bytes.to_vec();
-                        found.push((
-                            id.unsigned_abs(),
-                            name,
-                            Parameter {
-                                kind: v.kind,
-                                dimensions: v.dimensions,
-                                bytes,
-                            },
-                        ));
-                    }
-                    None => broken = true,
-                }
-            }
-            if offset == 0 {
-                break;
-            }
-            let next = link + offset;
-            if next <= at || next > bytes.len() {
-                broken |= next != bytes.len();
-                break;
-            }
-            at = next;
-        }
-        if broken {
+        let mut records = Records {
+            bytes,
+            processor: self.processor,
+            names: HashMap::new(),
+            found: Vec::new(),
+            budget: bytes.len(),
+            broken: false,
+        };
+        records.read(path, notes);
+        let Records { names, found, .. } = records;
+        if records.broken {
             notes.push(Note::warning(
                 path,
                 format!(
@@ -491,6 +434,26 @@ impl Parameters {
         list
     }
 
+    /// What is listed as angles, forces and the like is no position; with its unit.
+    fn no_positions(&self) -> HashMap<String, String> {
+        let mut other = HashMap::new();
+        for (list, unit) in [
+            ("ANGLES", "ANGLE_UNITS"),
+            ("FORCES", "FORCE_UNITS"),
+            ("MOMENTS", "MOMENT_UNITS"),
+            ("POWERS", "POWER_UNITS"),
+            ("SCALARS", "SCALAR_UNITS"),
+        ] {
+            let unit = self.strings("POINT", unit).into_iter().next();
+            for name in self.all("POINT", list, Self::strings) {
+                if !name.is_empty() {
+                    other.insert(name, unit.clone().unwrap_or_default());
+                }
+            }
+        }
+        other
+    }
+
     /// What is beside points and channels.
     fn tell(&self, path: &Path, notes: &mut Vec<Note>) {
         let times = self.numbers("EVENT", "TIMES");
@@ -544,6 +507,85 @@ fn two(bytes: &[u8], at: usize) -> Option<[u8; 2]> {
     bytes.get(at..at + 2)?.try_into().ok()
 }
 
+/// The records of the parameter section as far as they are read. A group may stand after its parameters: ids
+/// become names at the end.
+struct Records<'a> {
+    bytes: &'a [u8],
+    processor: Processor,
+    /// Names of groups by their id.
+    names: HashMap<u8, String>,
+    /// The id of the group, name and value.
+    found: Vec<(u8, String, Parameter)>,
+    /// Values do not overlap: more bytes than the section has is damage, however often a record says so.
+    budget: usize,
+    broken: bool,
+}
+
+impl Records<'_> {
+    /// Goes from record to record up to the last, or to damage.
+    fn read(&mut self, path: &Path, notes: &mut Vec<Note>) {
+        let mut at = 0;
+        while let Some([length, id]) = two(self.bytes, at) {
+            let length = usize::from(length.cast_signed().unsigned_abs());
+            if length == 0 || id == 0 {
+                break;
+            }
+            let id = id.cast_signed();
+            let link = at + 2 + length;
+            let Some((name, offset)) = self.name_and_offset(at + 2, link) else {
+                self.broken = true;
+                break;
+            };
+            if id < 0 {
+                self.group(id.unsigned_abs(), name, path, notes);
+            } else {
+                self.parameter(id.unsigned_abs(), name, link + 2);
+            }
+            if offset == 0 {
+                break;
+            }
+            let next = link + offset;
+            if next <= at || next > self.bytes.len() {
+                self.broken |= next != self.bytes.len();
+                break;
+            }
+            at = next;
+        }
+    }
+
+    /// The name that goes up to `link`, in capitals, and how far it is from there to the next record.
+    fn name_and_offset(&self, from: usize, link: usize) -> Option<(String, usize)> {
+        let name = self.bytes.get(from..link)?;
+        let offset = usize::from(self.processor.u16(two(self.bytes, link)?));
+        let is_name = name.iter().all(|b| *b >= b' ' && *b != 0x7f);
+        is_name.then(|| (decode(name).trim().to_uppercase(), offset))
+    }
+
+    fn group(&mut self, id: u8, name: String, path: &Path, notes: &mut Vec<Note>) {
+        if self.names.values().any(|n| *n == name) {
+            notes.push(Note::warning(
+                path,
+                format!("parameter group {name} is there twice; the later values count"),
+            ));
+        }
+        self.names.insert(id, name);
+    }
+
+    fn parameter(&mut self, id: u8, name: String, at: usize) {
+        let Some(v) = value(self.bytes, at).filter(|v| v.bytes.len() <= self.budget) else {
+            self.broken = true;
+            return;
+        };
+        self.budget -= v.bytes.len();
+        let parameter = Parameter {
+            kind: v.kind,
+            dimensions: v.dimensions,
+            bytes: v.bytes.to_vec(),
+        };
+        self.found.push((id, name, parameter));
+    }
+}
+
 /// Type, dimensions and values at `at`; what the section does not hold is damage.
 fn value(bytes: &[u8], at: usize) -> Option<Parameter<&[u8]>> {
     let [kind, ndim] = two(bytes, at)?;
@@ -583,73 +625,39 @@ struct Shape {
     rate_hz: f64,
 }
 
-impl Shape {
-    fn frame_bytes(&self) -> u64 {
-        (4 * self.points + self.channels * self.samples_per_frame) as u64 * self.width as u64
+/// Where the data begin, how many bytes there are, and how many a number has.
+struct Room {
+    data: u64,
+    available: u64,
+    width: u64,
+}
+
+impl Room {
+    fn frame_bytes(&self, points: u64, analog: u64) -> u64 {
+        (4 * points + analog) * self.width
     }
 
-    fn find(
-        header: &Header,
-        parameters: &Parameters,
-        file: &mut Reader,
-        notes: &mut Vec<Note>,
-    ) -> Result<Shape, Error> {
-        let (path, length) = (file.path, file.length);
-        let wrong = |found: String, expected: &str| {
-            Error::new(ErrorKind::Grammar, path, found)
-                .expected(expected)
-                .action("export the trial again")
-        };
-        let scale = Some(header.scale)
-            .filter(|s| s.is_finite() && *s != 0.0)
-            .or_else(|| parameters.number("POINT", "SCALE").filter(|s| *s != 0.0))
-            .ok_or_else(|| {
-                wrong(
-                    format!("the scale is {}", header.scale),
-                    "a scale other than 0",
-                )
-            })?;
-        let width: usize = if scale < 0.0 { 4 } else { 2 };
-        if width == 2
-            && let Some(other) = parameters.number("POINT", "SCALE")
-            && (other.abs() - scale).abs() > 1e-4 * scale
-        {
-            notes.push(Note::warning(
-                path,
-                format!("the scale is {scale} in the header and {other} in POINT:SCALE; the header's is used"),
-            ));
-        }
-        let mut rate_hz = header.rate_hz;
-        let usable = |r: &f64| r.is_finite() && *r > 0.0 && *r < 1e9;
-        let stated = parameters.number("POINT", "RATE").filter(usable);
-        if !usable(&rate_hz) {
-            rate_hz = stated
-                .ok_or_else(|| wrong(format!("the rate is {rate_hz} Hz"), "a rate above 0 Hz"))?;
-            notes.push(Note::warning(
-                path,
-                format!("the header has no rate; {rate_hz} Hz from POINT:RATE is used"),
-            ));
-        } else if let Some(stated) = stated
-            && (stated - rate_hz).abs() > 1e-4 * rate_hz
-        {
-            notes.push(Note::warning(
-                path,
-                format!("the rate is {rate_hz} Hz in the header and {stated} Hz in POINT:RATE; the header's is used"),
-            ));
-        }
-        let block = Some(header.data_block)
-            .filter(|b| *b > 1)
-            .or_else(|| parameters.count("POINT", "DATA_START").filter(|b| *b > 1))
-            .ok_or_else(|| {
-                wrong(
-                    "the header does not say where the data begin".into(),
-                    "a block after the parameters",
-                )
-            })?;
-        let data = (block - 1) * BLOCK;
-        let available = length.saturating_sub(data);
+    /// The data fill whole blocks; some writers leave out the padding.
+    fn fits(&self, points: u64, analog: u64, frames: u64) -> bool {
+        let all = self.frame_bytes(points, analog).saturating_mul(frames);
+        all > 0 && all <= self.available && self.available - all < BLOCK
+    }
+}
 
-        // counts as the header has them, then as the parameters do
+/// The frames that header and parameters declare.
+struct Declared {
+    first: i64,
+    in_header: u64,
+    /// The last frame of the header is the largest that it can say.
+    saturated: bool,
+    /// POINT:FRAMES
+    counted: Option<u64>,
+    /// How many there are, as the header has it, then as the parameters do.
+    frames: Vec<u64>,
+}
+
+impl Declared {
+    fn new(header: &Header, parameters: &Parameters) -> Self {
         let start = parameters.long("TRIAL", "ACTUAL_START_FIELD");
         let end = parameters.long("TRIAL", "ACTUAL_END_FIELD");
         let first = start
@@ -674,139 +682,252 @@ impl Shape {
         .filter(|n| *n > 0)
         .collect();
         frames.dedup();
-        let per_frame = header.samples_per_frame.max(1);
-        let used = parameters.count("ANALOG", "USED");
-        let points: Vec<u64> = std::iter::once(header.points)
-            .chain(parameters.count("POINT", "USED").filter(|n| *n < 65_536))
-            .collect();
-        let analog: Vec<u64> = std::iter::once(header.analog_per_frame)
-            .chain(used.filter(|n| *n < 65_536).map(|n| n * per_frame))
-            .collect();
-        let bytes = |p: u64, a: u64| (4 * p + a) * width as u64;
-        // the data fill whole blocks; some writers leave out the padding
-        let fits = |p: u64, a: u64, f: u64| {
-            let all = bytes(p, a).saturating_mul(f);
-            all > 0 && all <= available && available - all < BLOCK
-        };
-        let mut best = None;
-        for a in &analog {
-            for p in &points {
-                for f in &frames {
-                    if best.is_none() && fits(*p, *a, *f) {
-                        best = Some((*p, *a, *f));
+        Declared {
+            first,
+            in_header,
+            saturated,
+            counted,
+            frames,
+        }
+    }
+}
+
+/// Where header and parameters contradict each other, what is used.
+struct Choice<'a> {
+    header: &'a Header,
+    parameters: &'a Parameters,
+    path: &'a Path,
+    notes: &'a mut Vec<Note>,
+}
+
+impl Choice<'_> {
+    fn wrong(&self, found: impl Into<String>, expected: &str) -> Error {
+        Error::new(ErrorKind::Grammar, self.path, found)
+            .expected(expected)
+            .action("export the trial again")
+    }
+
+    fn warn(&mut self, text: String) {
+        self.notes.push(Note::warning(self.path, text));
+    }
+
+    fn scale(&mut self) -> Result<f64, Error> {
+        let other = self.parameters.number("POINT", "SCALE");
+        let scale = Some(self.header.scale)
+            .filter(|s| s.is_finite() && *s != 0.0)
+            .or_else(|| other.filter(|s| *s != 0.0))
+            .ok_or_else(|| {
+                self.wrong(
+                    format!("the scale is {}", self.header.scale),
+                    "a scale other than 0",
+                )
+            })?;
+        if scale > 0.0
+            && let Some(other) = other
+            && (other.abs() - scale).abs() > 1e-4 * scale
+        {
+            self.warn(format!(
+                "the scale is {scale} in the header and {other} in POINT:SCALE; the header's is used"
+            ));
+        }
+        Ok(scale)
+    }
+
+    fn rate_hz(&mut self) -> Result<f64, Error> {
+        let rate_hz = self.header.rate_hz;
+        let usable = |r: &f64| r.is_finite() && *r > 0.0 && *r < 1e9;
+        let stated = self.parameters.number("POINT", "RATE").filter(usable);
+        if !usable(&rate_hz) {
+            let rate_hz = stated.ok_or_else(|| {
+                self.wrong(format!("the rate is {rate_hz} Hz"), "a rate above 0 Hz")
+            })?;
+            self.warn(format!(
+                "the header has no rate; {rate_hz} Hz from POINT:RATE is used"
+            ));
+            return Ok(rate_hz);
+        }
+        if let Some(stated) = stated
+            && (stated - rate_hz).abs() > 1e-4 * rate_hz
+        {
+            self.warn(format!(
+                "the rate is {rate_hz} Hz in the header and {stated} Hz in POINT:RATE; the header's is used"
+            ));
+        }
+        Ok(rate_hz)
+    }
+
+    /// The block in which the data begin, counted from 1.
+    fn data_block(&self) -> Result<u64, Error> {
+        let stated = || self.parameters.count("POINT", "DATA_START");
+        Some(self.header.data_block)
+            .filter(|b| *b > 1)
+            .or_else(|| stated().filter(|b| *b > 1))
+            .ok_or_else(|| {
+                self.wrong(
+                    "the header does not say where the data begin",
+                    "a block after the parameters",
+                )
+            })
+    }
+
+    /// The first counts of points, analog values a frame and frames with which the file has its size.
+    fn that_fits(&self, room: &Room, declared: &Declared) -> Option<(u64, u64, u64)> {
+        let per_frame = self.header.samples_per_frame.max(1);
+        let used = |group: &str| self.parameters.count(group, "USED").filter(|n| *n < 65_536);
+        let points = [Some(self.header.points), used("POINT")];
+        let analog = [
+            Some(self.header.analog_per_frame),
+            used("ANALOG").map(|n| n * per_frame),
+        ];
+        for a in analog.into_iter().flatten() {
+            for p in points.into_iter().flatten() {
+                for f in &declared.frames {
+                    if room.fits(p, a, *f) {
+                        return Some((p, a, *f));
                     }
                 }
             }
         }
+        None
+    }
+
+    /// How many frames are there if a frame is as the header says.
+    fn frames_of_header(
+        &mut self,
+        room: &Room,
+        declared: &Declared,
+        file: &mut Reader,
+    ) -> Result<u64, Error> {
+        let nothing = |found: String| Error::new(ErrorKind::NoData, self.path, found);
+        let one = room.frame_bytes(self.header.points, self.header.analog_per_frame);
+        if one == 0 {
+            return Err(nothing("the file has no points and no channels".to_owned())
+                .action("export the trial again with its markers"));
+        }
+        let whole = room.available / one;
+        let count = declared.frames.first().copied().unwrap_or(0);
+        if whole == 0 {
+            return Err(
+                nothing(format!("{count} frames are declared and none is there"))
+                    .action("the file was cut; copy it again from where it was recorded"),
+            );
+        }
+        // a count of 16 bits cannot say more
+        let in_header = declared.in_header;
+        if declared.saturated && whole > in_header {
+            let whole = whole - file.zero_frames(room.data, one, whole)?;
+            self.warn(format!(
+                "{in_header} frames are declared, the most that the header can say; the file holds {whole}, which are read"
+            ));
+            return Ok(whole);
+        }
+        if whole < count {
+            self.warn(format!(
+                "the file was cut: {count} frames are declared and {whole} are there"
+            ));
+        }
+        Ok(if count == 0 { whole } else { whole.min(count) })
+    }
+
+    fn tell_misfit(&mut self, of_header: (u64, u64), used: (u64, u64)) {
+        if used != of_header {
+            self.warn(format!(
+                "the header's {} points and {} analog values a frame do not fit the size of the file; {} and {} from the parameters do",
+                of_header.0, of_header.1, used.0, used.1
+            ));
+        }
+    }
+
+    fn tell_contradictions(&mut self, declared: &Declared, points: u64, frames: u64) {
+        if let Some(used) = self.parameters.count("POINT", "USED")
+            && used != points
+        {
+            self.warn(format!(
+                "POINT:USED is {used}; {points} points fit the data"
+            ));
+        }
+        if let Some(counted) = declared.counted
+            && counted != frames & 0xffff
+            && counted != frames
+        {
+            self.warn(format!(
+                "POINT:FRAMES is {counted}, the header says {}; {frames} are read",
+                declared.in_header
+            ));
+        }
+    }
+
+    /// Channels, and samples a frame of each.
+    fn channels(&mut self, analog: u64) -> (u64, u64) {
+        let per_frame = self.header.samples_per_frame.max(1);
+        if analog == 0 {
+            return (0, 1);
+        }
+        if analog % per_frame == 0 {
+            return (analog / per_frame, per_frame);
+        }
+        self.warn(format!(
+            "{analog} analog values a frame are no multiple of {per_frame} samples a frame; taken as one sample of {analog} channels"
+        ));
+        (analog, 1)
+    }
+}
+
+impl Shape {
+    fn frame_bytes(&self) -> u64 {
+        (4 * self.points + self.channels * self.samples_per_frame) as u64 * self.width as u64
+    }
+
+    /// The shape in which header, parameters and the size of the file agree best; every choice is a note.
+    fn find(
+        header: &Header,
+        parameters: &Parameters,
+        file: &mut Reader,
+        notes: &mut Vec<Note>,
+    ) -> Result<Shape, Error> {
+        let mut choice = Choice {
+            header,
+            parameters,
+            path: file.path,
+            notes,
+        };
+        let scale = choice.scale()?;
+        let rate_hz = choice.rate_hz()?;
+        let data = (choice.data_block()? - 1) * BLOCK;
+        let width: usize = if scale < 0.0 { 4 } else { 2 };
+        let room = Room {
+            data,
+            available: file.length.saturating_sub(data),
+            width: width as u64,
+        };
+        let declared = Declared::new(header, parameters);
         let of_header = (header.points, header.analog_per_frame);
-        let (points, analog, frames) = match best {
-            Some(fit) => fit,
+        let (points, analog, frames) = match choice.that_fits(&room, &declared) {
+            Some(fit) => {
+                choice.tell_misfit(of_header, (fit.0, fit.1));
+                fit
+            }
             None => {
-                let one = bytes(of_header.0, of_header.1);
-                if one == 0 {
-                    return Err(Error::new(
-                        ErrorKind::NoData,
-                        path,
-                        "the file has no points and no channels",
-                    )
-                    .action("export the trial again with its markers"));
-                }
-                let whole = available / one;
-                let declared = frames.first().copied().unwrap_or(0);
-                if whole == 0 {
-                    return Err(Error::new(
-                        ErrorKind::NoData,
-                        path,
-                        format!("{declared} frames are declared and none is there"),
-                    )
-                    .action("the file was cut; copy it again from where it was recorded"));
-                }
-                // a count of 16 bits cannot say more
-                let open_end = saturated && whole > in_header;
-                let whole = if open_end {
-                    whole - file.zero_frames(data, one, whole)?
-                } else {
-                    whole
-                };
-                if open_end {
-                    notes.push(Note::warning(
-                        path,
-                        format!("{in_header} frames are declared, the most that the header can say; the file holds {whole}, which are read"),
-                    ));
-                } else if whole < declared {
-                    notes.push(Note::warning(
-                        path,
-                        format!(
-                            "the file was cut: {declared} frames are declared and {whole} are there"
-                        ),
-                    ));
-                }
-                let frames = if open_end || declared == 0 {
-                    whole
-                } else {
-                    whole.min(declared)
-                };
+                let frames = choice.frames_of_header(&room, &declared, file)?;
                 (of_header.0, of_header.1, frames)
             }
         };
-        if best.is_some() && (points, analog) != of_header {
-            notes.push(Note::warning(
-                path,
-                format!(
-                    "the header's {} points and {} analog values a frame do not fit the size of the file; {points} and {analog} from the parameters do",
-                    of_header.0, of_header.1
-                ),
-            ));
-        }
-        if parameters
-            .count("POINT", "USED")
-            .is_some_and(|n| n != points)
-        {
-            notes.push(Note::warning(
-                path,
-                format!(
-                    "POINT:USED is {}; {points} points fit the data",
-                    parameters.count("POINT", "USED").unwrap_or(0)
-                ),
-            ));
-        }
-        if counted.is_some_and(|n| n != frames & 0xffff && n != frames) {
-            notes.push(Note::warning(
-                path,
-                format!(
-                    "POINT:FRAMES is {}, the header says {in_header}; {frames} are read",
-                    counted.unwrap_or(0)
-                ),
-            ));
-        }
-        let (channels, samples_per_frame) = if analog == 0 {
-            (0, 1)
-        } else if analog % per_frame == 0 {
-            (analog / per_frame, per_frame)
-        } else {
-            notes.push(Note::warning(
-                path,
-                format!("{analog} analog values a frame are no multiple of {per_frame} samples a frame; taken as one sample of {analog} channels"),
-            ));
-            (analog, 1)
-        };
+        choice.tell_contradictions(&declared, points, frames);
+        let (channels, samples_per_frame) = choice.channels(analog);
         let shape = Shape {
             points: usize::try_from(points).unwrap_or(0),
             channels: usize::try_from(channels).unwrap_or(0),
             samples_per_frame: usize::try_from(samples_per_frame).unwrap_or(1),
-            first,
+            first: declared.first,
             frames,
             data,
             width,
             scale,
             rate_hz,
         };
-        let left = available - shape.frame_bytes() * frames;
+        let left = room.available - shape.frame_bytes() * frames;
         if left >= BLOCK {
-            notes.push(Note::warning(
-                path,
-                format!("{left} bytes after the last frame are left out"),
-            ));
+            choice.warn(format!("{left} bytes after the last frame are left out"));
         }
         Ok(shape)
     }
@@ -838,91 +959,79 @@ impl Shape {
         );
         let mut parts = Vec::new();
         if self.points > 0 {
-            let labels = unique(
-                parameters.all("POINT", "LABELS", Parameters::strings),
-                self.points,
-                path,
-                "points",
-                notes,
-            );
-            // what is listed under these is no position
-            let mut other: HashMap<String, String> = HashMap::new();
-            for (list, unit) in [
-                ("ANGLES", "ANGLE_UNITS"),
-                ("FORCES", "FORCE_UNITS"),
-                ("MOMENTS", "MOMENT_UNITS"),
-                ("POWERS", "POWER_UNITS"),
-                ("SCALARS", "SCALAR_UNITS"),
-            ] {
-                let unit = parameters.strings("POINT", unit).into_iter().next();
-                for name in parameters.all("POINT", list, Parameters::strings) {
-                    if !name.is_empty() {
-                        other.insert(name, unit.clone().unwrap_or_default());
-                    }
-                }
-            }
-            let units = parameters.all("POINT", "UNITS", Parameters::strings);
-            let unit = units.iter().find(|u| !u.is_empty());
-            let unit = match unit {
-                Some(unit) => point_unit(unit, path, notes),
-                None => {
-                    notes.push(Note::warning(
-                        path,
-                        "the unit of the points is not stated (POINT:UNITS); state it, as in unit = \"mm\"",
-                    ));
-                    String::new()
-                }
-            };
-            let (mut markers, mut outputs) = (Vec::new(), Vec::new());
-            for (i, label) in labels.into_iter().enumerate() {
-                match other.get(&label) {
-                    Some(unit) => outputs.push((i, label, unit.clone())),
-                    None => markers.push((i, label, unit.clone())),
-                }
-            }
-            for (name, list, zero_is_gap) in [
-                ("Trajectories", markers, true),
-                ("Model Outputs", outputs, false),
-            ] {
-                if !list.is_empty() {
-                    parts.push(self.points_part(name, &list, zero_is_gap));
-                }
-            }
+            parts.extend(self.points_parts(parameters, path, notes));
         }
         if self.channels > 0 {
-            let labels = unique(
-                parameters.all("ANALOG", "LABELS", Parameters::strings),
-                self.channels,
-                path,
-                "channels",
-                notes,
-            );
-            let units = parameters.all("ANALOG", "UNITS", Parameters::strings);
-            let mut section = Section {
-                name: "Devices".to_owned(),
-                rate_hz: Some(self.rate_hz * self.samples_per_frame as f64),
-                subframes_per_frame: u32::try_from(self.samples_per_frame).ok(),
-                ..Section::default()
-            };
-            for (i, label) in labels.into_iter().enumerate() {
-                section.groups.push(Group {
-                    name: label.clone(),
-                    columns: i..i + 1,
-                });
-                section.columns.push(Column {
-                    group: label,
-                    axis: String::new(),
-                    unit: units.get(i).cloned().unwrap_or_default(),
-                    number: i + 1,
-                    values: Vec::new(),
-                });
-            }
-            parts.push(Part {
-                section,
-                what: What::Analog,
-            });
+            parts.push(self.channels_part(parameters, path, notes));
         }
         parts
+    }
+
+    /// The markers, and what the capture software computed from them.
+    fn points_parts(
+        &self,
+        parameters: &Parameters,
+        path: &Path,
+        notes: &mut Vec<Note>,
+    ) -> Vec<Part> {
+        let labels = parameters.all("POINT", "LABELS", Parameters::strings);
+        let labels = unique(labels, self.points, path, "points", notes);
+        let other = parameters.no_positions();
+        let units = parameters.all("POINT", "UNITS", Parameters::strings);
+        let unit = match units.iter().find(|u| !u.is_empty()) {
+            Some(unit) => point_unit(unit, path, notes),
+            None => {
+                notes.push(Note::warning(
+                    path,
+                    "the unit of the points is not stated (POINT:UNITS); state it, as in unit = \"mm\"",
+                ));
+                String::new()
+            }
+        };
+        let (mut markers, mut outputs) = (Vec::new(), Vec::new());
+        for (i, label) in labels.into_iter().enumerate() {
+            match other.get(&label) {
+                Some(unit) => outputs.push((i, label, unit.clone())),
+                None => markers.push((i, label, unit.clone())),
+            }
+        }
+        [
+            ("Trajectories", markers, true),
+            ("Model Outputs", outputs, false),
+        ]
+        .into_iter()
+        .filter(|(_, list, _)| !list.is_empty())
+        .map(|(name, list, zero_is_gap)| self.points_part(name, &list, zero_is_gap))
+        .collect()
+    }
+
+    fn channels_part(&self, parameters: &Parameters, path: &Path, notes: &mut Vec<Note>) -> Part {
+        let labels = parameters.all("ANALOG", "LABELS", Parameters::strings);
+        let labels = unique(labels, self.channels, path, "channels", notes);
+        let units = parameters.all("ANALOG", "UNITS", Parameters::strings);
+        let mut section = Section {
+            name: "Devices".to_owned(),
+            rate_hz: Some(self.rate_hz * self.samples_per_frame as f64),
+            subframes_per_frame: u32::try_from(self.samples_per_frame).ok(),
+            ..Section::default()
+        };
+        for (i, label) in labels.into_iter().enumerate() {
+            section.groups.push(Group {
+                name: label.clone(),
+                columns: i..i + 1,
+            });
+            section.columns.push(Column {
+                group: label,
+                axis: String::new(),
+                unit: units.get(i).cloned().unwrap_or_default(),
+                number: i + 1,
+                values: Vec::new(),
+            });
+        }
+        Part {
+            section,
+            what: What::Analog,
+        }
     }
 
     fn points_part(&self, name: &str, list: &[(usize, String, String)], zero_is_gap: bool) -> Part {

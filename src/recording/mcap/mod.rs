@@ -28,7 +28,7 @@ use super::error::{Error, ErrorKind, quote};
 use super::text::decode;
 pub use records::{MAX_RECORD_BYTES, Record, RecordReader};
 use records::{op, u16_at, u32_at, u64_at};
-use table::{MAX_LEAVES, Tables};
+use table::{MAX_LEAVES, Table, Tables};
 
 /// The importer of MCAP files.
 pub struct Mcap;
@@ -422,216 +422,226 @@ fn some(names: &[&str]) -> String {
 
 /// What was read, in sections, and where the rows of each come from.
 fn capture(path: &Path, gathered: Gathered) -> Result<(Capture, Vec<Source>), Error> {
-    let Gathered {
-        reader,
-        channels,
-        unknown,
-        broken,
-        declared,
-        ..
-    } = gathered;
-    let mut notes = Vec::new();
-    let messages: u64 = channels.iter().map(|c| c.messages).sum();
-    if let Some(cut) = reader.cut() {
+    let mut made = Made {
+        path,
+        notes: Vec::new(),
+        sections: Vec::new(),
+        sources: Vec::new(),
+        number: 0,
+    };
+    let messages: u64 = gathered.channels.iter().map(|c| c.messages).sum();
+    made.tell_cut(&gathered.reader, messages)?;
+    made.tell_unreadable(&gathered.channels)?;
+    made.tell_topics(&gathered.channels);
+    made.tell_records(&gathered, messages);
+    let mut empty: Vec<String> = Vec::new();
+    for (index, channel) in gathered.channels.into_iter().enumerate() {
+        empty.extend(made.channel(index, channel));
+    }
+    if !empty.is_empty() {
+        let names: Vec<&str> = empty.iter().map(String::as_str).collect();
+        made.info(format!(
+            "{} topics hold no number: {}",
+            empty.len(),
+            some(&names)
+        ));
+    }
+    let chunks = gathered.reader.chunks();
+    let beginning = format!("{messages} messages in {chunks} chunks");
+    made.notes.insert(0, Note::info(path, beginning));
+    if made.sections.is_empty() {
+        return Err(nothing(path, &made.notes));
+    }
+    let capture = Capture {
+        format: "mcap",
+        sections: made.sections,
+        notes: made.notes,
+    };
+    Ok((capture, made.sources))
+}
+
+/// Sections as they are made, and what there is to say of them.
+struct Made<'a> {
+    path: &'a Path,
+    notes: Vec<Note>,
+    sections: Vec<Section>,
+    sources: Vec<Source>,
+    /// The columns so far.
+    number: usize,
+}
+
+impl Made<'_> {
+    fn info(&mut self, text: String) {
+        self.notes.push(Note::info(self.path, text));
+    }
+
+    fn warn(&mut self, text: String) {
+        self.notes.push(Note::warning(self.path, text));
+    }
+
+    fn tell_cut(&mut self, reader: &RecordReader, messages: u64) -> Result<(), Error> {
+        let Some(cut) = reader.cut() else {
+            return Ok(());
+        };
         if messages == 0 {
             return Err(Error::new(
                 ErrorKind::NoData,
-                path,
+                self.path,
                 format!("the file was cut before its first message: {cut}"),
             )
             .action(
                 "the recorder did not come to write; take the recording again, or use another copy",
             ));
         }
-        notes.push(Note::warning(
-            path,
-            format!("the file was cut: {cut}; {messages} messages before that are read"),
+        self.warn(format!(
+            "the file was cut: {cut}; {messages} messages before that are read"
         ));
+        Ok(())
     }
-    let unreadable: Vec<&Channel> = channels
-        .iter()
-        .filter(|c| c.messages > 0 && matches!(c.decoder, Decoder::None(_)))
-        .collect();
-    if !unreadable.is_empty()
-        && channels
+
+    /// Topics with messages that no decoder reads; nothing but such is an error.
+    fn tell_unreadable(&mut self, channels: &[Channel]) -> Result<(), Error> {
+        let (unreadable, readable): (Vec<&Channel>, Vec<&Channel>) = channels
             .iter()
-            .all(|c| c.messages == 0 || matches!(c.decoder, Decoder::None(_)))
-    {
-        let topics: Vec<&str> = unreadable.iter().map(|c| c.topic.as_str()).collect();
-        return Err(Error::new(
-            ErrorKind::UnknownFormat,
-            path,
-            format!(
-                "no topic can be read: {} ({})",
-                some(&topics),
-                unreadable[0].why
-            ),
-        )
-        .expected("messages in cdr with ros2msg or ros2idl, ros1, protobuf or json")
-        .action("record with a serialisation that is read, or convert the file"));
-    }
-    for c in &unreadable {
-        notes.push(Note::warning(
-            path,
-            format!(
+            .filter(|c| c.messages > 0)
+            .partition(|c| matches!(c.decoder, Decoder::None(_)));
+        if !unreadable.is_empty() && readable.is_empty() {
+            let topics: Vec<&str> = unreadable.iter().map(|c| c.topic.as_str()).collect();
+            return Err(Error::new(
+                ErrorKind::UnknownFormat,
+                self.path,
+                format!(
+                    "no topic can be read: {} ({})",
+                    some(&topics),
+                    unreadable[0].why
+                ),
+            )
+            .expected("messages in cdr with ros2msg or ros2idl, ros1, protobuf or json")
+            .action("record with a serialisation that is read, or convert the file"));
+        }
+        for c in unreadable {
+            self.warn(format!(
                 "topic {} is left out: {} ({} messages)",
                 c.topic, c.why, c.messages
-            ),
-        ));
+            ));
+        }
+        Ok(())
     }
-    let named = |wanted: &dyn Fn(&Channel) -> bool| -> Vec<&str> {
-        channels
-            .iter()
-            .filter(|c| wanted(c))
-            .map(|c| c.topic.as_str())
-            .collect()
-    };
-    let silent = named(&|c| c.messages == 0);
-    if !silent.is_empty() {
-        notes.push(Note::info(
-            path,
-            format!(
+
+    /// Topics that say nothing, or nothing that is a number.
+    fn tell_topics(&mut self, channels: &[Channel]) {
+        let named = |wanted: &dyn Fn(&Channel) -> bool| -> Vec<&str> {
+            channels
+                .iter()
+                .filter(|c| wanted(c))
+                .map(|c| c.topic.as_str())
+                .collect()
+        };
+        let silent = named(&|c| c.messages == 0);
+        if !silent.is_empty() {
+            self.info(format!(
                 "{} topics without a message: {}",
                 silent.len(),
                 some(&silent)
-            ),
-        ));
-    }
-    let logs = named(&|c| c.messages > 0 && matches!(c.decoder, Decoder::Log));
-    if !logs.is_empty() {
-        notes.push(Note::info(
-            path,
-            format!(
-                "log messages are no measurement and are left out: {}",
-                some(&logs)
-            ),
-        ));
-    }
-    if unknown > 0 {
-        notes.push(Note::warning(
-            path,
-            format!("{unknown} messages are of channels that the file does not describe, and are left out"),
-        ));
-    }
-    if broken > 0 {
-        notes.push(Note::warning(
-            path,
-            format!("{broken} records are too short for what they are, and are left out"),
-        ));
-    }
-    let found = messages + unknown + broken;
-    if let Some(declared) = declared.filter(|d| *d != found && reader.passed_over() == 0) {
-        notes.push(Note::warning(
-            path,
-            format!("the recorder counted {declared} messages, {found} are there"),
-        ));
-    }
-    if reader.passed_over() > 0 {
-        notes.push(Note::warning(
-            path,
-            format!(
-                "{} records longer than {} MiB are passed over",
-                reader.passed_over(),
-                MAX_RECORD_BYTES >> 20
-            ),
-        ));
-    }
-    let mut sections = Vec::new();
-    let mut sources = Vec::new();
-    let mut empty: Vec<String> = Vec::new();
-    let mut number = 0;
-    for (channel, c) in channels.into_iter().enumerate() {
-        let Channel {
-            topic,
-            unit,
-            tables,
-            messages,
-            unread,
-            why,
-            decoder,
-        } = c;
-        if unread > 0 {
-            notes.push(Note::warning(
-                path,
-                format!("topic {topic}: {unread} of {messages} messages cannot be read: {why}"),
             ));
         }
-        let before = sections.len();
-        for (i, mut t) in tables.list.into_iter().enumerate() {
-            if t.left_out > 0 {
-                notes.push(Note::warning(
-                    path,
-                    format!(
-                        "topic {topic}: only {MAX_LEAVES} things are kept apart; {} rows are left out",
-                        t.left_out
-                    ),
-                ));
-            }
-            if t.leaves.len() >= MAX_LEAVES {
-                notes.push(Note::warning(
-                    path,
-                    format!("topic {topic}: only {MAX_LEAVES} numbers of a message are kept"),
-                ));
-            }
-            // one thing alone on a topic is called as the topic
-            if i == 0 && t.series.len() == 1 {
-                t.series[0].unname();
-            }
-            let leaves = std::mem::take(&mut t.leaves);
-            for (place, series) in t.series.into_iter().enumerate() {
-                let back = series.back();
-                let rows = series.rows();
-                let section = series.section(&topic, (&t.path, &leaves), &unit, &mut number);
-                let Some((section, leaves)) = section else {
-                    continue;
-                };
-                sources.push(Source {
-                    channel,
-                    table: i,
-                    series: place,
-                    leaves,
-                    in_order: back == 0,
-                });
-                if back > 0 {
-                    notes.push(Note::info(
-                        path,
-                        format!(
-                            "{}: {back} of {rows} rows are earlier than the row before; sorted",
-                            section.name
-                        ),
-                    ));
-                }
-                sections.push(section);
-            }
+        let logs = named(&|c| c.messages > 0 && matches!(c.decoder, Decoder::Log));
+        if !logs.is_empty() {
+            self.info(format!(
+                "log messages are no measurement and are left out: {}",
+                some(&logs)
+            ));
         }
-        if sections.len() == before
-            && messages > unread
-            && !matches!(decoder, Decoder::None(_) | Decoder::Log)
+    }
+
+    /// Records that are left out, and whether as many are there as the recorder counted.
+    fn tell_records(&mut self, gathered: &Gathered, messages: u64) {
+        let (unknown, broken) = (gathered.unknown, gathered.broken);
+        if unknown > 0 {
+            self.warn(format!(
+                "{unknown} messages are of channels that the file does not describe, and are left out"
+            ));
+        }
+        if broken > 0 {
+            self.warn(format!(
+                "{broken} records are too short for what they are, and are left out"
+            ));
+        }
+        let found = messages + unknown + broken;
+        let passed_over = gathered.reader.passed_over();
+        if let Some(declared) = gathered
+            .declared
+            .filter(|d| *d != found && passed_over == 0)
         {
-            empty.push(topic);
+            self.warn(format!(
+                "the recorder counted {declared} messages, {found} are there"
+            ));
+        }
+        if passed_over > 0 {
+            self.warn(format!(
+                "{passed_over} records longer than {} MiB are passed over",
+                MAX_RECORD_BYTES >> 20
+            ));
         }
     }
-    if !empty.is_empty() {
-        let names: Vec<&str> = empty.iter().map(String::as_str).collect();
-        notes.push(Note::info(
-            path,
-            format!("{} topics hold no number: {}", empty.len(), some(&names)),
-        ));
+
+    /// Adds the sections of a channel; its topic if it was read and holds no number.
+    fn channel(&mut self, index: usize, c: Channel) -> Option<String> {
+        let topic = c.topic;
+        if c.unread > 0 {
+            self.warn(format!(
+                "topic {topic}: {} of {} messages cannot be read: {}",
+                c.unread, c.messages, c.why
+            ));
+        }
+        let before = self.sections.len();
+        for (i, table) in c.tables.list.into_iter().enumerate() {
+            self.table((index, i), table, &topic, &c.unit);
+        }
+        let numberless = self.sections.len() == before
+            && c.messages > c.unread
+            && !matches!(c.decoder, Decoder::None(_) | Decoder::Log);
+        numberless.then_some(topic)
     }
-    notes.insert(
-        0,
-        Note::info(
-            path,
-            format!("{messages} messages in {} chunks", reader.chunks()),
-        ),
-    );
-    if sections.is_empty() {
-        return Err(nothing(path, &notes));
+
+    /// Adds the sections of a table; `at` is its channel and its place there.
+    fn table(&mut self, at: (usize, usize), mut t: Table, topic: &str, unit: &str) {
+        if t.left_out > 0 {
+            self.warn(format!(
+                "topic {topic}: only {MAX_LEAVES} things are kept apart; {} rows are left out",
+                t.left_out
+            ));
+        }
+        if t.leaves.len() >= MAX_LEAVES {
+            self.warn(format!(
+                "topic {topic}: only {MAX_LEAVES} numbers of a message are kept"
+            ));
+        }
+        // one thing alone on a topic is called as the topic
+        if at.1 == 0 && t.series.len() == 1 {
+            t.series[0].unname();
+        }
+        for (place, series) in t.series.into_iter().enumerate() {
+            let (back, rows) = (series.back(), series.rows());
+            let Some((section, leaves)) =
+                series.section(topic, (&t.path, &t.leaves), unit, &mut self.number)
+            else {
+                continue;
+            };
+            self.sources.push(Source {
+                channel: at.0,
+                table: at.1,
+                series: place,
+                leaves,
+                in_order: back == 0,
+            });
+            if back > 0 {
+                self.info(format!(
+                    "{}: {back} of {rows} rows are earlier than the row before; sorted",
+                    section.name
+                ));
+            }
+            self.sections.push(section);
+        }
     }
-    let capture = Capture {
-        format: "mcap",
-        sections,
-        notes,
-    };
-    Ok((capture, sources))
 }

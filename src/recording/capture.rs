@@ -492,6 +492,12 @@ impl Block {
         &mut self.values[from..]
     }
 
+    /// The row that [`Block::row`] began.
+    #[inline]
+    pub(super) fn open(&mut self) -> &mut [f64] {
+        &mut self.values[self.rows * self.width..]
+    }
+
     /// Keeps the row; a block that is full goes into the columns.
     #[inline]
     pub(super) fn keep(&mut self, columns: &mut [Column]) {

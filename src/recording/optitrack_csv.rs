@@ -23,16 +23,17 @@
 //! Z. An empty cell is a gap. The printed time is rounded to ms: frames and the rate say when.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
+use std::iter::{Enumerate, Skip};
 use std::path::Path;
 
 use super::capture::{
     BATCH, Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
 };
 use super::error::{Error, ErrorKind, quote};
-use super::rows::{End, Table, rounded_rate, whole, zero_frame};
+use super::rows::{End, Table, positive, rounded_rate, whole, zero_frame};
 use super::text::{
-    Cells, Delimiter, LineReader, Notation, NumberColumn, bad_cell, decode, is_blank, plain_number,
-    says_not_finite, texts,
+    Cell, Cells, Delimiter, LineReader, Notation, NumberColumn, bad_cell, decode, is_blank,
+    plain_number, says_not_finite, texts,
 };
 
 /// The importer of Motive exports.
@@ -115,143 +116,25 @@ fn is_row_typed(head: &[u8]) -> bool {
 
 /// The rows of the newer layout, up to the one that begins with Frame.
 fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error> {
-    let top = texts(lines.line(), Delimiter::Comma);
-    let key = |name: &str| {
-        top.chunks(2)
-            .find(|pair| pair[0].eq_ignore_ascii_case(name))
-            .and_then(|pair| pair.get(1))
-            .filter(|v| !v.is_empty())
-            .cloned()
-    };
-    let mut rows: Vec<(String, Vec<String>)> = Vec::new();
-    let mut not_utf8 = false;
-    let axes = loop {
-        if !lines.advance()? {
-            return Err(Error::new(
-                ErrorKind::NoData,
-                lines.path(),
-                "the file ends in its header",
-            )
-            .at_line(lines.number() + 1)
-            .expected("the row Frame, Time (Seconds), X, Y, Z, ...")
-            .action("the file was cut; export the take again"));
-        }
-        if is_blank(lines.line()) {
-            continue;
-        }
-        not_utf8 |= std::str::from_utf8(lines.line()).is_err();
-        let cells = texts(lines.line(), Delimiter::Comma);
-        if cells[0].eq_ignore_ascii_case("Frame") {
-            break cells;
-        }
-        if !cells[0].is_empty() || rows.len() > 16 {
-            return Err(Error::new(
-                ErrorKind::Grammar,
-                lines.path(),
-                format!("found {}", quote(&cells[0])),
-            )
-            .at_line(lines.number())
-            .at_column(1)
-            .expected("the rows Type, Name, ID and then Frame, Time (Seconds), X, Y, Z, ...")
-            .action("a header row is missing or was edited; export the take again"));
-        }
-        rows.push((cells.get(1).cloned().unwrap_or_default(), cells));
-    };
-    if not_utf8 {
-        lines.note_not_utf8();
-    }
+    let keys = Keys(texts(lines.line(), Delimiter::Comma));
+    let titles = Titles::read(lines)?;
     let path = lines.path();
-    let row = |name: &str| {
-        rows.iter()
-            .find(|r| r.0.eq_ignore_ascii_case(name))
-            .map_or(&[][..], |r| &r.1)
-    };
-    let (kinds, names, ids) = (row("Type"), row("Name"), row("ID"));
-    // the last row without a name says what is measured
-    let measures = rows
-        .iter()
-        .rev()
-        .find(|r| r.0.is_empty())
-        .map_or(&[][..], |r| &r.1);
-    let at = |row: &[String], i: usize| row.get(i).cloned().unwrap_or_default();
-    let number = |name: &str| {
-        let (v, _) = plain_number(key(name)?.as_bytes())?;
-        (v.is_finite() && v > 0.0).then_some(v)
-    };
-    let length = key("Length Units").unwrap_or_default();
-    if length.is_empty() {
-        notes.push(Note::warning(
-            path,
-            "the unit of the positions is not stated; state it, as in unit = \"mm\"",
-        ));
-    }
-    let rotation = key("Rotation Type").unwrap_or_default();
-    let quaternion = rotation.eq_ignore_ascii_case("Quaternion") || rotation.is_empty();
-    if !quaternion {
-        notes.push(Note::info(
-            path,
-            format!("rotations are Euler angles {}", quote(&rotation)),
-        ));
-    }
+    let units = Units::new(&keys, path, notes);
     let mut section = Section {
         name: "Trajectories".to_owned(),
         line: lines.number(),
-        rate_hz: number("Export Frame Rate").or_else(|| number("Capture Frame Rate")),
+        rate_hz: keys
+            .number("Export Frame Rate")
+            .or_else(|| keys.number("Capture Frame Rate")),
         ..Section::default()
     };
-    let time = axes
+    let time = titles
+        .axes
         .get(1)
         .is_some_and(|c| c.to_lowercase().starts_with("time"))
         .then_some(1);
-    let from = 1 + usize::from(time.is_some());
-    let width = axes.len().max(names.len()).max(measures.len());
-    let mut slots = vec![None; from];
-    let mut before: Option<(String, String, String)> = None;
-    let mut taken = HashSet::new();
-    for i in from..width {
-        let (kind, name, id) = (at(kinds, i), at(names, i), at(ids, i));
-        let (measure, axis) = (at(measures, i), at(&axes, i));
-        if name.is_empty() && measure.is_empty() && axis.is_empty() {
-            slots.push(None);
-            continue;
-        }
-        let this = (kind, name, id);
-        let column = section.columns.len();
-        if before.as_ref() != Some(&this) {
-            let (kind, name, id) = &this;
-            section.groups.push(Group {
-                name: free_name(&mut taken, kind, name, id, i),
-                columns: column..column,
-            });
-            before = Some(this);
-        }
-        let rotates = measure.eq_ignore_ascii_case("Rotation");
-        let moves = measure.eq_ignore_ascii_case("Position") || measure.is_empty();
-        let axis = match (rotates, moves) {
-            (true, _) => format!("R{axis}"),
-            (_, true) => axis,
-            _ if axis.is_empty() => measure.clone(),
-            _ => format!("{measure} {axis}"),
-        };
-        let unit = match (rotates, measure.to_lowercase().as_str()) {
-            (true, _) if quaternion => "",
-            (true, _) => "deg",
-            // a quality is a share, an error a length
-            (_, m) if m.contains("quality") => "",
-            _ => &length,
-        };
-        if let Some(group) = section.groups.last_mut() {
-            group.columns.end = column + 1;
-            section.columns.push(Column {
-                group: group.name.clone(),
-                axis,
-                unit: unit.to_owned(),
-                number: i + 1,
-                values: Vec::new(),
-            });
-            slots.push(Some(column));
-        }
-    }
+    let mut slots = vec![None; 1 + usize::from(time.is_some())];
+    add_columns(&mut section, &mut slots, &titles, &units);
     if section.columns.is_empty() {
         return Err(
             Error::new(ErrorKind::NoData, path, "no marker has a column")
@@ -260,17 +143,20 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error>
         );
     }
     errors_last(&mut section, &mut slots);
-    if let Some(space) = key("Coordinate Space").filter(|s| !s.eq_ignore_ascii_case("Global")) {
+    if let Some(space) = keys
+        .text("Coordinate Space")
+        .filter(|s| !s.eq_ignore_ascii_case("Global"))
+    {
         notes.push(Note::warning(
             path,
             format!(
                 "positions are in coordinate space {}, not Global",
-                quote(&space)
+                quote(space)
             ),
         ));
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let declared = number("Total Exported Frames").map(|n| n as u64);
+    let declared = keys.number("Total Exported Frames").map(|n| n as u64);
     Ok(Table {
         section,
         delimiter: Delimiter::Comma,
@@ -281,6 +167,195 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error>
         grows: false,
         declared,
     })
+}
+
+/// The first row: key, value, key, value, ...
+struct Keys(Vec<String>);
+
+impl Keys {
+    fn text(&self, name: &str) -> Option<&str> {
+        self.0
+            .chunks(2)
+            .find(|pair| pair[0].eq_ignore_ascii_case(name))
+            .and_then(|pair| pair.get(1))
+            .filter(|v| !v.is_empty())
+            .map(String::as_str)
+    }
+
+    fn number(&self, name: &str) -> Option<f64> {
+        positive(self.text(name)?)
+    }
+}
+
+/// The rows above the frames.
+struct Titles {
+    kinds: Vec<String>,
+    names: Vec<String>,
+    ids: Vec<String>,
+    /// What is measured.
+    measures: Vec<String>,
+    axes: Vec<String>,
+}
+
+impl Titles {
+    /// Reads up to the row that begins with Frame.
+    fn read(lines: &mut LineReader) -> Result<Self, Error> {
+        let mut rows: Vec<Vec<String>> = Vec::new();
+        let mut not_utf8 = false;
+        let axes = loop {
+            if !lines.advance()? {
+                return Err(Error::new(
+                    ErrorKind::NoData,
+                    lines.path(),
+                    "the file ends in its header",
+                )
+                .at_line(lines.number() + 1)
+                .expected("the row Frame, Time (Seconds), X, Y, Z, ...")
+                .action("the file was cut; export the take again"));
+            }
+            if is_blank(lines.line()) {
+                continue;
+            }
+            not_utf8 |= std::str::from_utf8(lines.line()).is_err();
+            let cells = texts(lines.line(), Delimiter::Comma);
+            if cells[0].eq_ignore_ascii_case("Frame") {
+                break cells;
+            }
+            if !cells[0].is_empty() || rows.len() > 16 {
+                return Err(Error::new(
+                    ErrorKind::Grammar,
+                    lines.path(),
+                    format!("found {}", quote(&cells[0])),
+                )
+                .at_line(lines.number())
+                .at_column(1)
+                .expected("the rows Type, Name, ID and then Frame, Time (Seconds), X, Y, Z, ...")
+                .action("a header row is missing or was edited; export the take again"));
+            }
+            rows.push(cells);
+        };
+        if not_utf8 {
+            lines.note_not_utf8();
+        }
+        let title = |row: &Vec<String>| row.get(1).cloned().unwrap_or_default();
+        let row = |name: &str| rows.iter().find(|r| title(r).eq_ignore_ascii_case(name));
+        Ok(Titles {
+            kinds: row("Type").cloned().unwrap_or_default(),
+            names: row("Name").cloned().unwrap_or_default(),
+            ids: row("ID").cloned().unwrap_or_default(),
+            // the last row without a name
+            measures: rows
+                .iter()
+                .rfind(|r| title(r).is_empty())
+                .cloned()
+                .unwrap_or_default(),
+            axes,
+        })
+    }
+
+    /// Kind, name, ID, measure and axis of a cell.
+    fn cell(&self, i: usize) -> [String; 5] {
+        [
+            &self.kinds,
+            &self.names,
+            &self.ids,
+            &self.measures,
+            &self.axes,
+        ]
+        .map(|row| row.get(i).cloned().unwrap_or_default())
+    }
+}
+
+/// In what units positions and rotations are.
+struct Units {
+    length: String,
+    quaternion: bool,
+}
+
+impl Units {
+    fn new(keys: &Keys, path: &Path, notes: &mut Vec<Note>) -> Self {
+        let length = keys.text("Length Units").unwrap_or_default().to_owned();
+        if length.is_empty() {
+            notes.push(Note::warning(
+                path,
+                "the unit of the positions is not stated; state it, as in unit = \"mm\"",
+            ));
+        }
+        let rotation = keys.text("Rotation Type").unwrap_or_default();
+        let quaternion = rotation.eq_ignore_ascii_case("Quaternion") || rotation.is_empty();
+        if !quaternion {
+            notes.push(Note::info(
+                path,
+                format!("rotations are Euler angles {}", quote(rotation)),
+            ));
+        }
+        Units { length, quaternion }
+    }
+
+    /// What the axis of a column is called, and its unit.
+    fn axis(&self, measure: &str, axis: String) -> (String, String) {
+        let rotates = measure.eq_ignore_ascii_case("Rotation");
+        let moves = measure.eq_ignore_ascii_case("Position") || measure.is_empty();
+        let unit = match (rotates, measure.to_lowercase().as_str()) {
+            (true, _) if self.quaternion => "",
+            (true, _) => "deg",
+            // a quality is a share, an error a length
+            (_, m) if m.contains("quality") => "",
+            _ => &self.length,
+        };
+        let axis = match (rotates, moves) {
+            (true, _) => format!("R{axis}"),
+            (_, true) => axis,
+            _ if axis.is_empty() => measure.to_owned(),
+            _ => format!("{measure} {axis}"),
+        };
+        (axis, unit.to_owned())
+    }
+}
+
+/// A column for every cell with a title, after the cells that have their slots.
+fn add_columns(
+    section: &mut Section,
+    slots: &mut Vec<Option<usize>>,
+    titles: &Titles,
+    units: &Units,
+) {
+    let width = titles
+        .axes
+        .len()
+        .max(titles.names.len())
+        .max(titles.measures.len());
+    let mut before: Option<[String; 3]> = None;
+    let mut taken = HashSet::new();
+    for i in slots.len()..width {
+        let [kind, name, id, measure, axis] = titles.cell(i);
+        if name.is_empty() && measure.is_empty() && axis.is_empty() {
+            slots.push(None);
+            continue;
+        }
+        let this = [kind, name, id];
+        let column = section.columns.len();
+        if before.as_ref() != Some(&this) {
+            let [kind, name, id] = &this;
+            section.groups.push(Group {
+                name: free_name(&mut taken, kind, name, id, i),
+                columns: column..column,
+            });
+            before = Some(this);
+        }
+        let (axis, unit) = units.axis(&measure, axis);
+        if let Some(group) = section.groups.last_mut() {
+            group.columns.end = column + 1;
+            section.columns.push(Column {
+                group: group.name.clone(),
+                axis,
+                unit,
+                number: i + 1,
+                values: Vec::new(),
+            });
+            slots.push(Some(column));
+        }
+    }
 }
 
 /// A name that no group has: with its kind, and then with its ID or cell.
@@ -330,6 +405,7 @@ fn errors_last(section: &mut Section, slots: &mut [Option<usize>]) {
 }
 
 /// What a name in the old layout has: its first column.
+#[derive(Default)]
 struct Names {
     markers: HashMap<String, usize>,
     bodies: HashMap<String, usize>,
@@ -343,79 +419,71 @@ fn row_typed(
     sink: &mut dyn Sink,
     notes: &mut Vec<Note>,
 ) -> Result<Section, Error> {
-    let mut section = Section {
-        name: "Trajectories".to_owned(),
-        line: 1,
-        ..Section::default()
+    let mut take = Take {
+        section: Section {
+            name: "Trajectories".to_owned(),
+            line: 1,
+            ..Section::default()
+        },
+        ..Take::default()
     };
-    let mut names = Names {
-        markers: HashMap::new(),
-        bodies: HashMap::new(),
-        titles: HashMap::new(),
-    };
-    let mut declared = None;
-    let (mut rows, mut passed_over, mut cut, mut twice) = (0u64, 0u64, false, 0u64);
-    let mut first = (0, 0.0);
-    let mut last = (0, 0.0);
-    let mut missing_frames = 0;
     let mut here = true;
-    while here || lines.advance()? {
+    while !take.cut && (here || lines.advance()?) {
         here = false;
-        if is_blank(lines.line()) {
-            continue;
+        if !is_blank(lines.line()) {
+            take.row(lines, sink)?;
         }
+    }
+    let Take {
+        rows, first, last, ..
+    } = take;
+    if rows == 0 || take.section.columns.is_empty() {
+        return Err(Error::new(
+            ErrorKind::NoData,
+            lines.path(),
+            format!("{rows} frames and no marker in them"),
+        )
+        .action("export the take again with its markers"));
+    }
+    let section = &mut take.section;
+    #[allow(clippy::cast_precision_loss)]
+    let rate = (last.0 - first.0) as f64 / (last.1 - first.1);
+    section.rate_hz = rounded_rate(rate);
+    section.zero_frame = zero_frame(first.0, first.1, section.rate_hz);
+    sink.rows(0, section);
+    take.tell(lines.path(), notes);
+    Ok(take.section)
+}
+
+/// What is read of a file of the old layout.
+#[derive(Default)]
+struct Take {
+    section: Section,
+    names: Names,
+    declared: Option<u64>,
+    rows: u64,
+    /// Number and time of a frame.
+    first: (i64, f64),
+    last: (i64, f64),
+    missing_frames: i64,
+    /// Markers whose name was in the frame already.
+    twice: u64,
+    passed_over: u64,
+    cut: bool,
+}
+
+impl Take {
+    fn row(&mut self, lines: &mut LineReader, sink: &mut dyn Sink) -> Result<(), Error> {
         let mut cells = Cells::new(lines.line(), Delimiter::Comma);
         match cells.next().map_or(&b""[..], |c| c.bytes) {
-            b"frame" => {
-                let many = section.frames.len();
-                match frame(lines, &mut section, &mut names, many, &mut twice) {
-                    Ok((number, time)) => {
-                        if rows == 0 {
-                            first = (number, time);
-                            section.line = lines.number();
-                        } else if number <= last.0 {
-                            return Err(Error::new(
-                                ErrorKind::TimeOrder,
-                                lines.path(),
-                                format!("frame {number} follows frame {}", last.0),
-                            )
-                            .at_line(lines.number())
-                            .at_column(2)
-                            .expected("frame numbers that rise")
-                            .action("delete the repeated rows, or export the take again"));
-                        } else {
-                            missing_frames += number - last.0 - 1;
-                        }
-                        last = (number, time);
-                        rows += 1;
-                        section.frames.push(number);
-                        section.lines.push(lines.number());
-                        for column in &mut section.columns {
-                            column.values.resize(many + 1, f64::NAN);
-                        }
-                        lines.spend(section.columns.len())?;
-                        if (many + 1) * section.columns.len() >= BATCH {
-                            sink.rows(0, &mut section);
-                        }
-                    }
-                    Err(_) if !lines.ended_with_newline() => {
-                        for column in &mut section.columns {
-                            column.values.truncate(many);
-                            column.values.resize(many, f64::NAN);
-                        }
-                        cut = true;
-                        break;
-                    }
-                    Err(e) => return Err(e),
-                }
-            }
+            b"frame" => return self.frame_row(lines, sink),
             b"info" => {
                 let key = cells.next().map_or(&b""[..], |c| c.bytes);
                 let value = cells.next().map_or(&b""[..], |c| c.bytes);
                 if key == b"framecount" {
                     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                     let count = plain_number(value).map(|(v, _)| v as u64);
-                    declared = count;
+                    self.declared = count;
                 }
             }
             b"rigidbody" => {
@@ -424,9 +492,9 @@ fn row_typed(
                 if let (Some(name), Some(id)) = (name, id)
                     && plain_number(name.bytes).is_none()
                 {
-                    names.titles.insert(id.text(), name.text());
+                    self.names.titles.insert(id.text(), name.text());
                 } else {
-                    passed_over += 1;
+                    self.passed_over += 1;
                 }
             }
             b"comment" | b"righthanded" | b"lefthanded" => {}
@@ -442,174 +510,232 @@ fn row_typed(
                 .action("use the file as Motive exported it"));
             }
         }
+        Ok(())
     }
-    if rows == 0 || section.columns.is_empty() {
-        return Err(Error::new(
-            ErrorKind::NoData,
-            lines.path(),
-            format!("{rows} frames and no marker in them"),
-        )
-        .action("export the take again with its markers"));
-    }
-    #[allow(clippy::cast_precision_loss)]
-    let rate = (last.0 - first.0) as f64 / (last.1 - first.1);
-    section.rate_hz = rounded_rate(rate);
-    section.zero_frame = zero_frame(first.0, first.1, section.rate_hz);
-    sink.rows(0, &mut section);
-    let path = lines.path();
-    notes.push(Note::info(
-        path,
-        format!(
-            "section Trajectories: {rows} rows, frames {} to {}, {} groups",
-            first.0,
-            last.0,
-            section.groups.len()
-        ),
-    ));
-    match section.rate_hz {
-        Some(rate_hz) => notes.push(Note::info(
-            path,
-            format!("no rate is stated; {rate_hz} Hz from the printed times"),
-        )),
-        None => notes.push(Note::warning(
-            path,
-            "no rate is stated and the printed times do not rise",
-        )),
-    }
-    notes.push(Note::warning(
-        path,
-        "the unit of the positions is not stated (this version of Motive wrote metres); state it, as in unit = \"m\"",
-    ));
-    let mut warn = |text: String| notes.push(Note::warning(path, text));
-    if let Some(declared) = declared.filter(|d| *d != rows) {
-        warn(format!("{declared} frames are declared, {rows} are there"));
-    }
-    if missing_frames > 0 {
-        warn(format!("{missing_frames} frames are not in the file"));
-    }
-    if cut {
-        warn("the file ends in the middle of a row, which is dropped".to_owned());
-    }
-    if twice > 0 {
-        warn(format!(
-            "{twice} times a marker's name is twice in a frame; the first counts"
-        ));
-    }
-    if passed_over > 0 {
-        notes.push(Note::info(
-            path,
-            format!("{passed_over} rows with the markers of rigid bodies are left out"),
-        ));
-    }
-    Ok(section)
-}
 
-/// One frame of the old layout: its number and time. The values go to the end of their columns.
-fn frame(
-    lines: &LineReader,
-    section: &mut Section,
-    names: &mut Names,
-    rows: usize,
-    twice: &mut u64,
-) -> Result<(i64, f64), Error> {
-    let mut cells = Cells::new(lines.line(), Delimiter::Comma)
-        .enumerate()
-        .skip(1);
-    let mut next = || {
-        cells.next().ok_or_else(|| {
-            Error::new(ErrorKind::CellCount, lines.path(), "the row ends too early")
-                .at_line(lines.number())
-                .expected("as many bodies and markers as it counts")
-                .action("a row was cut; delete it or export the take again")
-        })
-    };
-    let parse = |(i, cell): (usize, super::text::Cell)| -> Result<f64, Error> {
-        if says_not_finite(cell.bytes) {
-            return Ok(f64::NAN);
+    /// Takes a frame that follows the last; one in which the file ends is dropped.
+    fn frame_row(&mut self, lines: &mut LineReader, sink: &mut dyn Sink) -> Result<(), Error> {
+        let many = self.section.frames.len();
+        let (number, time) = match self.frame(lines) {
+            Ok(frame) => frame,
+            Err(_) if !lines.ended_with_newline() => {
+                for column in &mut self.section.columns {
+                    column.values.truncate(many);
+                    column.values.resize(many, f64::NAN);
+                }
+                self.cut = true;
+                return Ok(());
+            }
+            Err(e) => return Err(e),
+        };
+        if self.rows == 0 {
+            self.first = (number, time);
+            self.section.line = lines.number();
+        } else if number <= self.last.0 {
+            return Err(Error::new(
+                ErrorKind::TimeOrder,
+                lines.path(),
+                format!("frame {number} follows frame {}", self.last.0),
+            )
+            .at_line(lines.number())
+            .at_column(2)
+            .expected("frame numbers that rise")
+            .action("delete the repeated rows, or export the take again"));
+        } else {
+            self.missing_frames += number - self.last.0 - 1;
         }
-        NumberColumn::new(Delimiter::Comma, Notation::Dot)
-            .parse(cell.bytes)
-            .map_err(|t| bad_cell(lines.path(), lines.number(), i + 1, cell.bytes, t))
-    };
-    let count = |value: f64, cell: usize| -> Result<u64, Error> {
-        // each needs a cell: no row has more
-        if value.fract() == 0.0 && (0.0..1e6).contains(&value) {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-            return Ok(value as u64);
+        self.last = (number, time);
+        self.rows += 1;
+        let section = &mut self.section;
+        section.frames.push(number);
+        section.lines.push(lines.number());
+        for column in &mut section.columns {
+            column.values.resize(many + 1, f64::NAN);
         }
-        Err(
-            Error::new(ErrorKind::BadNumber, lines.path(), format!("found {value}"))
-                .at_line(lines.number())
-                .at_column(cell)
-                .expected("how many there are")
-                .action("use the file as Motive exported it"),
-        )
-    };
-    let number = whole(lines, parse(next()?)?, 1, "a frame number")?;
-    let time = parse(next()?)?;
-    let bodies = count(parse(next()?)?, 4)?;
-    let mut put = |section: &mut Section, at: usize, values: &[f64]| {
-        let columns = &mut section.columns[at..at + values.len()];
-        if columns[0].values.len() > rows {
-            *twice += 1;
+        lines.spend(section.columns.len())?;
+        if (many + 1) * section.columns.len() >= BATCH {
+            sink.rows(0, section);
+        }
+        Ok(())
+    }
+
+    /// The number and time of a frame. The values go to the end of their columns.
+    fn frame(&mut self, lines: &LineReader) -> Result<(i64, f64), Error> {
+        let mut row = FrameRow {
+            lines,
+            cells: Cells::new(lines.line(), Delimiter::Comma)
+                .enumerate()
+                .skip(1),
+        };
+        let number = whole(lines, row.number()?, 1, "a frame number")?;
+        let time = row.number()?;
+        let bodies = row.count()?;
+        for _ in 0..bodies {
+            let id = row.next()?.1.text();
+            let values: [f64; 10] = row.numbers()?;
+            let at = match self.names.bodies.get(&id) {
+                Some(at) => *at,
+                None => {
+                    let name = self.names.titles.get(&id).unwrap_or(&id);
+                    let axes = ["X", "Y", "Z", "RX", "RY", "RZ", "RW"];
+                    let at = add(&mut self.section, name, &axes);
+                    self.names.bodies.insert(id, at);
+                    at
+                }
+            };
+            // yaw, pitch and roll say the same again
+            self.put(at, &values[..7]);
+        }
+        let markers = row.count()?;
+        for _ in 0..markers {
+            let values: [f64; 3] = row.numbers()?;
+            let (id, name) = (row.next()?.1, row.next()?.1);
+            let name = if name.bytes.is_empty() {
+                id.text()
+            } else {
+                name.text()
+            };
+            let at = match self.names.markers.get(&name) {
+                Some(at) => *at,
+                None => {
+                    let at = add(&mut self.section, &name, &["X", "Y", "Z"]);
+                    self.names.markers.insert(name, at);
+                    at
+                }
+            };
+            self.put(at, &values);
+        }
+        Ok((number, time))
+    }
+
+    /// Puts values into the frame, unless they are there already.
+    fn put(&mut self, at: usize, values: &[f64]) {
+        let columns = &mut self.section.columns[at..at + values.len()];
+        if columns[0].values.len() > self.section.frames.len() {
+            self.twice += 1;
             return;
         }
         for (column, value) in columns.iter_mut().zip(values) {
             column.values.push(*value);
         }
-    };
-    for _ in 0..bodies {
-        let id = next()?.1.text();
-        let mut values = [0.0; 10];
-        for v in &mut values {
-            *v = parse(next()?)?;
-        }
-        let at = match names.bodies.get(&id) {
-            Some(at) => *at,
-            None => {
-                let name = names.titles.get(&id).cloned().unwrap_or_else(|| id.clone());
-                let at = add(
-                    section,
-                    &name,
-                    rows,
-                    &["X", "Y", "Z", "RX", "RY", "RZ", "RW"],
-                );
-                names.bodies.insert(id, at);
-                at
-            }
-        };
-        // yaw, pitch and roll say the same again
-        put(section, at, &values[..7]);
     }
-    let place = next()?;
-    let markers = count(parse(place)?, place.0 + 1)?;
-    for _ in 0..markers {
-        let mut values = [0.0; 3];
-        for v in &mut values {
-            *v = parse(next()?)?;
+
+    fn tell(&self, path: &Path, notes: &mut Vec<Note>) {
+        notes.push(Note::info(
+            path,
+            format!(
+                "section Trajectories: {} rows, frames {} to {}, {} groups",
+                self.rows,
+                self.first.0,
+                self.last.0,
+                self.section.groups.len()
+            ),
+        ));
+        notes.push(match self.section.rate_hz {
+            Some(rate_hz) => Note::info(
+                path,
+                format!("no rate is stated; {rate_hz} Hz from the printed times"),
+            ),
+            None => Note::warning(path, "no rate is stated and the printed times do not rise"),
+        });
+        let mut warn = |text: String| notes.push(Note::warning(path, text));
+        warn("the unit of the positions is not stated (this version of Motive wrote metres); state it, as in unit = \"m\"".to_owned());
+        if let Some(declared) = self.declared.filter(|d| *d != self.rows) {
+            warn(format!(
+                "{declared} frames are declared, {} are there",
+                self.rows
+            ));
         }
-        let id = next()?.1;
-        let name = next()?.1;
-        let name = if name.bytes.is_empty() {
-            id.text()
-        } else {
-            name.text()
-        };
-        let at = match names.markers.get(&name) {
-            Some(at) => *at,
-            None => {
-                let at = add(section, &name, rows, &["X", "Y", "Z"]);
-                names.markers.insert(name, at);
-                at
-            }
-        };
-        put(section, at, &values);
+        if self.missing_frames > 0 {
+            warn(format!(
+                "{} frames are not in the file",
+                self.missing_frames
+            ));
+        }
+        if self.cut {
+            warn("the file ends in the middle of a row, which is dropped".to_owned());
+        }
+        if self.twice > 0 {
+            warn(format!(
+                "{} times a marker's name is twice in a frame; the first counts",
+                self.twice
+            ));
+        }
+        if self.passed_over > 0 {
+            notes.push(Note::info(
+                path,
+                format!(
+                    "{} rows with the markers of rigid bodies are left out",
+                    self.passed_over
+                ),
+            ));
+        }
     }
-    Ok((number, time))
+}
+
+/// A row of a frame, cell by cell.
+struct FrameRow<'a> {
+    lines: &'a LineReader,
+    cells: Skip<Enumerate<Cells<'a>>>,
+}
+
+impl<'a> FrameRow<'a> {
+    fn next(&mut self) -> Result<(usize, Cell<'a>), Error> {
+        let lines = self.lines;
+        self.cells.next().ok_or_else(|| {
+            Error::new(ErrorKind::CellCount, lines.path(), "the row ends too early")
+                .at_line(lines.number())
+                .expected("as many bodies and markers as it counts")
+                .action("a row was cut; delete it or export the take again")
+        })
+    }
+
+    fn parse(&self, (i, cell): (usize, Cell)) -> Result<f64, Error> {
+        if says_not_finite(cell.bytes) {
+            return Ok(f64::NAN);
+        }
+        NumberColumn::new(Delimiter::Comma, Notation::Dot)
+            .parse(cell.bytes)
+            .map_err(|t| bad_cell(self.lines.path(), self.lines.number(), i + 1, cell.bytes, t))
+    }
+
+    fn number(&mut self) -> Result<f64, Error> {
+        let cell = self.next()?;
+        self.parse(cell)
+    }
+
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], Error> {
+        let mut values = [0.0; N];
+        for v in &mut values {
+            *v = self.number()?;
+        }
+        Ok(values)
+    }
+
+    /// How many bodies or markers follow.
+    fn count(&mut self) -> Result<u64, Error> {
+        let cell = self.next()?;
+        let value = self.parse(cell)?;
+        // each needs a cell: no row has more
+        if value.fract() == 0.0 && (0.0..1e6).contains(&value) {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            return Ok(value as u64);
+        }
+        Err(Error::new(
+            ErrorKind::BadNumber,
+            self.lines.path(),
+            format!("found {value}"),
+        )
+        .at_line(self.lines.number())
+        .at_column(cell.0 + 1)
+        .expected("how many there are")
+        .action("use the file as Motive exported it"))
+    }
 }
 
 /// A group that was not seen in the rows before; where its columns begin.
-fn add(section: &mut Section, name: &str, rows: usize, axes: &[&str]) -> usize {
+fn add(section: &mut Section, name: &str, axes: &[&str]) -> usize {
+    let rows = section.frames.len();
     let at = section.columns.len();
     section.groups.push(Group {
         name: name.to_owned(),

@@ -15,7 +15,7 @@ use super::capture::{
     Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
 };
 use super::error::{Error, ErrorKind};
-use super::rows::{self, Table};
+use super::rows::{self, Table, positive, tell_markers};
 use super::text::{Delimiter, LineReader, is_blank, plain_number, texts};
 
 /// The importer of Qualisys exports.
@@ -48,54 +48,85 @@ fn is_key(cell: &[u8]) -> bool {
             .all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || *b == b'_')
 }
 
-fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<(Table, bool), Error> {
-    let mut keys: Vec<(String, Vec<String>)> = Vec::new();
-    let mut here = false;
-    let mut columns = None;
-    let mut header_line = 1;
-    while lines.advance()? {
-        if is_blank(lines.line()) {
-            continue;
-        }
-        let cells = texts(lines.line(), Delimiter::Tab);
-        let first = cells.first().map_or("", String::as_str);
-        if is_key(first.as_bytes()) {
-            let mut values = cells[1..].to_vec();
-            while values.last().is_some_and(String::is_empty) {
-                values.pop();
+/// The rows above the frames: words with their values, and a row of columns or none.
+struct Rows {
+    keys: Vec<(String, Vec<String>)>,
+    columns: Option<Vec<String>>,
+    /// The line of the columns.
+    line: u64,
+    /// The reader stands on the first frame.
+    here: bool,
+}
+
+impl Rows {
+    fn read(lines: &mut LineReader) -> Result<Self, Error> {
+        let mut rows = Rows {
+            keys: Vec::new(),
+            columns: None,
+            line: 1,
+            here: false,
+        };
+        while lines.advance()? {
+            if is_blank(lines.line()) {
+                continue;
             }
-            keys.push((first.to_owned(), values));
-        } else if plain_number(first.as_bytes()).is_some() {
-            here = true;
-            break;
-        } else {
-            header_line = lines.number();
-            columns = Some(cells);
-            break;
+            let cells = texts(lines.line(), Delimiter::Tab);
+            let first = cells.first().map_or("", String::as_str);
+            if is_key(first.as_bytes()) {
+                let mut values = cells[1..].to_vec();
+                while values.last().is_some_and(String::is_empty) {
+                    values.pop();
+                }
+                rows.keys.push((first.to_owned(), values));
+            } else if plain_number(first.as_bytes()).is_some() {
+                rows.here = true;
+                break;
+            } else {
+                rows.line = lines.number();
+                rows.columns = Some(cells);
+                break;
+            }
         }
+        if std::str::from_utf8(lines.line()).is_err() {
+            lines.note_not_utf8();
+        }
+        Ok(rows)
     }
-    if std::str::from_utf8(lines.line()).is_err() {
-        lines.note_not_utf8();
+
+    fn values(&self, key: &str) -> &[String] {
+        let found = self.keys.iter().find(|k| k.0 == key);
+        found.map_or(&[][..], |k| &k.1)
     }
-    let path = lines.path();
-    let values = |key: &str| keys.iter().find(|k| k.0 == key).map_or(&[][..], |k| &k.1);
-    let number = |key: &str| {
-        let (value, _) = plain_number(values(key).first()?.as_bytes())?;
-        (value.is_finite() && value > 0.0).then_some(value)
-    };
-    let bodies = values("DATA_INCLUDED").first().is_some_and(|d| d == "6D");
-    let names = values(if bodies { "BODY_NAMES" } else { "MARKER_NAMES" });
-    let columns = columns.unwrap_or_else(|| {
+
+    fn number(&self, key: &str) -> Option<f64> {
+        positive(self.values(key).first()?)
+    }
+
+    /// The columns that the names of markers or bodies stand for.
+    fn columns_of_names(&self, bodies: bool) -> Vec<String> {
         let axes: &[&str] = if bodies { &SIX } else { &["X", "Y", "Z"] };
-        names
+        self.values(if bodies { "BODY_NAMES" } else { "MARKER_NAMES" })
             .iter()
             .flat_map(|n| axes.iter().map(move |a| format!("{n} {a}")))
             .collect()
-    });
+    }
+}
+
+fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<(Table, bool), Error> {
+    let mut rows = Rows::read(lines)?;
+    let path = lines.path();
+    let bodies = rows
+        .values("DATA_INCLUDED")
+        .first()
+        .is_some_and(|d| d == "6D");
+    let columns = rows
+        .columns
+        .take()
+        .unwrap_or_else(|| rows.columns_of_names(bodies));
     let mut section = Section {
         name: "Trajectories".to_owned(),
-        line: header_line,
-        rate_hz: number("FREQUENCY"),
+        line: rows.line,
+        rate_hz: rows.number("FREQUENCY"),
         ..Section::default()
     };
     let (mut frame, mut time) = (None, None);
@@ -107,42 +138,7 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<(Table, bool)
         } else if title == "Time" && section.groups.is_empty() {
             time = Some(cell);
         } else if !title.is_empty() {
-            // `marker X` begins a marker, `Y` goes on with it; a marker's name may have spaces
-            let (name, axis) = match title.rsplit_once(' ') {
-                Some((name, axis)) if SIX.contains(&axis) => (name.trim(), axis),
-                _ => ("", title.as_str()),
-            };
-            let goes_on = section
-                .groups
-                .last()
-                .is_some_and(|g| (name.is_empty() || g.name == name) && axis != "X");
-            let at = section.columns.len();
-            if !goes_on {
-                section.groups.push(Group {
-                    name: if name.is_empty() {
-                        title.clone()
-                    } else {
-                        name.to_owned()
-                    },
-                    columns: at..at,
-                });
-            }
-            if let Some(group) = section.groups.last_mut() {
-                group.columns.end = at + 1;
-                section.columns.push(Column {
-                    group: group.name.clone(),
-                    axis: axis.to_owned(),
-                    unit: match axis {
-                        "X" | "Y" | "Z" | "Residual" => "mm",
-                        "Roll" | "Pitch" | "Yaw" => "deg",
-                        _ => "",
-                    }
-                    .to_owned(),
-                    number: cell + 1,
-                    values: Vec::new(),
-                });
-                slot = Some(at);
-            }
+            slot = add_column(&mut section, cell, title);
         }
         slots.push(slot);
     }
@@ -156,33 +152,61 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<(Table, bool)
         path,
         "no unit is stated; Qualisys writes mm and degrees",
     ));
-    let markers = section.groups.len();
-    if let Some(declared) = number(if bodies {
+    let declared = rows.number(if bodies {
         "NO_OF_BODIES"
     } else {
         "NO_OF_MARKERS"
-    }) && declared != markers as f64
-    {
-        notes.push(Note::warning(
-            path,
-            format!("{declared} markers are declared, {markers} have columns"),
-        ));
-    }
+    });
+    tell_markers(path, declared, section.groups.len(), notes);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let declared = number("NO_OF_FRAMES").map(|n| n as u64);
-    Ok((
-        Table {
-            section,
-            delimiter: Delimiter::Tab,
-            frame,
-            time,
-            slots,
-            zero_is_gap: true,
-            grows: false,
-            declared,
-        },
-        here,
-    ))
+    let declared = rows.number("NO_OF_FRAMES").map(|n| n as u64);
+    let table = Table {
+        section,
+        delimiter: Delimiter::Tab,
+        frame,
+        time,
+        slots,
+        zero_is_gap: true,
+        grows: false,
+        declared,
+    };
+    Ok((table, rows.here))
+}
+
+/// Adds a column: `marker X` begins a marker, `Y` goes on with it; a marker's name may have spaces. Returns
+/// its place.
+fn add_column(section: &mut Section, cell: usize, title: &str) -> Option<usize> {
+    let (name, axis) = match title.rsplit_once(' ') {
+        Some((name, axis)) if SIX.contains(&axis) => (name.trim(), axis),
+        _ => ("", title),
+    };
+    let goes_on = section
+        .groups
+        .last()
+        .is_some_and(|g| (name.is_empty() || g.name == name) && axis != "X");
+    let at = section.columns.len();
+    if !goes_on {
+        let name = if name.is_empty() { title } else { name };
+        section.groups.push(Group {
+            name: name.to_owned(),
+            columns: at..at,
+        });
+    }
+    let group = section.groups.last_mut()?;
+    group.columns.end = at + 1;
+    let unit = match axis {
+        "X" | "Y" | "Z" | "Residual" => "mm",
+        "Roll" | "Pitch" | "Yaw" => "deg",
+        _ => "",
+    };
+    section.columns.push(Column {
+        group: group.name.clone(),
+        axis: axis.to_owned(),
+        unit: unit.to_owned(),
+        number: cell + 1,
+        values: Vec::new(),
+    });
+    Some(at)
 }
 
 /// The columns of a body.

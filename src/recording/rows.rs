@@ -6,8 +6,8 @@ use std::path::Path;
 use super::capture::{BATCH, Block, Capture, Column, Group, Note, ReadOptions, Section, Sink};
 use super::error::{Error, ErrorKind};
 use super::text::{
-    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, is_blank, says_not_finite,
-    wrong_cell,
+    Cells, Delimiter, LineReader, Notation, NumberColumn, Trouble, is_blank, plain_number,
+    says_not_finite, wrong_cell,
 };
 
 /// A table whose header is known.
@@ -84,128 +84,65 @@ struct Counts {
     off_clock_line: u64,
 }
 
+/// What goes along while the rows are read.
+struct Pass {
+    numbers: Vec<NumberColumn>,
+    block: Block,
+    counts: Counts,
+    /// The last cell that the header has a column for.
+    needed: usize,
+}
+
+/// A row whose cells are read.
+struct Row {
+    frame: f64,
+    time: f64,
+    width: usize,
+    /// The first cell that is wrong; without a trouble it is beyond the header.
+    trouble: Option<(usize, Option<Trouble>)>,
+}
+
 impl Table {
     /// Reads to the end of the file. With `here`, the reader already stands on the first row.
     pub(super) fn read(
         &mut self,
         lines: &mut LineReader,
-        here: bool,
+        mut here: bool,
         comma_cells: &mut BTreeSet<usize>,
         sink: &mut dyn Sink,
         notes: &mut Vec<Note>,
     ) -> Result<End, Error> {
-        let mut numbers = NumberColumn::row(self.slots.len(), self.delimiter, |cell| {
-            comma_cells.contains(&cell)
-        });
-        let needed = self.slots.iter().rposition(Option::is_some).unwrap_or(0);
         let named = self.section.groups.len();
-        let mut block = Block::new(self.section.columns.len());
-        let mut counts = Counts::default();
-        let mut here = here;
+        let mut pass = Pass {
+            numbers: self.numbers(comma_cells),
+            block: Block::new(self.section.columns.len()),
+            counts: Counts::default(),
+            needed: self.slots.iter().rposition(Option::is_some).unwrap_or(0),
+        };
         while here || lines.advance()? {
             here = false;
             if is_blank(lines.line()) {
                 continue;
             }
-            let (mut frame, mut time) = (f64::NAN, f64::NAN);
-            let mut trouble = None;
-            let mut width = 0;
-            let mut cells = Cells::new(lines.line(), self.delimiter);
-            let mut row = block.row();
-            loop {
-                let i = width;
-                let Some(number) = numbers.get_mut(i) else {
-                    // beyond the header
-                    let mut ahead = cells.clone();
-                    let Some(cell) = ahead.next() else { break };
-                    if cell.bytes.is_empty() {
-                        cells = ahead;
-                        width += 1;
-                    } else if self.grows {
-                        let half = row.to_vec();
-                        block.pour(&mut self.section.columns);
-                        self.grow(i);
-                        let wider = NumberColumn::row(self.slots.len(), self.delimiter, |cell| {
-                            comma_cells.contains(&cell)
-                        });
-                        let known = numbers.len();
-                        numbers.extend(wider.into_iter().skip(known));
-                        block = Block::new(self.section.columns.len());
-                        row = block.row();
-                        row[..half.len()].copy_from_slice(&half);
-                    } else {
-                        trouble = Some((i, None));
-                        break;
-                    }
-                    continue;
-                };
-                let Some(next) = number.next(&mut cells) else {
-                    break;
-                };
-                width += 1;
-                let value = match next {
-                    Ok(value) => value,
-                    Err((Trouble::Reread, _)) => {
-                        comma_cells.insert(i);
-                        return Ok(End::Reread);
-                    }
-                    Err((_, cell)) if says_not_finite(cell.bytes) && Some(i) != self.frame => {
-                        counts.not_finite += 1;
-                        f64::NAN
-                    }
-                    Err((t, _)) => {
-                        trouble = Some((i, Some(t)));
-                        break;
-                    }
-                };
-                if Some(i) == self.frame {
-                    frame = value;
-                } else if Some(i) == self.time {
-                    time = value;
-                } else if let Some(column) = self.slots[i] {
-                    row[column] = value;
-                }
+            let row = self.cells(lines, &mut pass, comma_cells);
+            if let Some((cell, Some(Trouble::Reread))) = row.trouble {
+                comma_cells.insert(cell);
+                return Ok(End::Reread);
             }
-            let short = width <= needed;
-            if (short || trouble.is_some()) && !lines.ended_with_newline() {
-                counts.cut = true;
+            let short = row.width <= pass.needed;
+            if (short || row.trouble.is_some()) && !lines.ended_with_newline() {
+                pass.counts.cut = true;
                 break;
             }
-            let number = lines.number();
-            if let Some((cell, trouble)) = trouble {
-                let expected = format!("{} cells as in the header", self.slots.len());
-                return Err(wrong_cell(lines, self.delimiter, cell, trouble, expected));
-            }
-            counts.short += u64::from(short);
-            let frame = match self.frame {
-                Some(cell) => whole(lines, frame, cell, "a frame number")?,
-                None => counts.last + 1,
-            };
-            counts.frame(lines, self.frame, frame)?;
-            if counts.rows == 1 && !time.is_nan() {
-                self.section.zero_frame = zero_frame(frame, time, self.section.rate_hz);
-            }
-            counts.time(frame, time, self.section.rate_hz, number);
-            self.section.frames.push(frame);
-            self.section.lines.push(number);
-            if self.zero_is_gap {
-                for group in &self.section.groups {
-                    let values = &mut row[group.columns.clone()];
-                    if values.len() >= 3 && values[..3] == [0.0; 3] {
-                        counts.zeros += 1;
-                        values.fill(f64::NAN);
-                    }
-                }
-            }
-            block.keep(&mut self.section.columns);
-            lines.spend(self.section.columns.len())?;
+            pass.counts.short += u64::from(short);
+            self.keep(lines, &mut pass, row)?;
             if self.section.frames.len() * self.section.columns.len() >= BATCH {
-                block.pour(&mut self.section.columns);
+                pass.block.pour(&mut self.section.columns);
                 sink.rows(0, &mut self.section);
             }
         }
-        block.pour(&mut self.section.columns);
-        if counts.rows == 0 {
+        pass.block.pour(&mut self.section.columns);
+        if pass.counts.rows == 0 {
             return Err(Error::new(
                 ErrorKind::NoData,
                 lines.path(),
@@ -215,15 +152,7 @@ impl Table {
             .action("the file was cut; export the trial again"));
         }
         if self.section.rate_hz.is_none() {
-            self.section.rate_hz = counts.rate_hz();
-            if let (Some(rate_hz), Some((frame, time))) = (self.section.rate_hz, counts.first_time)
-            {
-                self.section.zero_frame = zero_frame(frame, time, Some(rate_hz));
-                notes.push(Note::warning(
-                    lines.path(),
-                    format!("no rate is stated; {rate_hz} Hz from the printed times"),
-                ));
-            }
+            self.rate_of_times(&pass.counts, lines.path(), notes);
         }
         sink.rows(0, &mut self.section);
         if self.section.groups.len() > named {
@@ -235,8 +164,128 @@ impl Table {
                 ),
             ));
         }
-        self.tell(lines, &numbers, &counts, notes);
+        self.tell(lines, &pass, notes);
         Ok(End::File)
+    }
+
+    fn numbers(&self, comma_cells: &BTreeSet<usize>) -> Vec<NumberColumn> {
+        NumberColumn::row(self.slots.len(), self.delimiter, |cell| {
+            comma_cells.contains(&cell)
+        })
+    }
+
+    /// Reads the cells of a row into the block, up to the first that is wrong.
+    #[inline]
+    fn cells(&mut self, lines: &LineReader, pass: &mut Pass, commas: &BTreeSet<usize>) -> Row {
+        let (mut frame, mut time) = (f64::NAN, f64::NAN);
+        let mut trouble = None;
+        let mut width = 0;
+        let mut cells = Cells::new(lines.line(), self.delimiter);
+        let mut row = pass.block.row();
+        loop {
+            let i = width;
+            let Some(number) = pass.numbers.get_mut(i) else {
+                // beyond the header
+                let mut ahead = cells.clone();
+                let Some(cell) = ahead.next() else { break };
+                if cell.bytes.is_empty() {
+                    cells = ahead;
+                    width += 1;
+                } else if self.grows {
+                    let half = row.to_vec();
+                    pass.block.pour(&mut self.section.columns);
+                    self.grow(i);
+                    let wider = self.numbers(commas);
+                    let known = pass.numbers.len();
+                    pass.numbers.extend(wider.into_iter().skip(known));
+                    pass.block = Block::new(self.section.columns.len());
+                    row = pass.block.row();
+                    row[..half.len()].copy_from_slice(&half);
+                } else {
+                    trouble = Some((i, None));
+                    break;
+                }
+                continue;
+            };
+            let Some(next) = number.next(&mut cells) else {
+                break;
+            };
+            width += 1;
+            let value = match next {
+                Ok(value) => value,
+                Err((t, cell))
+                    if t != Trouble::Reread
+                        && says_not_finite(cell.bytes)
+                        && Some(i) != self.frame =>
+                {
+                    pass.counts.not_finite += 1;
+                    f64::NAN
+                }
+                Err((t, _)) => {
+                    trouble = Some((i, Some(t)));
+                    break;
+                }
+            };
+            if Some(i) == self.frame {
+                frame = value;
+            } else if Some(i) == self.time {
+                time = value;
+            } else if let Some(column) = self.slots[i] {
+                row[column] = value;
+            }
+        }
+        Row {
+            frame,
+            time,
+            width,
+            trouble,
+        }
+    }
+
+    /// Keeps a row in which nothing is wrong.
+    #[inline]
+    fn keep(&mut self, lines: &mut LineReader, pass: &mut Pass, row: Row) -> Result<(), Error> {
+        if let Some((cell, trouble)) = row.trouble {
+            let expected = format!("{} cells as in the header", self.slots.len());
+            return Err(wrong_cell(lines, self.delimiter, cell, trouble, expected));
+        }
+        let counts = &mut pass.counts;
+        let section = &mut self.section;
+        let frame = match self.frame {
+            Some(cell) => whole(lines, row.frame, cell, "a frame number")?,
+            None => counts.last + 1,
+        };
+        counts.frame(lines, self.frame, frame)?;
+        if counts.rows == 1 && !row.time.is_nan() {
+            section.zero_frame = zero_frame(frame, row.time, section.rate_hz);
+        }
+        counts.time(frame, row.time, section.rate_hz, lines.number());
+        section.frames.push(frame);
+        section.lines.push(lines.number());
+        if self.zero_is_gap {
+            let row = pass.block.open();
+            for group in &section.groups {
+                let values = &mut row[group.columns.clone()];
+                if values.len() >= 3 && values[..3] == [0.0; 3] {
+                    counts.zeros += 1;
+                    values.fill(f64::NAN);
+                }
+            }
+        }
+        pass.block.keep(&mut section.columns);
+        lines.spend(section.columns.len())
+    }
+
+    /// The rate that the printed times have, where the header states none.
+    fn rate_of_times(&mut self, counts: &Counts, path: &Path, notes: &mut Vec<Note>) {
+        self.section.rate_hz = counts.rate_hz();
+        if let (Some(rate_hz), Some((frame, time))) = (self.section.rate_hz, counts.first_time) {
+            self.section.zero_frame = zero_frame(frame, time, Some(rate_hz));
+            notes.push(Note::warning(
+                path,
+                format!("no rate is stated; {rate_hz} Hz from the printed times"),
+            ));
+        }
     }
 
     /// Adds markers up to a cell; they were not seen in the rows before.
@@ -267,13 +316,8 @@ impl Table {
         }
     }
 
-    fn tell(
-        &self,
-        lines: &LineReader,
-        numbers: &[NumberColumn],
-        counts: &Counts,
-        notes: &mut Vec<Note>,
-    ) {
+    fn tell(&self, lines: &LineReader, pass: &Pass, notes: &mut Vec<Note>) {
+        let counts = &pass.counts;
         let path = lines.path();
         let name = &self.section.name;
         let rows = counts.rows;
@@ -323,7 +367,7 @@ impl Table {
                 counts.not_finite
             ));
         }
-        if numbers.iter().any(|n| n.notation() == Notation::Comma) {
+        if pass.numbers.iter().any(|n| n.notation() == Notation::Comma) {
             info("numbers have a decimal comma".to_owned());
         }
         info(format!(
@@ -423,4 +467,27 @@ pub(super) fn rounded_rate(rate_hz: f64) -> Option<f64> {
         return None;
     }
     format!("{rate_hz:.5e}").parse().ok()
+}
+
+/// The number above 0 that a value of a header states.
+pub(super) fn positive(value: &str) -> Option<f64> {
+    let (value, _) = plain_number(value.as_bytes())?;
+    (value.is_finite() && value > 0.0).then_some(value)
+}
+
+/// A note where a header declares another number of markers than have columns.
+pub(super) fn tell_markers(
+    path: &Path,
+    declared: Option<f64>,
+    markers: usize,
+    notes: &mut Vec<Note>,
+) {
+    if let Some(declared) = declared
+        && declared != markers as f64
+    {
+        notes.push(Note::warning(
+            path,
+            format!("{declared} markers are declared, {markers} have columns"),
+        ));
+    }
 }

@@ -252,18 +252,17 @@ impl Pass<'_> {
     }
 
     fn read_section(&mut self, lines: &mut LineReader, name: &'static str) -> Result<End, Error> {
-        let header = Header::read(lines, name)?;
+        let mut header = Header::read(lines, name)?;
         let index = self.sections.len();
-        let width = header.cells.len();
         let mut section = Section {
             name: name.to_owned(),
             line: header.line,
             rate_hz: Some(header.rate_hz),
-            groups: header.groups,
-            columns: header.columns,
+            groups: std::mem::take(&mut header.groups),
+            columns: std::mem::take(&mut header.columns),
             ..Section::default()
         };
-        let mut numbers = NumberColumn::row(width, header.delimiter, |cell| {
+        let mut numbers = NumberColumn::row(header.cells.len(), header.delimiter, |cell| {
             self.comma_columns.contains(&(index, cell))
         });
         let mut block = Block::new(section.columns.len());
@@ -272,93 +271,19 @@ impl Pass<'_> {
             if !lines.advance()? {
                 break End::File;
             }
-            if is_blank(lines.line()) {
-                break End::Blank;
+            if let Some(end) = end_at(lines.line()) {
+                break end;
             }
-            let first = lines.line().first();
-            if first.is_some_and(|b| b.is_ascii_alphabetic() || *b == b'"')
-                && let Some(next) = name_row(lines.line())
-            {
-                break End::Name(next);
+            let row = Row::read(lines.line(), &header, &mut numbers, block.row());
+            if let Some((cell, Some(Trouble::Reread))) = row.trouble {
+                self.comma_columns.insert((index, cell));
+                return Ok(End::Reread);
             }
-            let mut width_found = 0;
-            let mut frame = f64::NAN;
-            let mut sub_frame = f64::NAN;
-            let mut trouble = None;
-            let mut frame_only = true;
-            let row = block.row();
-            let mut cells = Cells::new(lines.line(), header.delimiter);
-            loop {
-                let i = width_found;
-                let Some(number) = numbers.get_mut(i) else {
-                    let Some(cell) = cells.next() else { break };
-                    width_found += 1;
-                    frame_only &= cell.bytes.is_empty();
-                    if !cell.bytes.is_empty() {
-                        trouble = Some((i, None));
-                        break;
-                    }
-                    continue;
-                };
-                let Some(next) = number.next(&mut cells) else {
-                    break;
-                };
-                width_found += 1;
-                match next {
-                    Ok(value) => match i {
-                        0 => frame = value,
-                        1 => sub_frame = value,
-                        _ => {
-                            frame_only &= value.is_nan();
-                            if let Some(column) = header.cells[i] {
-                                row[column] = value;
-                            } else if !value.is_nan() {
-                                trouble = Some((i, None));
-                                break;
-                            }
-                        }
-                    },
-                    Err((Trouble::Reread, _)) => {
-                        self.comma_columns.insert((index, i));
-                        return Ok(End::Reread);
-                    }
-                    Err((t, _)) => {
-                        frame_only &= i < 2;
-                        trouble = Some((i, Some(t)));
-                        break;
-                    }
-                }
-            }
-            let number = lines.number();
-            // a row of the frame number alone is whole, unless it is where the file was cut
-            let short = width_found < width && !(frame_only && lines.ended_with_newline());
-            if (short || trouble.is_some()) && !lines.ended_with_newline() {
-                self.notes.push(
-                    Note::warning(
-                        lines.path(),
-                        format!(
-                            "section {name}: the file ends in the middle of a row, which is dropped ({width_found} cells of {width})"
-                        ),
-                    )
-                    .at_line(number),
-                );
+            if let Some(cut) = row.check(lines, &header, name)? {
+                self.notes.push(cut);
                 break End::File;
             }
-            if let Some((cell, trouble)) = trouble {
-                let expected = format!("{width} cells as in the header of section {name}");
-                return Err(wrong_cell(lines, header.delimiter, cell, trouble, expected));
-            }
-            if short {
-                return Err(Error::new(
-                    ErrorKind::CellCount,
-                    lines.path(),
-                    format!("found {width_found} cells"),
-                )
-                .at_line(number)
-                .expected(format!("{width} as in the header of section {name}"))
-                .action("a row was cut; delete it or export the trial again"));
-            }
-            rows.push(lines, &mut section, frame, sub_frame)?;
+            rows.push(lines, &mut section, row.frame, row.sub_frame)?;
             block.keep(&mut section.columns);
             lines.spend(section.columns.len())?;
             if section.frames.len() * section.columns.len() >= BATCH {
@@ -398,6 +323,120 @@ impl Pass<'_> {
     }
 }
 
+/// Whether a section ends before this row.
+fn end_at(line: &[u8]) -> Option<End> {
+    if is_blank(line) {
+        return Some(End::Blank);
+    }
+    line.first()
+        .filter(|b| b.is_ascii_alphabetic() || **b == b'"')
+        .and_then(|_| name_row(line))
+        .map(End::Name)
+}
+
+/// The cells of a row but for those of its columns.
+struct Row {
+    width: usize,
+    frame: f64,
+    sub_frame: f64,
+    /// Nothing but the frame and the sub-frame is there.
+    frame_only: bool,
+    /// The first cell that is wrong; without a trouble no column takes it.
+    trouble: Option<(usize, Option<Trouble>)>,
+}
+
+impl Row {
+    /// Reads a row up to the first cell that is wrong; `values` is of the columns.
+    #[inline]
+    fn read(
+        line: &[u8],
+        header: &Header,
+        numbers: &mut [NumberColumn],
+        values: &mut [f64],
+    ) -> Self {
+        let mut row = Row {
+            width: 0,
+            frame: f64::NAN,
+            sub_frame: f64::NAN,
+            frame_only: true,
+            trouble: None,
+        };
+        let mut cells = Cells::new(line, header.delimiter);
+        loop {
+            let i = row.width;
+            let Some(number) = numbers.get_mut(i) else {
+                let Some(cell) = cells.next() else { break };
+                row.width += 1;
+                row.frame_only &= cell.bytes.is_empty();
+                if !cell.bytes.is_empty() {
+                    row.trouble = Some((i, None));
+                    break;
+                }
+                continue;
+            };
+            let Some(next) = number.next(&mut cells) else {
+                break;
+            };
+            row.width += 1;
+            match next {
+                Ok(value) if i == 0 => row.frame = value,
+                Ok(value) if i == 1 => row.sub_frame = value,
+                Ok(value) => {
+                    row.frame_only &= value.is_nan();
+                    if let Some(column) = header.cells[i] {
+                        values[column] = value;
+                    } else if !value.is_nan() {
+                        row.trouble = Some((i, None));
+                        break;
+                    }
+                }
+                Err((t, _)) => {
+                    row.frame_only &= i < 2;
+                    row.trouble = Some((i, Some(t)));
+                    break;
+                }
+            }
+        }
+        row
+    }
+
+    /// Refuses a row that is wrong; where the file was cut in it, that is a note.
+    #[inline]
+    fn check(
+        &self,
+        lines: &LineReader,
+        header: &Header,
+        name: &str,
+    ) -> Result<Option<Note>, Error> {
+        let (found, width) = (self.width, header.cells.len());
+        // a row of the frame number alone is whole, unless it is where the file was cut
+        let short = found < width && !(self.frame_only && lines.ended_with_newline());
+        if (short || self.trouble.is_some()) && !lines.ended_with_newline() {
+            let text = format!(
+                "section {name}: the file ends in the middle of a row, which is dropped ({found} cells of {width})"
+            );
+            return Ok(Some(
+                Note::warning(lines.path(), text).at_line(lines.number()),
+            ));
+        }
+        if let Some((cell, trouble)) = self.trouble {
+            let expected = format!("{width} cells as in the header of section {name}");
+            return Err(wrong_cell(lines, header.delimiter, cell, trouble, expected));
+        }
+        if short {
+            return Err(Error::new(
+                ErrorKind::CellCount,
+                lines.path(),
+                format!("found {found} cells"),
+            )
+            .at_line(lines.number())
+            .expected(format!("{width} as in the header of section {name}"))
+            .action("a row was cut; delete it or export the trial again"));
+        }
+        Ok(None)
+    }
+}
+
 /// The five rows above the data.
 struct Header {
     line: u64,
@@ -426,11 +465,10 @@ impl Header {
         let group_row = row("the group names")?;
         let axis_row = row("the row Frame, Sub Frame, axes")?;
         let units = row("the units")?;
-        let path = lines.path().to_owned();
         let wrong = |at: u64, found: &[u8], expected: &str| {
             Error::new(
                 ErrorKind::Grammar,
-                &path,
+                lines.path(),
                 format!("found {}", quote(&decode(found))),
             )
             .at_line(at)
@@ -454,96 +492,100 @@ impl Header {
                 "the row that begins with Frame",
             ));
         }
-        let delimiter = [Delimiter::Comma, Delimiter::Semicolon, Delimiter::Tab]
-            .into_iter()
-            .find(|d| {
-                let mut cells = Cells::new(&axis_row.1, *d);
-                cells
-                    .next()
-                    .is_some_and(|c| c.bytes.eq_ignore_ascii_case(b"Frame"))
-                    && cells
-                        .next()
-                        .is_some_and(|c| c.bytes.eq_ignore_ascii_case(b"Sub Frame"))
-            })
-            .ok_or_else(|| {
-                wrong(
-                    axis_row.0,
-                    &axis_row.1,
-                    "Frame and Sub Frame parted by comma, semicolon or tab",
-                )
-            })?;
-
-        let mut not_utf8 = false;
-        let mut texts = |row: &[u8]| -> Vec<String> {
-            not_utf8 |= std::str::from_utf8(row).is_err();
-            text::texts(row, delimiter)
-        };
-        let names = texts(&group_row.1);
-        let axes = texts(&axis_row.1);
-        let units = texts(&units.1);
-        if not_utf8 {
+        let delimiter = delimiter(&axis_row.1).ok_or_else(|| {
+            wrong(
+                axis_row.0,
+                &axis_row.1,
+                "Frame and Sub Frame parted by comma, semicolon or tab",
+            )
+        })?;
+        let rows = [&group_row.1, &axis_row.1, &units.1];
+        if rows.iter().any(|row| std::str::from_utf8(row).is_err()) {
             lines.note_not_utf8();
         }
-        let last = |row: &[String]| row.iter().rposition(|c| !c.is_empty()).map_or(0, |i| i + 1);
-        let width = last(&names).max(last(&axes)).max(last(&units)).max(2);
-        let at = |row: &[String], i: usize| row.get(i).cloned().unwrap_or_default();
-
-        let mut cells = vec![None; 2];
-        let mut groups: Vec<Group> = Vec::new();
-        let mut columns: Vec<Column> = Vec::new();
-        for i in 2..width {
-            let (group, axis, unit) = (at(&names, i), at(&axes, i), at(&units, i));
-            if group.is_empty() && axis.is_empty() && unit.is_empty() {
-                cells.push(None);
-                continue;
-            }
-            if !group.is_empty() || groups.is_empty() {
-                if group.is_empty() {
-                    return Err(Error::new(
-                        ErrorKind::Grammar,
-                        &path,
-                        format!("column {} ({}) has no name above it", i + 1, quote(&axis)),
-                    )
-                    .at_line(group_row.0)
-                    .at_column(i + 1)
-                    .expected("a marker or device name at the first column of each group")
-                    .action("a header row is missing or was edited; export the trial again"));
-                }
-                groups.push(Group {
-                    name: group,
-                    columns: columns.len()..columns.len(),
-                });
-            }
-            cells.push(Some(columns.len()));
-            if let Some(group) = groups.last_mut() {
-                columns.push(Column {
-                    group: group.name.clone(),
-                    axis,
-                    unit,
-                    number: i + 1,
-                    values: Vec::new(),
-                });
-                group.columns.end = columns.len();
-            }
-        }
-        if columns.is_empty() {
+        let mut header = Header {
+            line,
+            rate_hz,
+            delimiter,
+            cells: vec![None; 2],
+            groups: Vec::new(),
+            columns: Vec::new(),
+        };
+        header
+            .add_columns(rows.map(|row| text::texts(row, delimiter)))
+            .map_err(|(column, axis)| {
+                Error::new(
+                    ErrorKind::Grammar,
+                    lines.path(),
+                    format!("column {column} ({}) has no name above it", quote(&axis)),
+                )
+                .at_line(group_row.0)
+                .at_column(column)
+                .expected("a marker or device name at the first column of each group")
+                .action("a header row is missing or was edited; export the trial again")
+            })?;
+        if header.columns.is_empty() {
             return Err(Error::new(
                 ErrorKind::NoData,
-                &path,
+                lines.path(),
                 format!("section {name} has no columns"),
             )
             .at_line(group_row.0)
             .action("export the trial again with its markers"));
         }
-        Ok(Header {
-            line,
-            rate_hz,
-            delimiter,
-            cells,
-            groups,
-            columns,
-        })
+        Ok(header)
     }
+
+    /// Fills cells, groups and columns; fails at a column, counted from 1, with an axis and no name.
+    fn add_columns(
+        &mut self,
+        [names, axes, units]: [Vec<String>; 3],
+    ) -> Result<(), (usize, String)> {
+        let last = |row: &[String]| row.iter().rposition(|c| !c.is_empty()).map_or(0, |i| i + 1);
+        let width = last(&names).max(last(&axes)).max(last(&units));
+        let at = |row: &[String], i: usize| row.get(i).cloned().unwrap_or_default();
+        for i in 2..width {
+            let (group, axis, unit) = (at(&names, i), at(&axes, i), at(&units, i));
+            if group.is_empty() && axis.is_empty() && unit.is_empty() {
+                self.cells.push(None);
+                continue;
+            }
+            let column = self.columns.len();
+            if !group.is_empty() {
+                self.groups.push(Group {
+                    name: group,
+                    columns: column..column,
+                });
+            }
+            let Some(group) = self.groups.last_mut() else {
+                return Err((i + 1, axis));
+            };
+            group.columns.end = column + 1;
+            self.cells.push(Some(column));
+            self.columns.push(Column {
+                group: group.name.clone(),
+                axis,
+                unit,
+                number: i + 1,
+                values: Vec::new(),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// What parts the cells of the row that begins with Frame and Sub Frame.
+fn delimiter(axis_row: &[u8]) -> Option<Delimiter> {
+    [Delimiter::Comma, Delimiter::Semicolon, Delimiter::Tab]
+        .into_iter()
+        .find(|d| {
+            let mut cells = Cells::new(axis_row, *d);
+            ["Frame", "Sub Frame"].iter().all(|name| {
+                cells
+                    .next()
+                    .is_some_and(|c| c.bytes.eq_ignore_ascii_case(name.as_bytes()))
+            })
+        })
 }
 
 /// Frame numbers of the rows so far: they rise, sub-frames within them.

@@ -95,6 +95,27 @@ struct Head {
     delta: Vec<f64>,
 }
 
+impl Head {
+    /// The times of a channel's rows, where no column has them.
+    fn stamps(&self, channel: usize, rows: usize) -> Vec<f64> {
+        let at = |list: &[f64], other: f64| {
+            list.get(channel)
+                .copied()
+                .filter(|v| v.is_finite())
+                .unwrap_or(other)
+        };
+        let (x0, delta) = (at(&self.x0, 0.0), at(&self.delta, f64::NAN));
+        (0..rows).map(|i| x0 + i as f64 * delta).collect()
+    }
+}
+
+/// The rate of the first two stamps.
+fn rate(section: &Section) -> Option<f64> {
+    let stamps = section.stamps_s.as_ref()?;
+    let step = stamps.get(1)? - stamps.first()?;
+    (step > 0.0).then_some(1.0 / step)
+}
+
 impl Reader {
     fn header(&mut self, lines: &mut LineReader) -> Result<(), Error> {
         while lines.advance()? {
@@ -346,8 +367,6 @@ impl Reader {
         mut columns: Vec<Vec<f64>>,
         lines: &RowLines,
     ) {
-        let segment = self.sections.len();
-        let rows = lines.len();
         let mut sections: Vec<(Vec<f64>, Section)> = Vec::new();
         let mut open = Vec::new();
         for (channel, cell) in values.iter().enumerate() {
@@ -357,17 +376,8 @@ impl Reader {
                 open.push(name);
                 continue;
             }
-            let at = |list: &[f64], other: f64| {
-                list.get(channel)
-                    .copied()
-                    .filter(|v| v.is_finite())
-                    .unwrap_or(other)
-            };
             let stamps: Vec<f64> = match self.x {
-                XColumns::No => {
-                    let (x0, delta) = (at(&head.x0, 0.0), at(&head.delta, f64::NAN));
-                    (0..rows).map(|i| x0 + i as f64 * delta).collect()
-                }
+                XColumns::No => head.stamps(channel, lines.len()),
                 XColumns::One => columns[0].clone(),
                 XColumns::Multi => columns[cell - 1].clone(),
             };
@@ -383,14 +393,13 @@ impl Reader {
                 None => {
                     let time = head.dimensions.get(channel).is_none_or(|d| d == "Time");
                     let known = time && stamps.iter().all(|t| t.is_finite());
+                    let before = self.sections.len() + sections.len();
                     let section = Section {
-                        name: if segment == 0 && sections.is_empty() {
-                            "table".to_owned()
-                        } else {
-                            format!("table {}", segment + sections.len() + 1)
+                        name: match before {
+                            0 => "table".to_owned(),
+                            n => format!("table {}", n + 1),
                         },
                         line: head.line,
-                        rate_hz: None,
                         stamps_s: known.then(|| stamps.clone()),
                         lines: lines.clone(),
                         ..Section::default()
@@ -408,11 +417,10 @@ impl Reader {
                     sections.len() - 1
                 }
             };
-            let section = &mut sections[place].1;
             // "Volts" is V; what is not known stays as it is written
             let unit = head.units.get(channel).cloned().unwrap_or_default();
             let unit = Unit::parse(&unit).map_or(unit, |u| u.symbol.to_owned());
-            section.columns.push(Column {
+            sections[place].1.columns.push(Column {
                 group: String::new(),
                 axis: name,
                 unit,
@@ -427,13 +435,7 @@ impl Reader {
             ));
         }
         if let XColumns::No = self.x {
-            for (_, s) in &mut sections {
-                let step = s
-                    .stamps_s
-                    .as_ref()
-                    .and_then(|t| Some(t.get(1)? - t.first()?));
-                s.rate_hz = step.filter(|s| *s > 0.0).map(|s| 1.0 / s);
-            }
+            sections.iter_mut().for_each(|(_, s)| s.rate_hz = rate(s));
         }
         self.number += names.len();
         self.sections.extend(sections.into_iter().map(|s| s.1));

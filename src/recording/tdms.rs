@@ -238,6 +238,22 @@ struct Object {
     listed: bool,
 }
 
+impl Object {
+    fn number(&self, key: &str) -> Option<f64> {
+        match self.properties.get(key) {
+            Some(Property::Number(v)) => Some(*v),
+            _ => None,
+        }
+    }
+
+    fn text(&self, key: &str) -> Option<&str> {
+        match self.properties.get(key) {
+            Some(Property::Text(t)) => Some(t),
+            _ => None,
+        }
+    }
+}
+
 struct Reader<'a> {
     path: &'a Path,
     size: u64,
@@ -472,92 +488,12 @@ impl Reader<'_> {
 
     fn finish(mut self) -> Result<Capture, Error> {
         let path = self.path;
-        let mut sections: Vec<Section> = Vec::new();
-        let mut clocks: HashMap<(String, usize, Option<[u64; 2]>), usize> = HashMap::new();
-        let mut number = 0;
-        let mut texts = Vec::new();
-        let mut empty = Vec::new();
-        let mut starts: Vec<f64> = Vec::new();
+        let mut sorted = Sorted::default();
         for object in &mut self.objects {
-            let Some((group, name)) = names(&object.path) else {
-                continue;
-            };
-            if object.odd {
-                texts.push(name);
-                continue;
-            }
-            if object.values.is_empty() {
-                empty.push(name);
-                continue;
-            }
-            scale(object, &name, path, &mut self.notes);
-            for v in &mut object.values {
-                if !v.is_finite() {
-                    *v = f64::NAN;
-                }
-            }
-            let real = |key: &str| match object.properties.get(key) {
-                Some(Property::Number(v)) => Some(*v),
-                _ => None,
-            };
-            let rows = object.values.len();
-            let offset = real("wf_start_offset")
-                .filter(|o| o.is_finite())
-                .unwrap_or(0.0);
-            // a clock whose last time is beyond all numbers is none
-            let step = real("wf_increment").filter(|s| {
-                *s > 0.0 && s.recip().is_finite() && (offset + rows as f64 * s).is_finite()
-            });
-            // the beginning of 1904 is what a clock says that was never set
-            if let Some(Property::Time(start)) = object.properties.get("wf_start_time")
-                && *start != stamp(0, 0)
-                && starts.len() < 4
-                && !starts.contains(start)
-            {
-                starts.push(*start);
-            }
-            let clock = step.map(|s| [s.to_bits(), offset.to_bits()]);
-            let key = (group.clone(), rows, clock);
-            let at = match clocks.get(&key) {
-                Some(at) => *at,
-                None => {
-                    let stamps = step.map(|s| (0..rows).map(|i| offset + i as f64 * s).collect());
-                    sections.push(Section {
-                        name: group.clone(),
-                        rate_hz: step.map(|s| 1.0 / s),
-                        stamps_s: stamps,
-                        lines: RowLines::without(rows),
-                        ..Section::default()
-                    });
-                    clocks.insert(key, sections.len() - 1);
-                    sections.len() - 1
-                }
-            };
-            let unit = ["unit_string", "NI_UnitDescription", "unit"]
-                .iter()
-                .find_map(|k| match object.properties.get(*k) {
-                    Some(Property::Text(t)) if !t.is_empty() => Some(t.clone()),
-                    _ => None,
-                });
-            let is_time = matches!(
-                object.layout,
-                Some(Layout::Plain {
-                    kind: Kind::Time,
-                    ..
-                })
-            );
-            number += 1;
-            let section = &mut sections[at];
-            section.columns.push(Column {
-                group: group.clone(),
-                axis: name,
-                unit: unit.unwrap_or_else(|| if is_time { "s".into() } else { String::new() }),
-                number,
-                values: std::mem::take(&mut object.values),
-            });
+            sorted.add(object, path, &mut self.notes);
         }
         // one name for the columns' group: that of the TDMS group
-        for s in &mut sections {
+        for s in &mut sorted.sections {
             s.groups = vec![Group {
                 name: s.name.clone(),
                 columns: 0..s.columns.len(),
@@ -565,7 +501,7 @@ impl Reader<'_> {
         }
         let mut notes = vec![Note::info(path, format!("{} segments", self.segments))];
         notes.append(&mut self.notes);
-        for start in starts {
+        for start in sorted.starts {
             notes.push(Note::info(
                 path,
                 format!(
@@ -575,16 +511,19 @@ impl Reader<'_> {
             ));
         }
         let list = |names: &[String]| names.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
-        if !texts.is_empty() {
+        if !sorted.texts.is_empty() {
             notes.push(Note::warning(
                 path,
-                format!("channels without numbers are left out: {}", list(&texts)),
+                format!(
+                    "channels without numbers are left out: {}",
+                    list(&sorted.texts)
+                ),
             ));
         }
-        if !empty.is_empty() {
+        if !sorted.empty.is_empty() {
             notes.push(Note::info(
                 path,
-                format!("channels without a value: {}", list(&empty)),
+                format!("channels without a value: {}", list(&sorted.empty)),
             ));
         }
         if self.cut {
@@ -593,7 +532,7 @@ impl Reader<'_> {
                 "the file was cut, or is still being written; the values that are whole are read",
             ));
         }
-        if sections.is_empty() {
+        if sorted.sections.is_empty() {
             return Err(
                 Error::new(ErrorKind::NoData, path, "no channel holds a number")
                     .expected("at least one channel with values")
@@ -602,9 +541,102 @@ impl Reader<'_> {
         }
         Ok(Capture {
             format: "tdms",
-            sections,
+            sections: sorted.sections,
             notes,
         })
+    }
+}
+
+/// Channels in sections: those of a group with as many values and one clock are together.
+#[derive(Default)]
+struct Sorted {
+    sections: Vec<Section>,
+    /// The section of a group, rows, and a step and an offset as bits.
+    clocks: HashMap<(String, usize, Option<[u64; 2]>), usize>,
+    columns: usize,
+    /// Channels without numbers.
+    texts: Vec<String>,
+    /// Channels without a value.
+    empty: Vec<String>,
+    /// When waveforms began; a few.
+    starts: Vec<f64>,
+}
+
+impl Sorted {
+    fn add(&mut self, object: &mut Object, path: &Path, notes: &mut Vec<Note>) {
+        let Some((group, name)) = names(&object.path) else {
+            return;
+        };
+        if object.odd {
+            self.texts.push(name);
+            return;
+        }
+        if object.values.is_empty() {
+            self.empty.push(name);
+            return;
+        }
+        scale(object, &name, path, notes);
+        for v in &mut object.values {
+            if !v.is_finite() {
+                *v = f64::NAN;
+            }
+        }
+        let section = self.section(&group, object);
+        let unit = ["unit_string", "NI_UnitDescription", "unit"]
+            .iter()
+            .find_map(|k| object.text(k).filter(|t| !t.is_empty()));
+        let is_time = matches!(
+            object.layout,
+            Some(Layout::Plain {
+                kind: Kind::Time,
+                ..
+            })
+        );
+        self.columns += 1;
+        self.sections[section].columns.push(Column {
+            group,
+            axis: name,
+            unit: unit.unwrap_or(if is_time { "s" } else { "" }).to_owned(),
+            number: self.columns,
+            values: std::mem::take(&mut object.values),
+        });
+    }
+
+    /// Which section has the clock of a channel.
+    fn section(&mut self, group: &str, object: &Object) -> usize {
+        let rows = object.values.len();
+        let offset = object
+            .number("wf_start_offset")
+            .filter(|o| o.is_finite())
+            .unwrap_or(0.0);
+        // a clock whose last time is beyond all numbers is none
+        let step = object.number("wf_increment").filter(|s| {
+            *s > 0.0 && s.recip().is_finite() && (offset + rows as f64 * s).is_finite()
+        });
+        // the beginning of 1904 is what a clock says that was never set
+        if let Some(Property::Time(start)) = object.properties.get("wf_start_time")
+            && *start != stamp(0, 0)
+            && self.starts.len() < 4
+            && !self.starts.contains(start)
+        {
+            self.starts.push(*start);
+        }
+        let clock = step.map(|s| [s.to_bits(), offset.to_bits()]);
+        let sections = &mut self.sections;
+        *self
+            .clocks
+            .entry((group.to_owned(), rows, clock))
+            .or_insert_with(|| {
+                let stamps = step.map(|s| (0..rows).map(|i| offset + i as f64 * s).collect());
+                sections.push(Section {
+                    name: group.to_owned(),
+                    rate_hz: step.map(|s| 1.0 / s),
+                    stamps_s: stamps,
+                    lines: RowLines::without(rows),
+                    ..Section::default()
+                });
+                sections.len() - 1
+            })
     }
 }
 
@@ -902,18 +934,11 @@ fn acquired_rows(
 
 /// Applies the scales that the driver left to the reader.
 fn scale(object: &mut Object, name: &str, path: &Path, notes: &mut Vec<Note>) {
-    let number = |key: &str| match object.properties.get(key) {
-        Some(Property::Number(v)) => Some(*v),
-        _ => None,
-    };
-    let text = |key: &str| match object.properties.get(key) {
-        Some(Property::Text(t)) => Some(t.as_str()),
-        _ => None,
-    };
-    if text("NI_Scaling_Status") == Some("scaled") {
+    if object.text("NI_Scaling_Status") == Some("scaled") {
         return;
     }
-    let Some(count) = number("NI_Number_Of_Scales").filter(|n| *n >= 1.0 && *n <= 64.0) else {
+    let scales = object.number("NI_Number_Of_Scales");
+    let Some(count) = scales.filter(|n| *n >= 1.0 && *n <= 64.0) else {
         return;
     };
     // from the last scale back to the raw values
@@ -921,11 +946,11 @@ fn scale(object: &mut Object, name: &str, path: &Path, notes: &mut Vec<Note>) {
     let mut id = count as u32 - 1;
     loop {
         let key = |what: &str| format!("NI_Scale[{id}]_{what}");
-        let Some(kind) = text(&key("Scale_Type")) else {
+        let Some(kind) = object.text(&key("Scale_Type")) else {
             // the raw values, or the scaler of an acquisition
             break;
         };
-        let real = |what: &str| number(&key(what));
+        let real = |what: &str| object.number(&key(what));
         let source = real(&format!("{}_Input_Source", kind.replace(' ', "_")));
         let step = match kind {
             "Linear" => Step::Polynomial(vec![

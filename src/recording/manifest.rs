@@ -588,19 +588,56 @@ impl Manifest {
     fn from_document(document: &Document) -> Result<Self, Error> {
         let root = document.parse()?;
         let top = Keys::top(document, &root, TABLES)?;
-        let t = top.need_table(
+        let mut manifest = Self::of_recording(&top.need_table(
             "recording",
             RECORDING,
             "a recording.toml begins with [recording]",
-        )?;
+        )?)?;
+        let kind = manifest.kind;
+        let belongs: &[&'static str] = match kind {
+            Kind::Robot | Kind::FilmSample => {
+                &["recording", "motion", "voltage", "monitor", "sync"]
+            }
+            Kind::FilmCoupon => &["recording", "coupon"],
+            Kind::HingeBench => &["recording", "bench"],
+            Kind::Axis => &["recording", "axis", "sync"],
+        };
+        for table in TABLES {
+            if top.has(table) && !belongs.contains(table) {
+                return Err(top
+                    .bad(
+                        table,
+                        format!("a recording of kind \"{}\" has no such table", kind.name()),
+                    )
+                    .expected(format!("[{}]", belongs.join("], [")))
+                    .action("remove the table, or correct `kind`"));
+            }
+        }
+        match kind {
+            Kind::Robot | Kind::FilmSample => manifest.motion_and_voltage(&top)?,
+            Kind::FilmCoupon => {
+                let t = top.need_table("coupon", COUPON, "a film coupon has [coupon]")?;
+                manifest.coupon = Some(coupon(&t)?);
+            }
+            Kind::HingeBench => {
+                let t = top.need_table("bench", BENCH, "a hinge bench has [bench]")?;
+                manifest.bench = Some(bench(&t)?);
+            }
+            Kind::Axis => manifest.single_axis(&top)?,
+        }
+        Ok(manifest)
+    }
+
+    /// `[recording]`, and nothing of the other tables.
+    fn of_recording(t: &Keys<'_>) -> Result<Self, Error> {
         let kind = t.choice("kind", &Kind::WORDS)?.ok_or_else(|| {
             t.missing(
                 "kind",
                 "add `kind = \"robot\"` (or film-sample, film-coupon, hinge-bench, axis)",
             )
         })?;
-        let mut manifest = Manifest {
-            id: id(&t)?,
+        let manifest = Manifest {
+            id: id(t)?,
             kind,
             rig: t.get::<String>("rig")?.map(PathBuf::from),
             payload: t
@@ -637,75 +674,50 @@ impl Manifest {
                 .bad("humidity_percent", format!("found {h}"))
                 .expected("0 to 100"));
         }
-
-        let belongs: &[&'static str] = match kind {
-            Kind::Robot | Kind::FilmSample => {
-                &["recording", "motion", "voltage", "monitor", "sync"]
-            }
-            Kind::FilmCoupon => &["recording", "coupon"],
-            Kind::HingeBench => &["recording", "bench"],
-            Kind::Axis => &["recording", "axis", "sync"],
-        };
-        for table in TABLES {
-            if top.has(table) && !belongs.contains(table) {
-                return Err(top
-                    .bad(
-                        table,
-                        format!("a recording of kind \"{}\" has no such table", kind.name()),
-                    )
-                    .expected(format!("[{}]", belongs.join("], [")))
-                    .action("remove the table, or correct `kind`"));
-            }
-        }
-        match kind {
-            Kind::Robot | Kind::FilmSample => {
-                let why = format!(
-                    "a recording of kind \"{}\" has [motion] and [voltage]",
-                    kind.name()
-                );
-                manifest.motion = Some(motion(&top.need_table("motion", MOTION, &why)?)?);
-                let chains = if kind == Kind::Robot { 3 } else { 1 };
-                let t = top.need_table("voltage", VOLTAGE, &why)?;
-                let voltage = voltage(&t, kind, chains)?;
-                if let Some(t) = top.table("monitor", MONITOR)? {
-                    manifest.monitor = Some(monitor(&t, &voltage, kind, chains)?);
-                }
-                manifest.voltage = Some(voltage);
-                if let Some(t) = top.table("sync", &["offset_s", "events", "shared", "chain"])? {
-                    sync(&t, chains, &mut manifest)?;
-                }
-            }
-            Kind::FilmCoupon => {
-                let t = top.need_table("coupon", COUPON, "a film coupon has [coupon]")?;
-                manifest.coupon = Some(coupon(&t)?);
-            }
-            Kind::HingeBench => {
-                let t = top.need_table("bench", BENCH, "a hinge bench has [bench]")?;
-                manifest.bench = Some(bench(&t)?);
-            }
-            Kind::Axis => {
-                let t = top.need_table("axis", AXIS, "a single axis has [axis]")?;
-                let axis = axis(&t)?;
-                let apart = axis.input_source.is_some();
-                manifest.axis = Some(axis);
-                if let Some(t) = top.table("sync", &["offset_s"])? {
-                    if let Some(offset_s) = t.get("offset_s")? {
-                        manifest.offset_s = offset_s;
-                    }
-                    if !apart && manifest.offset_s != NumberOrEstimate::Number(0.0) {
-                        return Err(t
-                            .bad(
-                                "offset_s",
-                                "position and input are in one file, on one clock",
-                            )
-                            .expected(
-                                "no [sync], or the input in a file of its own (`input_file`)",
-                            ));
-                    }
-                }
-            }
-        }
         Ok(manifest)
+    }
+
+    /// The tables of a robot or a hanging sample.
+    fn motion_and_voltage(&mut self, top: &Keys<'_>) -> Result<(), Error> {
+        let kind = self.kind;
+        let why = format!(
+            "a recording of kind \"{}\" has [motion] and [voltage]",
+            kind.name()
+        );
+        self.motion = Some(motion(&top.need_table("motion", MOTION, &why)?)?);
+        let chains = if kind == Kind::Robot { 3 } else { 1 };
+        let t = top.need_table("voltage", VOLTAGE, &why)?;
+        let voltage = voltage(&t, kind, chains)?;
+        if let Some(t) = top.table("monitor", MONITOR)? {
+            self.monitor = Some(monitor(&t, &voltage, kind, chains)?);
+        }
+        self.voltage = Some(voltage);
+        if let Some(t) = top.table("sync", &["offset_s", "events", "shared", "chain"])? {
+            sync(&t, chains, self)?;
+        }
+        Ok(())
+    }
+
+    /// `[axis]`, and `[sync]` where its input has a clock of its own.
+    fn single_axis(&mut self, top: &Keys<'_>) -> Result<(), Error> {
+        let axis = axis(&top.need_table("axis", AXIS, "a single axis has [axis]")?)?;
+        let apart = axis.input_source.is_some();
+        self.axis = Some(axis);
+        let Some(t) = top.table("sync", &["offset_s"])? else {
+            return Ok(());
+        };
+        if let Some(offset_s) = t.get("offset_s")? {
+            self.offset_s = offset_s;
+        }
+        if !apart && self.offset_s != NumberOrEstimate::Number(0.0) {
+            return Err(t
+                .bad(
+                    "offset_s",
+                    "position and input are in one file, on one clock",
+                )
+                .expected("no [sync], or the input in a file of its own (`input_file`)"));
+        }
+        Ok(())
     }
 }
 

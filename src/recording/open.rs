@@ -37,20 +37,7 @@ impl Recording {
     /// # Errors
     /// See [`ErrorKind`]; the first thing wrong is reported.
     pub fn open_with(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
-        let path = if path.is_dir() {
-            let inside = path.join("recording.toml");
-            if !inside.exists() {
-                return Err(Error::new(
-                    ErrorKind::NotFound,
-                    path,
-                    "the folder has no recording.toml",
-                )
-                .action("name a folder with a recording.toml, or the file itself"));
-            }
-            inside
-        } else {
-            path.to_owned()
-        };
+        let path = manifest_path(path)?;
         let dir = path.parent().unwrap_or(Path::new("")).to_owned();
         let manifest = Manifest::read(&path)?;
         let mut reader = Reader {
@@ -65,30 +52,7 @@ impl Recording {
             .clone()
             .or_else(|| manifest.rig.as_ref().map(|rig| dir.join(rig)));
         let rig = match &rig_path {
-            Some(rig_path) => {
-                let rig = Rig::read(rig_path)?;
-                let fits = match manifest.kind {
-                    Kind::Robot => matches!(rig, Rig::Robot(_)),
-                    Kind::FilmSample => matches!(rig, Rig::FilmSample(_)),
-                    _ => true,
-                };
-                if !fits {
-                    return Err(Error::new(
-                        ErrorKind::BadValue,
-                        rig_path,
-                        "the rig is of another kind",
-                    )
-                    .at_key("[rig] kind")
-                    .expected(format!(
-                        "\"{}\" as {}",
-                        manifest.kind.name(),
-                        path.display()
-                    ))
-                    .action("name the right rig file under [recording] rig"));
-                }
-                reader.source(rig_path, Role::Rig, "toml")?;
-                Some(rig)
-            }
+            Some(rig_path) => Some(reader.rig(rig_path, manifest.kind, &path)?),
             None if matches!(manifest.kind, Kind::Robot | Kind::FilmSample) => {
                 return Err(missing_rig(&path, manifest.kind));
             }
@@ -146,6 +110,23 @@ impl Recording {
             notes,
         })
     }
+}
+
+/// The manifest, where a folder is named the one in it.
+fn manifest_path(path: &Path) -> Result<PathBuf, Error> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let inside = path.join("recording.toml");
+    if !inside.exists() {
+        return Err(Error::new(
+            ErrorKind::NotFound,
+            path,
+            "the folder has no recording.toml",
+        )
+        .action("name a folder with a recording.toml, or the file itself"));
+    }
+    Ok(inside)
 }
 
 impl Recording {
@@ -726,6 +707,26 @@ impl Reader<'_> {
         })
     }
 
+    /// Reads the rig of a recording of this kind.
+    fn rig(&mut self, path: &Path, kind: Kind, manifest: &Path) -> Result<Rig, Error> {
+        let rig = Rig::read(path)?;
+        let fits = match kind {
+            Kind::Robot => matches!(rig, Rig::Robot(_)),
+            Kind::FilmSample => matches!(rig, Rig::FilmSample(_)),
+            _ => true,
+        };
+        if !fits {
+            return Err(
+                Error::new(ErrorKind::BadValue, path, "the rig is of another kind")
+                    .at_key("[rig] kind")
+                    .expected(format!("\"{}\" as {}", kind.name(), manifest.display()))
+                    .action("name the right rig file under [recording] rig"),
+            );
+        }
+        self.source(path, Role::Rig, "toml")?;
+        Ok(rig)
+    }
+
     fn motion(
         &mut self,
         m: &MotionManifest,
@@ -733,30 +734,7 @@ impl Reader<'_> {
     ) -> Result<RawMotion, Error> {
         let (path, capture) = self.capture(&m.source, Role::Motion, None)?;
         let all = markers(&capture);
-        let mut choose = |label: &str, near: Option<[f64; 3]>, section: Option<usize>| {
-            let inside: Vec<&MarkerColumns> = all
-                .iter()
-                .filter(|a| section.is_none_or(|s| a.section == s))
-                .collect();
-            let hits = called(&inside, label);
-            match near {
-                Some(near_mm) if !hits.is_empty() => {
-                    let (marker, note) = nearest_marker(&path, &capture, &hits, near_mm, m.unit)?;
-                    self.notes.push(note);
-                    Ok(marker)
-                }
-                _ => pick(&path, &inside, &hits, label),
-            }
-        };
-        let end = choose(&m.end_effector, m.end_effector_near_mm, None)?;
-        let base = match &m.base {
-            // beside the end effector, or on a clock of its own: only its mean is used
-            Some(label) => Some(
-                choose(label, m.base_near_mm, Some(end.section))
-                    .or_else(|near| choose(label, m.base_near_mm, None).map_err(|_| near))?,
-            ),
-            None => None,
-        };
+        let (end, base) = self.end_and_base(&path, &capture, &all, m)?;
         let section = &capture.sections[end.section];
         let unit = positions_unit(&path, section, end, m.unit)?;
         if let Some(base) = base
@@ -771,37 +749,10 @@ impl Reader<'_> {
         }
 
         let clock = self.motion_clock(&path, section, &m.clock)?;
-        let gather = |marker: &MarkerColumns| {
-            let mut xyz = vec![[f64::NAN; 3]; clock.time_s.len()];
-            for (row, at) in clock.places.iter().enumerate() {
-                for (value, column) in xyz[*at].iter_mut().zip(marker.columns) {
-                    *value = section.columns[column].values[row];
-                }
-            }
-            let turns = marker
-                .group
-                .and_then(|g| rotations(section, section.groups.get(g)?.columns.clone()));
-            let rotation = turns.map(|turns| {
-                let mut rotation = vec![[f64::NAN; 4]; clock.time_s.len()];
-                for (turn, at) in turns.iter().zip(&clock.places) {
-                    rotation[*at] = *turn;
-                    // a body at 0, 0, 0 without a rotation was not seen
-                    if turn[0].is_nan() && xyz[*at] == [0.0; 3] {
-                        xyz[*at] = [f64::NAN; 3];
-                    }
-                }
-                rotation
-            });
-            Marker {
-                label: marker.label.clone(),
-                xyz,
-                rotation,
-            }
-        };
-        let end_effector = gather(end);
+        let end_effector = on_clock(section, end, &clock);
         let base = base.map(|base| {
             if base.section == end.section {
-                return gather(base);
+                return on_clock(section, base, &clock);
             }
             let own = &capture.sections[base.section];
             let row = |i: usize| base.columns.map(|c| own.columns[c].values[i]);
@@ -811,27 +762,7 @@ impl Reader<'_> {
                 rotation: None,
             }
         });
-        let shared = shared
-            .map(|s| -> Result<RawShared, Error> {
-                let (at, column) = capture.find_column(&path, &s.column)?;
-                let own = &capture.sections[at];
-                let time_s = own.times_s().ok_or_else(|| {
-                    Error::new(
-                        ErrorKind::MissingKey,
-                        &path,
-                        format!("column {} has no clock of its own", s.column),
-                    )
-                    .at_key("[sync] shared")
-                    .action("name a column of a section with a rate or with time stamps")
-                })?;
-                Ok(RawShared {
-                    label: own.columns[column].title(),
-                    chain: s.chain - 1,
-                    time_s,
-                    values: own.columns[column].values.clone(),
-                })
-            })
-            .transpose()?;
+        let shared = shared.map(|s| raw_shared(&path, &capture, s)).transpose()?;
         for marker in std::iter::once(&end_effector).chain(&base) {
             self.check_marker(&path, marker)?;
         }
@@ -844,6 +775,41 @@ impl Reader<'_> {
             base,
             shared,
         })
+    }
+
+    /// The columns of the end effector, and of the base if one is named.
+    fn end_and_base<'a>(
+        &mut self,
+        path: &Path,
+        capture: &Capture,
+        all: &'a [MarkerColumns],
+        m: &MotionManifest,
+    ) -> Result<(&'a MarkerColumns, Option<&'a MarkerColumns>), Error> {
+        let mut choose = |label: &str, near: Option<[f64; 3]>, section: Option<usize>| {
+            let inside: Vec<&'a MarkerColumns> = all
+                .iter()
+                .filter(|a| section.is_none_or(|s| a.section == s))
+                .collect();
+            let hits = called(&inside, label);
+            match near {
+                Some(near_mm) if !hits.is_empty() => {
+                    let (marker, note) = nearest_marker(path, capture, &hits, near_mm, m.unit)?;
+                    self.notes.push(note);
+                    Ok(marker)
+                }
+                _ => pick(path, &inside, &hits, label),
+            }
+        };
+        let end = choose(&m.end_effector, m.end_effector_near_mm, None)?;
+        let base = match &m.base {
+            // beside the end effector, or on a clock of its own: only its mean is used
+            Some(label) => Some(
+                choose(label, m.base_near_mm, Some(end.section))
+                    .or_else(|near| choose(label, m.base_near_mm, None).map_err(|_| near))?,
+            ),
+            None => None,
+        };
+        Ok((end, base))
     }
 
     /// Refuses a marker that was never seen, and says how often it was not.
@@ -1039,6 +1005,56 @@ struct MotionClock {
     first_frame: Option<i64>,
     time_s: Vec<f64>,
     places: Vec<usize>,
+}
+
+/// A marker at the samples of a clock; NaN where it has no row.
+fn on_clock(section: &Section, marker: &MarkerColumns, clock: &MotionClock) -> Marker {
+    let mut xyz = vec![[f64::NAN; 3]; clock.time_s.len()];
+    for (row, at) in clock.places.iter().enumerate() {
+        for (value, column) in xyz[*at].iter_mut().zip(marker.columns) {
+            *value = section.columns[column].values[row];
+        }
+    }
+    let turns = marker
+        .group
+        .and_then(|g| rotations(section, section.groups.get(g)?.columns.clone()));
+    let rotation = turns.map(|turns| {
+        let mut rotation = vec![[f64::NAN; 4]; clock.time_s.len()];
+        for (turn, at) in turns.iter().zip(&clock.places) {
+            rotation[*at] = *turn;
+            // a body at 0, 0, 0 without a rotation was not seen
+            if turn[0].is_nan() && xyz[*at] == [0.0; 3] {
+                xyz[*at] = [f64::NAN; 3];
+            }
+        }
+        rotation
+    });
+    Marker {
+        label: marker.label.clone(),
+        xyz,
+        rotation,
+    }
+}
+
+/// The column of the motion file that the voltage has too.
+fn raw_shared(path: &Path, capture: &Capture, s: &SharedManifest) -> Result<RawShared, Error> {
+    let (at, column) = capture.find_column(path, &s.column)?;
+    let own = &capture.sections[at];
+    let time_s = own.times_s().ok_or_else(|| {
+        Error::new(
+            ErrorKind::MissingKey,
+            path,
+            format!("column {} has no clock of its own", s.column),
+        )
+        .at_key("[sync] shared")
+        .action("name a column of a section with a rate or with time stamps")
+    })?;
+    Ok(RawShared {
+        label: own.columns[column].title(),
+        chain: s.chain - 1,
+        time_s,
+        values: own.columns[column].values.clone(),
+    })
 }
 
 /// Samples without a hole from the first frame to the last: time (frame - 1)/rate.

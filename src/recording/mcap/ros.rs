@@ -494,6 +494,18 @@ const DEPTH: usize = 32;
 /// Fields of one message with all that it holds, at most.
 const MOST_NODES: usize = 20_000;
 
+/// A field of a message, and where it is.
+struct Place<'a> {
+    field: &'a Field,
+    /// Its path from the message of the topic, and from the thing whose table it is in.
+    path: String,
+    inside: String,
+    unit: &'static str,
+    /// The table that its numbers fill.
+    at: Option<usize>,
+    depth: usize,
+}
+
 impl Compiler<'_> {
     fn message(
         &mut self,
@@ -523,96 +535,132 @@ impl Compiler<'_> {
         let inside = inside.trim_start_matches('.').to_owned();
         let mut out = Vec::new();
         for field in fields {
-            let own = join(path, &field.name);
-            let here = join(&inside, &field.name);
-            out.push(match (&field.of, field.list) {
-                (Type::Number(of), List::One) => {
-                    let leaf = at.and_then(|t| {
-                        if here == "header.seq" {
-                            return None;
-                        }
-                        tables.list[t].leaf(here.clone(), unit(name, holder, &field.name))
-                    });
-                    Node::Number(*of, leaf)
-                }
-                (Type::Number(of), list) => {
-                    let fixed = fixed(list);
-                    // who asked is a number of 16 bytes, and no measurement
-                    let at = at.filter(|_| !(self.event && here == "info.client_gid"));
-                    let most = fixed.unwrap_or(MAX_LIST).min(MAX_LIST);
-                    // long lists (covariances are not) are pictures and clouds
-                    let small = fixed.is_none_or(|n| n <= MAX_LIST);
-                    let mut first = 0;
-                    let mut count = 0;
-                    if let (Some(t), true) = (at, small) {
-                        first = tables.list[t].leaves.len();
-                        for i in 0..most {
-                            let leaf = tables.list[t].leaf(format!("{here}[{i}]"), "");
-                            count += usize::from(leaf.is_some());
-                        }
-                    }
-                    Node::Numbers {
-                        of: *of,
-                        fixed,
-                        first,
-                        most: count,
-                    }
-                }
-                (Type::Text, List::One) => {
-                    Node::Text(at.is_some_and(|t| tables.list[t].texts.contains(&here)))
-                }
-                (Type::WideText, List::One) => Node::WideText,
-                (Type::Time, List::One) => self.time(true, &here, at, tables),
-                (Type::Message(m), List::One) if is_time(m) => self.time(false, &here, at, tables),
-                (Type::Message(m), List::One) => {
-                    self.message(m, &field.name, &own, at, tables, depth + 1)?
-                }
-                (Type::Message(m), List::Maybe) => {
-                    let once = self.message(m, &field.name, &own, at, tables, depth + 1)?;
-                    Node::Maybe(Box::new(once))
-                }
-                (of, list) => {
-                    let mut table = None;
-                    let mut key = None;
-                    let element = match of {
-                        Type::Message(m) => {
-                            if at == Some(0) && !is_time(m) {
-                                tables
-                                    .list
-                                    .push(Table::of_list(own.clone(), self.texts(m, true)));
-                                table = Some(tables.list.len() - 1);
-                            }
-                            let node =
-                                self.message(m, &field.name, &own, table, tables, depth + 1)?;
-                            key = table.and_then(|t| {
-                                let leaves = &tables.list[t].leaves;
-                                KEY_NUMBERS
-                                    .iter()
-                                    .find_map(|k| leaves.iter().position(|l| l.path == *k))
-                            });
-                            node
-                        }
-                        Type::Text => Node::Text(false),
-                        Type::WideText => Node::WideText,
-                        Type::Time => Node::Seconds {
-                            signed: true,
-                            leaf: None,
-                        },
-                        Type::Number(of) => Node::Number(*of, None),
-                    };
-                    Node::Things {
-                        fixed: fixed(list),
-                        element: Box::new(element),
-                        table,
-                        key,
-                    }
-                }
-            });
+            let place = Place {
+                field,
+                path: join(path, &field.name),
+                inside: join(&inside, &field.name),
+                unit: unit(name, holder, &field.name),
+                at,
+                depth,
+            };
+            out.push(self.field(&place, tables)?);
         }
         if is_time(name) {
             return Ok(self.time(false, &inside, at, tables));
         }
         Ok(Node::Struct(out))
+    }
+
+    fn field(&mut self, place: &Place, tables: &mut Tables) -> Result<Node, String> {
+        let (of, list) = (&place.field.of, place.field.list);
+        let (here, at) = (&place.inside, place.at);
+        Ok(match (of, list) {
+            (Type::Number(of), List::One) => {
+                let leaf = at
+                    .filter(|_| here != "header.seq")
+                    .and_then(|t| tables.list[t].leaf(here.clone(), place.unit));
+                Node::Number(*of, leaf)
+            }
+            (Type::Number(of), list) => self.numbers(*of, fixed(list), place, tables),
+            (Type::Text, List::One) => {
+                Node::Text(at.is_some_and(|t| tables.list[t].texts.contains(here)))
+            }
+            (Type::WideText, List::One) => Node::WideText,
+            (Type::Time, List::One) => self.time(true, here, at, tables),
+            (Type::Message(m), List::One) if is_time(m) => self.time(false, here, at, tables),
+            (Type::Message(m), List::One) => self.inner(m, place, at, tables)?,
+            (Type::Message(m), List::Maybe) => {
+                Node::Maybe(Box::new(self.inner(m, place, at, tables)?))
+            }
+            (of, list) => self.things(of, list, place, tables)?,
+        })
+    }
+
+    /// A message inside a message; its numbers fill the table `at`.
+    fn inner(
+        &mut self,
+        message: &str,
+        place: &Place,
+        at: Option<usize>,
+        tables: &mut Tables,
+    ) -> Result<Node, String> {
+        let (holder, path) = (&place.field.name, &place.path);
+        self.message(message, holder, path, at, tables, place.depth + 1)
+    }
+
+    /// A list of numbers; a short one has leaves.
+    fn numbers(
+        &self,
+        of: Number,
+        fixed: Option<usize>,
+        place: &Place,
+        tables: &mut Tables,
+    ) -> Node {
+        let here = &place.inside;
+        // who asked is a number of 16 bytes, and no measurement
+        let at = place
+            .at
+            .filter(|_| !(self.event && here == "info.client_gid"));
+        let most = fixed.unwrap_or(MAX_LIST).min(MAX_LIST);
+        // long lists (covariances are not) are pictures and clouds
+        let small = fixed.is_none_or(|n| n <= MAX_LIST);
+        let mut first = 0;
+        let mut count = 0;
+        if let (Some(t), true) = (at, small) {
+            first = tables.list[t].leaves.len();
+            for i in 0..most {
+                let leaf = tables.list[t].leaf(format!("{here}[{i}]"), "");
+                count += usize::from(leaf.is_some());
+            }
+        }
+        Node::Numbers {
+            of,
+            fixed,
+            first,
+            most: count,
+        }
+    }
+
+    /// A list of anything else; messages of a message of the topic have a table of their own.
+    fn things(
+        &mut self,
+        of: &Type,
+        list: List,
+        place: &Place,
+        tables: &mut Tables,
+    ) -> Result<Node, String> {
+        let mut table = None;
+        let mut key = None;
+        let element = match of {
+            Type::Message(m) => {
+                if place.at == Some(0) && !is_time(m) {
+                    let texts = self.texts(m, true);
+                    tables.list.push(Table::of_list(place.path.clone(), texts));
+                    table = Some(tables.list.len() - 1);
+                }
+                let node = self.inner(m, place, table, tables)?;
+                key = table.and_then(|t| {
+                    let leaves = &tables.list[t].leaves;
+                    KEY_NUMBERS
+                        .iter()
+                        .find_map(|k| leaves.iter().position(|l| l.path == *k))
+                });
+                node
+            }
+            Type::Text => Node::Text(false),
+            Type::WideText => Node::WideText,
+            Type::Time => Node::Seconds {
+                signed: true,
+                leaf: None,
+            },
+            Type::Number(of) => Node::Number(*of, None),
+        };
+        Ok(Node::Things {
+            fixed: fixed(list),
+            element: Box::new(element),
+            table,
+            key,
+        })
     }
 
     fn time(&self, ros1: bool, here: &str, at: Option<usize>, tables: &mut Tables) -> Node {

@@ -10,7 +10,7 @@ use super::html::number;
 use super::html::page::{self, Cell, Section, Status, Summary, Table, safe};
 use super::html::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
 use super::json::{FitJson, Named, Number, ParameterJson, finite};
-use crate::calibration::{Across, Estimated, across};
+use crate::calibration::{Across, Estimated, StandsOut, across};
 use crate::effects::plain_name;
 
 /// Share of comparisons in which something is said to stand out, drift or differ though nothing does: over
@@ -233,6 +233,130 @@ struct Drawn {
     middle: f64,
 }
 
+/// A parameter in the sets of one fit that determine it.
+struct Determined<'a> {
+    fit: &'a str,
+    name: &'a str,
+    unit: &'a str,
+    list: Vec<Estimated>,
+}
+
+/// The parameters that most sets of a fit determine.
+fn determined<'a>(sets: &'a [SetJson], batches: &[Option<&String>]) -> Vec<Determined<'a>> {
+    let done = sets.iter().filter(|s| s.failure.is_none());
+    let mut fits: Vec<&str> = done.map(|s| s.fit.as_str()).collect();
+    fits.sort_unstable();
+    fits.dedup();
+    let mut lists = Vec::new();
+    for fit in fits {
+        let own: Vec<(usize, &SetJson)> = sets
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| s.fit == fit && s.failure.is_none())
+            .collect();
+        let mut names: Vec<&String> = Vec::new();
+        for (name, _) in own.iter().flat_map(|s| &s.1.parameters.0) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        for name in names {
+            let told = own.iter().filter_map(|(number, s)| {
+                let p = s.parameters.get(name)?;
+                let determined = p.identifiable && !p.fixed && !p.at_bound;
+                let estimated = Estimated {
+                    set: *number,
+                    batch: batches.iter().position(|b| *b == s.batch.as_ref())?,
+                    day: s.day,
+                    value: p.value?,
+                    std_error: p.std_error?,
+                };
+                determined.then_some((estimated, p.unit.as_str()))
+            });
+            let (list, units): (Vec<Estimated>, Vec<&str>) = told.unzip();
+            if list.len() as f64 >= MOSTLY * own.len() as f64 && !list.is_empty() {
+                lists.push(Determined {
+                    fit,
+                    name,
+                    unit: units[0],
+                    list,
+                });
+            }
+        }
+    }
+    lists
+}
+
+impl Determined<'_> {
+    fn across(&self, found: &Across, batches: &[Option<&String>]) -> AcrossJson {
+        AcrossJson {
+            fit: self.fit.to_owned(),
+            parameter: self.name.to_owned(),
+            unit: self.unit.to_owned(),
+            n_sets: self.list.len(),
+            relative: found.logarithmic,
+            middle: finite(found.middle),
+            spread: finite(found.spread),
+            drift: found.drift.as_ref().map(|d| DriftJson {
+                per_day: finite(d.per_day),
+                ci95: d.ci95.map(finite),
+                p_value: finite(d.p_value),
+                significant: d.p_value < FALSE_ALARMS,
+            }),
+            batches: (found.batches.iter())
+                .map(|b| BatchMiddleJson {
+                    batch: batches[b.batch].cloned().unwrap_or_default(),
+                    n_sets: b.films,
+                    middle: finite(b.middle),
+                    ci95: b.ci95.map(finite),
+                    p_value: finite(b.p_value),
+                    differs: b.p_value < FALSE_ALARMS,
+                })
+                .collect(),
+        }
+    }
+
+    fn outlier(&self, o: &StandsOut, sets: &[SetJson]) -> OutlierJson {
+        OutlierJson {
+            set: sets[o.set].name.clone(),
+            parameter: self.name.to_owned(),
+            value: self.list.iter().find(|e| e.set == o.set).map(|e| e.value),
+            expected: finite(o.expected),
+            unit: self.unit.to_owned(),
+            deviations: finite(o.deviations),
+            p_value: finite(o.p_value),
+            also: Vec::new(),
+            says: String::new(),
+        }
+    }
+}
+
+/// One entry a set, of the parameter in which it is furthest off; furthest first.
+fn by_set(mut outliers: Vec<OutlierJson>) -> Vec<OutlierJson> {
+    let far = |o: &OutlierJson| o.deviations.map_or(0.0, f64::abs);
+    outliers.sort_by(|a, b| far(b).total_cmp(&far(a)).then_with(|| a.set.cmp(&b.set)));
+    let mut first: Vec<OutlierJson> = Vec::new();
+    for o in outliers {
+        match first.iter_mut().find(|f| f.set == o.set) {
+            Some(f) => f.also.push(o.parameter),
+            None => first.push(o),
+        }
+    }
+    for o in &mut first {
+        let (value, expected) = (o.value.unwrap_or(f64::NAN), o.expected.unwrap_or(f64::NAN));
+        o.says = format!(
+            "{}: {} is {} {}, where its batch and day have {}: {:.1} standard deviations off",
+            o.set,
+            o.parameter,
+            number::significant(value, 4),
+            o.unit,
+            number::significant(expected, 4),
+            far(o)
+        );
+    }
+    first
+}
+
 impl BatchJson {
     /// Of all sets, which are in the order of their names, and its report.
     #[must_use]
@@ -246,130 +370,32 @@ impl BatchJson {
         let mut batches: Vec<Option<&String>> = sets.iter().map(|s| s.batch.as_ref()).collect();
         batches.sort();
         batches.dedup();
-        let mut fits: Vec<&str> = sets
-            .iter()
-            .filter(|s| s.failure.is_none())
-            .map(|s| s.fit.as_str())
-            .collect();
-        fits.sort_unstable();
-        fits.dedup();
-        let mut lists: Vec<(&str, &str, &str, Vec<Estimated>)> = Vec::new();
-        for fit in fits {
-            let own: Vec<(usize, &SetJson)> = sets
-                .iter()
-                .enumerate()
-                .filter(|(_, s)| s.fit == fit && s.failure.is_none())
-                .collect();
-            let mut names: Vec<&String> = Vec::new();
-            for (name, _) in own.iter().flat_map(|s| &s.1.parameters.0) {
-                if !names.contains(&name) {
-                    names.push(name);
-                }
-            }
-            for name in names {
-                let told = own.iter().filter_map(|(number, s)| {
-                    let p = s.parameters.get(name)?;
-                    let determined = p.identifiable && !p.fixed && !p.at_bound;
-                    let estimated = Estimated {
-                        set: *number,
-                        batch: batches.iter().position(|b| *b == s.batch.as_ref())?,
-                        day: s.day,
-                        value: p.value?,
-                        std_error: p.std_error?,
-                    };
-                    determined.then_some((estimated, p.unit.as_str()))
-                });
-                let (list, units): (Vec<Estimated>, Vec<&str>) = told.unzip();
-                if list.len() as f64 >= MOSTLY * own.len() as f64 && !list.is_empty() {
-                    lists.push((fit, name.as_str(), units[0], list));
-                }
-            }
-        }
-        let of: Vec<Option<Across>> = lists
-            .iter()
-            .map(|l| across(&l.3, lists.len(), FALSE_ALARMS))
-            .collect();
+        let lists = determined(&sets, &batches);
         let mut outliers: Vec<OutlierJson> = Vec::new();
         let mut parameters = Vec::new();
         let mut drawn = Vec::new();
-        for ((fit, name, unit, list), found) in lists.iter().zip(&of) {
-            let Some(found) = found else { continue };
-            parameters.push(AcrossJson {
-                fit: (*fit).to_owned(),
-                parameter: (*name).to_owned(),
-                unit: (*unit).to_owned(),
-                n_sets: list.len(),
-                relative: found.logarithmic,
-                middle: finite(found.middle),
-                spread: finite(found.spread),
-                drift: found.drift.as_ref().map(|d| DriftJson {
-                    per_day: finite(d.per_day),
-                    ci95: d.ci95.map(finite),
-                    p_value: finite(d.p_value),
-                    significant: d.p_value < FALSE_ALARMS,
-                }),
-                batches: (found.batches.iter())
-                    .map(|b| BatchMiddleJson {
-                        batch: batches[b.batch].cloned().unwrap_or_default(),
-                        n_sets: b.films,
-                        middle: finite(b.middle),
-                        ci95: b.ci95.map(finite),
-                        p_value: finite(b.p_value),
-                        differs: b.p_value < FALSE_ALARMS,
-                    })
-                    .collect(),
-            });
-            for o in &found.outliers {
-                let value = list.iter().find(|e| e.set == o.set).map(|e| e.value);
-                outliers.push(OutlierJson {
-                    set: sets[o.set].name.clone(),
-                    parameter: (*name).to_owned(),
-                    value,
-                    expected: finite(o.expected),
-                    unit: (*unit).to_owned(),
-                    deviations: finite(o.deviations),
-                    p_value: finite(o.p_value),
-                    also: Vec::new(),
-                    says: String::new(),
-                });
-            }
+        for d in &lists {
+            let Some(found) = across(&d.list, lists.len(), FALSE_ALARMS) else {
+                continue;
+            };
+            parameters.push(d.across(&found, &batches));
+            outliers.extend(found.outliers.iter().map(|o| d.outlier(o, &sets)));
             drawn.push(Drawn {
-                title: match *unit {
-                    "1" => format!("{name}, no unit"),
-                    unit => format!("{name}, {unit}"),
+                title: match d.unit {
+                    "1" => format!("{}, no unit", d.name),
+                    unit => format!("{}, {unit}", d.name),
                 },
-                points: list.clone(),
                 out: found.outliers.iter().map(|o| o.set).collect(),
                 middle: found.middle,
+                points: d.list.clone(),
             });
-        }
-        let far = |o: &OutlierJson| o.deviations.map_or(0.0, f64::abs);
-        outliers.sort_by(|a, b| far(b).total_cmp(&far(a)).then_with(|| a.set.cmp(&b.set)));
-        let mut first: Vec<OutlierJson> = Vec::new();
-        for o in outliers {
-            match first.iter_mut().find(|f| f.set == o.set) {
-                Some(f) => f.also.push(o.parameter),
-                None => first.push(o),
-            }
-        }
-        for o in &mut first {
-            let (value, expected) = (o.value.unwrap_or(f64::NAN), o.expected.unwrap_or(f64::NAN));
-            o.says = format!(
-                "{}: {} is {} {}, where its batch and day have {}: {:.1} standard deviations off",
-                o.set,
-                o.parameter,
-                number::significant(value, 4),
-                o.unit,
-                number::significant(expected, 4),
-                far(o)
-            );
         }
         let n_failed = sets.iter().filter(|s| s.failure.is_some()).count();
         let mut json = BatchJson {
             n_sets: sets.len(),
             n_failed,
             false_alarm_rate: FALSE_ALARMS,
-            outliers: first,
+            outliers: by_set(outliers),
             parameters,
             says: Vec::new(),
             sets,

@@ -10,10 +10,11 @@ use super::recordings::curve;
 use super::summary::{self, capital, item, note};
 use super::{Provenance, number, provenance};
 use crate::calibration::{
-    AgeingInput, AgeingOutcome, By, ElectrodeAgeing, doubtful, named, open, words,
+    AgeingInput, AgeingOutcome, By, ElectrodeAgeing, Joint, SampleAgeing, doubtful, named, open,
+    words,
 };
 use crate::effects::plain_name;
-use crate::report::ageing_json::{AgeingJson, CauseJson, Measured};
+use crate::report::ageing_json::{AgeingJson, CauseJson, Measured, SampleAgeingJson};
 
 const TEMPLATE: &str = include_str!("ageing.html");
 /// Colours of electrodes, and of days.
@@ -325,158 +326,160 @@ fn strokes(outcome: &AgeingOutcome, paper: bool) -> Option<Section> {
 fn causes(outcome: &AgeingOutcome, json: &AgeingJson) -> Section {
     let mut parts = Vec::new();
     for e in &outcome.electrodes {
-        for (s, written) in e
-            .samples
-            .iter()
-            .zip(json.samples.get(&e.name).into_iter().flatten())
-        {
-            let heading = match s.name.is_empty() {
-                true => e.name.clone(),
-                false => format!("{}, {}", e.name, s.name),
-            };
-            let joint = match &s.joint {
-                Ok(joint) => joint,
-                Err(why) => {
-                    parts.push(part(
-                        &heading,
-                        vec![number::words(why)],
-                        None,
-                        String::new(),
-                    ));
-                    continue;
-                }
-            };
-            let list: Vec<&str> = named(joint).into_iter().map(words).collect();
-            let groups = open(joint);
-            let mut lines = vec![match list.is_empty() {
-                true if !groups.is_empty() => {
-                    let all: Vec<String> = groups.iter().map(|g| doubtful(g)).collect();
-                    format!("Something changed, {}.", all.join("; "))
-                }
-                true => format!(
-                    "No cause is named. Probability that nothing changed: {:.2}.",
-                    joint.nothing
-                ),
-                false => {
-                    let all: Vec<String> =
-                        groups.iter().map(|g| format!(" {}", doubtful(g))).collect();
-                    let more = if all.is_empty() { "" } else { "; and" };
-                    format!("Named: {}{more}{}.", list.join(", "), all.join(","))
-                }
-            }];
-            lines.push(format!(
-                "One film for all, {} of the noise's mean square left; with nothing allowed to change {}.",
-                number::significant(joint.weighted_mean_square, 3),
-                number::significant(joint.unchanged_mean_square, 3)
-            ));
-            for [a, b] in &written.indistinguishable {
-                lines.push(format!(
-                    "These recordings do not tell {} from {}.",
-                    plain_name(a),
-                    plain_name(b)
-                ));
-            }
-            let lengths: Vec<f64> = joint
-                .levels
-                .iter()
-                .filter_map(|l| l.rest_length_m)
-                .collect();
-            let shown: Vec<String> = s
-                .rest_shift_m
-                .iter()
-                .zip(&lengths)
-                .map(|(seen, length)| {
-                    format!(
-                        "{} ({})",
-                        number::fixed(seen * 1e3, 2),
-                        number::fixed((length - lengths[0]) * 1e3, 2)
-                    )
-                })
-                .collect();
-            lines.push(match shown.is_empty() {
-                true => "The electrodes of the three actuators are taken to age alike; the pose at rest is part of what is fitted.".into(),
-                false => format!(
-                    "Position at rest against the first, captured (by the model), mm: {}. Values do not rest on it, because it holds how the sample was hung; the choice of causes weighs it.",
-                    shown.join(", ")
-                ),
-            });
-            let mut head = vec![Cell::text("effect"), Cell::number("probability")];
-            head.push(Cell::number(json.by.clone()));
-            head.push(Cell::number("value (95 %)"));
-            head.push(Cell::text("unit"));
-            let mut table = Table::new("What changed, by the chosen model.", head);
-            let mut panels = Vec::new();
-            for c in &written.causes {
-                let first = [
-                    Cell::text(plain_name(&c.effect)),
-                    Cell::number(number::fixed(c.probability, 2)),
-                ];
-                if c.by_day.is_empty() {
-                    let mut cells = first.to_vec();
-                    cells.extend([Cell::number(""), Cell::number(""), Cell::text("")]);
-                    table.row(cells);
-                }
-                for (i, d) in c.by_day.iter().enumerate() {
-                    let mut cells = match i {
-                        0 => first.to_vec(),
-                        _ => vec![Cell::text(""), Cell::number("")],
-                    };
-                    let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
-                    let shown = Quantity::new(number(d.value), d.ci95.map(number), &d.unit);
-                    cells.push(Cell::number(&e.levels[s.levels[i]].name));
-                    cells.push(Cell::number(match shown.interval.as_str() {
-                        "" => shown.value,
-                        interval => format!("{} ({interval})", shown.value),
-                    }));
-                    cells.push(Cell::text(shown.unit));
-                    table.row(cells);
-                }
-                if c.by_day.is_empty() {
-                    continue;
-                }
-                let points = |f: &dyn Fn(usize) -> f64| -> Vec<[f64; 2]> {
-                    (0..c.by_day.len())
-                        .map(|i| [place(e, s.levels[i]), f(i)])
-                        .collect()
-                };
-                let value = |i: usize| c.by_day[i].value.unwrap_or(f64::NAN);
-                let mut series = vec![curve(
-                    &plain_name(&c.effect),
-                    Role::One,
-                    Mark::Line,
-                    points(&value),
-                )];
-                for end in 0..2 {
-                    let ends = points(&|i| c.by_day[i].ci95[end].unwrap_or(f64::NAN));
-                    series.push(curve("95 %", Role::One, Mark::Dashed, ends));
-                }
-                panels.push(panel(
-                    &format!("{}, {}", c.parameter.replace('_', " "), c.by_day[0].unit),
-                    90.0,
-                    series,
-                ));
-            }
-            let figure = if panels.is_empty() {
-                String::new()
-            } else {
-                let drawing = plot::line_plot(
-                    &format!("Parameters of {heading} over days"),
-                    &Axis::new(json.by.clone()),
-                    &panels,
-                    Width::Full,
-                );
-                plot::figure(
-                    &[drawing],
-                    &plot::legend(&panels),
-                    "Parameters that the chosen model lets change.",
-                )
-            };
-            parts.push(part(&heading, lines, Some(table.html()), figure));
+        let written = json.samples.get(&e.name).into_iter().flatten();
+        for (s, written) in e.samples.iter().zip(written) {
+            parts.push(sample(e, s, written, &json.by));
         }
     }
     let says = "All recordings of a sample, or of a robot, are fitted with one film. Every set of at most two causes is weighed by its evidence, the positions at rest of hanging samples included; a cause is named at odds of 20 to 1 and where no other could stand for it. Values and intervals come from a fit with a value on every day.";
     let context = context! { says => says, parts => parts };
     Section::new("causes", "What moved", TEMPLATE, context)
+}
+
+/// What moved in one sample: in words, its values by day, and their drawing.
+fn sample(e: &ElectrodeAgeing, s: &SampleAgeing, written: &SampleAgeingJson, by: &str) -> Value {
+    let heading = match s.name.is_empty() {
+        true => e.name.clone(),
+        false => format!("{}, {}", e.name, s.name),
+    };
+    let joint = match &s.joint {
+        Ok(joint) => joint,
+        Err(why) => return part(&heading, vec![number::words(why)], None, String::new()),
+    };
+    let mut lines = vec![
+        causes_named(joint),
+        format!(
+            "One film for all, {} of the noise's mean square left; with nothing allowed to change {}.",
+            number::significant(joint.weighted_mean_square, 3),
+            number::significant(joint.unchanged_mean_square, 3)
+        ),
+    ];
+    for [a, b] in &written.indistinguishable {
+        lines.push(format!(
+            "These recordings do not tell {} from {}.",
+            plain_name(a),
+            plain_name(b)
+        ));
+    }
+    lines.push(at_rest(s, joint));
+    let mut head = vec![Cell::text("effect"), Cell::number("probability")];
+    head.push(Cell::number(by));
+    head.push(Cell::number("value (95 %)"));
+    head.push(Cell::text("unit"));
+    let mut table = Table::new("What changed, by the chosen model.", head);
+    let mut panels = Vec::new();
+    for c in &written.causes {
+        cause_rows(&mut table, c, e, s);
+        if !c.by_day.is_empty() {
+            panels.push(over_days(c, e, s));
+        }
+    }
+    let figure = if panels.is_empty() {
+        String::new()
+    } else {
+        let drawing = plot::line_plot(
+            &format!("Parameters of {heading} over days"),
+            &Axis::new(by),
+            &panels,
+            Width::Full,
+        );
+        plot::figure(
+            &[drawing],
+            &plot::legend(&panels),
+            "Parameters that the chosen model lets change.",
+        )
+    };
+    part(&heading, lines, Some(table.html()), figure)
+}
+
+/// The sentence that names the causes, those in doubt after the others.
+fn causes_named(joint: &Joint) -> String {
+    let list: Vec<&str> = named(joint).into_iter().map(words).collect();
+    let groups: Vec<String> = open(joint).iter().map(|g| doubtful(g)).collect();
+    match (list.is_empty(), groups.is_empty()) {
+        (true, false) => format!("Something changed, {}.", groups.join("; ")),
+        (true, true) => format!(
+            "No cause is named. Probability that nothing changed: {:.2}.",
+            joint.nothing
+        ),
+        (false, true) => format!("Named: {}.", list.join(", ")),
+        (false, false) => format!("Named: {}; and {}.", list.join(", "), groups.join(", ")),
+    }
+}
+
+/// The position at rest, captured and by the model.
+fn at_rest(s: &SampleAgeing, joint: &Joint) -> String {
+    let levels = joint.levels.iter();
+    let lengths: Vec<f64> = levels.filter_map(|l| l.rest_length_m).collect();
+    let shown: Vec<String> = s
+        .rest_shift_m
+        .iter()
+        .zip(&lengths)
+        .map(|(seen, length)| {
+            format!(
+                "{} ({})",
+                number::fixed(seen * 1e3, 2),
+                number::fixed((length - lengths[0]) * 1e3, 2)
+            )
+        })
+        .collect();
+    match shown.is_empty() {
+        true => "The electrodes of the three actuators are taken to age alike; the pose at rest is part of what is fitted.".into(),
+        false => format!(
+            "Position at rest against the first, captured (by the model), mm: {}. Values do not rest on it, because it holds how the sample was hung; the choice of causes weighs it.",
+            shown.join(", ")
+        ),
+    }
+}
+
+/// A row a day of a cause, or one without a value.
+fn cause_rows(table: &mut Table, c: &CauseJson, e: &ElectrodeAgeing, s: &SampleAgeing) {
+    let mut first = vec![
+        Cell::text(plain_name(&c.effect)),
+        Cell::number(number::fixed(c.probability, 2)),
+    ];
+    if c.by_day.is_empty() {
+        first.extend([Cell::number(""), Cell::number(""), Cell::text("")]);
+        table.row(first);
+        return;
+    }
+    for (i, d) in c.by_day.iter().enumerate() {
+        let mut cells = match i {
+            0 => std::mem::take(&mut first),
+            _ => vec![Cell::text(""), Cell::number("")],
+        };
+        let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
+        let shown = Quantity::new(number(d.value), d.ci95.map(number), &d.unit);
+        cells.push(Cell::number(&e.levels[s.levels[i]].name));
+        cells.push(Cell::number(match shown.interval.as_str() {
+            "" => shown.value,
+            interval => format!("{} ({interval})", shown.value),
+        }));
+        cells.push(Cell::text(shown.unit));
+        table.row(cells);
+    }
+}
+
+/// The parameter of a cause over the days, with its interval.
+fn over_days(c: &CauseJson, e: &ElectrodeAgeing, s: &SampleAgeing) -> Panel {
+    let points = |f: &dyn Fn(usize) -> f64| -> Vec<[f64; 2]> {
+        (0..c.by_day.len())
+            .map(|i| [place(e, s.levels[i]), f(i)])
+            .collect()
+    };
+    let value = |i: usize| c.by_day[i].value.unwrap_or(f64::NAN);
+    let mut series = vec![curve(
+        &plain_name(&c.effect),
+        Role::One,
+        Mark::Line,
+        points(&value),
+    )];
+    for end in 0..2 {
+        let ends = points(&|i| c.by_day[i].ci95[end].unwrap_or(f64::NAN));
+        series.push(curve("95 %", Role::One, Mark::Dashed, ends));
+    }
+    let title = format!("{}, {}", c.parameter.replace('_', " "), c.by_day[0].unit);
+    panel(&title, 90.0, series)
 }
 
 fn loops(outcome: &AgeingOutcome, inputs: &[AgeingInput]) -> Section {

@@ -7,7 +7,7 @@ use super::page::{self, Cell, Item, Section, Table, safe};
 use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
 use super::{Provenance, SECTIONS, number, recordings, summary};
 use crate::report::answer::Answer;
-use crate::validation::{Phase, RecordingCheck, Validation};
+use crate::validation::{ForceErrors, Phase, RecordingCheck, Validation};
 
 const FIGURES: &str = include_str!("validation.html");
 const PLOTS: &str = include_str!("validation_plots.html");
@@ -186,105 +186,130 @@ fn figures(models: &[Model], compare: bool) -> Section {
         head.push(Cell::number("paper"));
     }
     let caption = "Measured against predicted, a column a parameter file.";
-    let mut table = Table::new(caption, head);
+    let mut figures = Figures {
+        table: Table::new(caption, head),
+        models,
+        compare,
+    };
     let count = models[0].1.checks.len();
     for i in 0..count {
-        table.row_of("group", vec![Cell::text(&models[0].1.checks[i].id)]);
-        let mut row = |name: String, value: &dyn Fn(&Validation) -> String, paper: String| {
-            let mut cells = vec![Cell::of("quiet", name)];
-            cells.extend(models.iter().map(|(_, v)| Cell::number(value(v))));
-            if compare {
-                cells.push(Cell::number(paper));
-            }
-            table.row(cells);
-        };
-        let none = || number::MISSING.to_string();
-        row(
-            "voltage above 1 kV, V rms".into(),
-            &|v| number::significant(v.outcome.recordings[i].total.rmse_v, 3),
-            none(),
+        let head = vec![Cell::text(&models[0].1.checks[i].id)];
+        figures.table.row_of("group", head);
+        figures.row(
+            "voltage above 1 kV, V rms",
+            |v| number::significant(v.outcome.recordings[i].total.rmse_v, 3),
+            number::MISSING,
         );
-        row(
-            "voltage above 1 kV, largest, V".into(),
-            &|v| number::significant(v.outcome.recordings[i].total.max_error_v, 3),
-            none(),
+        figures.row(
+            "voltage above 1 kV, largest, V",
+            |v| number::significant(v.outcome.recordings[i].total.max_error_v, 3),
+            number::MISSING,
         );
-        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
-            let cell = |p: Option<(f64, f64)>| p.map_or_else(none, |(v, w)| with_share(v, w));
-            row(
-                format!("path {axis}, mm rms"),
-                &|v| {
-                    let path = v.checks[i].path;
-                    cell(path.map(|p| (p.rmse_mm[k], p.relative_to_mm[k])))
-                },
-                PAPER_PATH[k][0].into(),
-            );
-            row(
-                format!("path {axis}, largest, mm"),
-                &|v| {
-                    let path = v.checks[i].path;
-                    cell(path.map(|p| (p.max_mm[k], p.relative_to_mm[k])))
-                },
-                PAPER_PATH[k][1].into(),
-            );
-        }
+        figures.path(i);
         for phase in Phase::ALL {
-            let any = models
-                .iter()
-                .any(|(_, v)| v.checks[i].force.iter().any(|f| f.phase == phase));
-            if !any {
-                continue;
-            }
-            // Text of Fig 12, mN: 5 g on the end effector.
-            let paper = match phase {
-                Phase::Idle => [none(), none(), none()],
-                Phase::Holding => ["6 (12.4 %)".into(), "16".into(), "20".into()],
-                Phase::Moving => ["70".into(), "-330".into(), "30".into()],
-                Phase::Released => ["23".into(), none(), none()],
-            };
-            let [z, z_max, xy] = paper;
-            let of = |v: &Validation,
-                      what: &dyn Fn(&crate::validation::ForceErrors) -> f64,
-                      share: bool| {
-                let c = &v.checks[i];
-                let whole = if share { 1e3 * c.largest_load_n } else { 0.0 };
-                let found = c.force.iter().find(|f| f.phase == phase);
-                found.map_or_else(none, |f| with_share(1e3 * what(f), whole))
-            };
-            let words = phase.words();
-            row(
-                format!("force z, {words}, mN rms"),
-                &|v| of(v, &|f| f.z_rmse_n, true),
-                z,
-            );
-            row(
-                format!("force z, {words}, largest, mN"),
-                &|v| of(v, &|f| f.z_max_n, false),
-                z_max,
-            );
-            row(
-                format!("force xy, {words}, mN rms"),
-                &|v| of(v, &|f| f.xy_rmse_n, false),
-                xy,
-            );
+            figures.force(i, phase);
         }
-        row(
-            "stroke measured, mm".into(),
-            &|v| number::fixed(v.checks[i].stroke_mm[0], 2),
-            "34; 49.3; 34".into(),
+        figures.row(
+            "stroke measured, mm",
+            |v| number::fixed(v.checks[i].stroke_mm[0], 2),
+            "34; 49.3; 34",
         );
-        row(
-            "stroke predicted, mm".into(),
-            &|v| number::fixed(v.checks[i].stroke_mm[1], 2),
-            none(),
+        figures.row(
+            "stroke predicted, mm",
+            |v| number::fixed(v.checks[i].stroke_mm[1], 2),
+            number::MISSING,
         );
     }
-    let context = context! { table => table.html(), paper => compare };
+    let context = context! { table => figures.table.html(), paper => compare };
     let title = match compare {
         true => "Voltage, path, force and stroke beside the paper's",
         false => "Voltage, path, force and stroke in numbers",
     };
     Section::new("figures", title, FIGURES, context)
+}
+
+/// The table of figures as it grows.
+struct Figures<'a> {
+    table: Table,
+    models: &'a [Model],
+    /// With a column of the paper's.
+    compare: bool,
+}
+
+impl Figures<'_> {
+    /// A figure of every model, and the paper's.
+    fn row(&mut self, name: &str, value: impl Fn(&Validation) -> String, paper: &str) {
+        let mut cells = vec![Cell::of("quiet", name)];
+        cells.extend(self.models.iter().map(|(_, v)| Cell::number(value(v))));
+        if self.compare {
+            cells.push(Cell::number(paper));
+        }
+        self.table.row(cells);
+    }
+
+    /// Errors of the path of recording `i`.
+    fn path(&mut self, i: usize) {
+        let cell = |p: Option<(f64, f64)>| {
+            p.map_or_else(|| number::MISSING.to_string(), |(v, w)| with_share(v, w))
+        };
+        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            self.row(
+                &format!("path {axis}, mm rms"),
+                |v| {
+                    let path = v.checks[i].path;
+                    cell(path.map(|p| (p.rmse_mm[k], p.relative_to_mm[k])))
+                },
+                PAPER_PATH[k][0],
+            );
+            self.row(
+                &format!("path {axis}, largest, mm"),
+                |v| {
+                    let path = v.checks[i].path;
+                    cell(path.map(|p| (p.max_mm[k], p.relative_to_mm[k])))
+                },
+                PAPER_PATH[k][1],
+            );
+        }
+    }
+
+    /// Errors of the force in a phase of recording `i`, where any model has it.
+    fn force(&mut self, i: usize, phase: Phase) {
+        let of = |v: &Validation| v.checks[i].force.iter().position(|f| f.phase == phase);
+        if !self.models.iter().any(|(_, v)| of(v).is_some()) {
+            return;
+        }
+        // Text of Fig 12, mN: 5 g on the end effector.
+        let [z, z_max, xy] = match phase {
+            Phase::Idle => [number::MISSING; 3],
+            Phase::Holding => ["6 (12.4 %)", "16", "20"],
+            Phase::Moving => ["70", "-330", "30"],
+            Phase::Released => ["23", number::MISSING, number::MISSING],
+        };
+        let text = |v: &Validation, what: fn(&ForceErrors) -> f64, share: bool| {
+            let c = &v.checks[i];
+            let whole = if share { 1e3 * c.largest_load_n } else { 0.0 };
+            of(v).map_or_else(
+                || number::MISSING.to_string(),
+                |f| with_share(1e3 * what(&c.force[f]), whole),
+            )
+        };
+        let words = phase.words();
+        self.row(
+            &format!("force z, {words}, mN rms"),
+            |v| text(v, |f| f.z_rmse_n, true),
+            z,
+        );
+        self.row(
+            &format!("force z, {words}, largest, mN"),
+            |v| text(v, |f| f.z_max_n, false),
+            z_max,
+        );
+        self.row(
+            &format!("force xy, {words}, mN rms"),
+            |v| text(v, |f| f.xy_rmse_n, false),
+            xy,
+        );
+    }
 }
 
 /// Colours of the parameter files, in turn.

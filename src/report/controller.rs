@@ -354,15 +354,6 @@ fn c(
         one("recording").map_or(0.0, |v| v[0]),
     );
     let mut data = String::new();
-    let array = |data: &mut String, name: &str, values: &[f64]| {
-        let values = if values.is_empty() { &[0.0] } else { values };
-        let _ = writeln!(
-            data,
-            "static const double {name}[{}] = {{\n    {}\n}};",
-            values.len(),
-            broken(values, "    ", "")
-        );
-    };
     let names = [
         ("mu_Pa", "deacal_mu_pa"),
         ("T_s", "deacal_relaxation_s"),
@@ -371,7 +362,7 @@ fn c(
         ("torque_bend", "deacal_torque_bend"),
     ];
     for (key, name) in names {
-        array(&mut data, name, one(key).map_or(&[][..], Vec::as_slice));
+        c_array(&mut data, name, one(key).map_or(&[][..], Vec::as_slice));
     }
     let names = [
         ("J", "deacal_locking"),
@@ -383,6 +374,24 @@ fn c(
         let value = one(key).map_or(0.0, |v| v[0]);
         let _ = writeln!(data, "static const double {name} = {value:?};");
     }
+    c_chains(&mut data, chains);
+    c_effects(&mut data, causes);
+    out.push_str(&C.replace("@DATA@\n", &data));
+    out
+}
+
+/// An array, which has at least one number in C.
+fn c_array(data: &mut String, name: &str, values: &[f64]) {
+    let values = if values.is_empty() { &[0.0] } else { values };
+    let _ = writeln!(
+        data,
+        "static const double {name}[{}] = {{\n    {}\n}};",
+        values.len(),
+        broken(values, "    ", "")
+    );
+}
+
+fn c_chains(data: &mut String, chains: &[Vec<Constant>]) {
     data.push_str("static const deacal_chain deacal_chains[3] = {\n");
     for chain in chains {
         let fields: Vec<String> = chain
@@ -395,11 +404,15 @@ fn c(
         let _ = writeln!(data, "    {{{}}},", fields.join(",\n     "));
     }
     data.push_str("};\n");
+}
+
+/// The causes, after the arrays of what was learnt.
+fn c_effects(data: &mut String, causes: &[Cause]) {
     for (i, cause) in causes.iter().enumerate() {
         if let Some(t) = &cause.learnt {
-            array(&mut data, &format!("deacal_c_{i}"), &t.coefficients);
-            array(&mut data, &format!("deacal_x_{i}"), &t.x);
-            array(&mut data, &format!("deacal_bend_{i}"), &t.bend);
+            c_array(data, &format!("deacal_c_{i}"), &t.coefficients);
+            c_array(data, &format!("deacal_x_{i}"), &t.x);
+            c_array(data, &format!("deacal_bend_{i}"), &t.bend);
         }
     }
     let _ = writeln!(
@@ -440,8 +453,6 @@ fn c(
         data.push_str("    {DEACAL_LEARNT, {0, 0, 0}, 0, 0, {0.0, 0.0, 0.0, 0.0}, 0, 0, 0, 0, 0, 0, NULL, NULL, NULL}\n");
     }
     data.push_str("};\n");
-    out.push_str(&C.replace("@DATA@\n", &data));
-    out
 }
 
 /// A variable's name in C.

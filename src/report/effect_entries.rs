@@ -7,7 +7,7 @@ use super::learnt_entry;
 use super::parameter_file::{Effect, FilmEntry, ParameterFile, SeriesEntry, Values};
 use crate::calibration::{AxisCause, LineModel};
 use crate::diagnosis::{Candidate, Value};
-use crate::effects::{Acting, CATALOGUE, Reach, by_id, learnt, line};
+use crate::effects::{Acting, CATALOGUE, Quantity, Reach, by_id, learnt, line};
 use crate::recording::{Error, ErrorKind, suggestion};
 
 /// Number of a recording that is in no series: what happens there never happens.
@@ -298,24 +298,11 @@ fn acting(
     known: &[&'static dyn crate::effects::Effect],
     number_of: &dyn Fn(&str) -> Option<usize>,
 ) -> Result<Acting, Error> {
-    let bad = |key: String, what: String| Error::new(ErrorKind::BadValue, path, what).at_key(key);
-    if entry.id == learnt::ID {
-        return Err(bad("[[effect]] id".into(), "found \"learnt\"".into())
-            .expected("causes of a single coordinate: a learnt term is one of a robot")
-            .action("take the block out, or name a file of this bench, axis or coupon"));
-    }
-    let Some(effect) = known.iter().copied().find(|e| e.id() == entry.id) else {
-        let ids: Vec<&str> = known.iter().map(|e| e.id()).collect();
-        return Err(bad(
-            "[[effect]] id".into(),
-            format!("no cause of the catalogue is called `{}`", entry.id),
-        )
-        .action(suggestion(&entry.id, &ids)));
-    };
+    let effect = known_effect(entry, path, known)?;
     let on = [1, 2, 3].map(|k| entry.actuators.contains(&k));
     if effect.reach() == Reach::All && on != [true; 3] {
         let found = format!("found actuators {:?}", entry.actuators);
-        return Err(bad(format!("[[effect]] {}", entry.id), found)
+        return Err(bad(path, format!("[[effect]] {}", entry.id), found)
             .expected("all three, because this cause knows no actuator")
             .action("name no actuator"));
     }
@@ -329,7 +316,6 @@ fn acting(
         }
     }
     for (key, value) in &entry.values {
-        let place = format!("[[effect]] {} {key}", entry.id);
         let plain = key
             .strip_suffix("_std_error")
             .or_else(|| key.strip_suffix("_estimate"))
@@ -337,6 +323,7 @@ fn acting(
         if plain.is_some_and(|p| names.contains(&p)) {
             continue;
         }
+        let place = format!("[[effect]] {} {key}", entry.id);
         let places: Vec<usize> = (0..quantities.len())
             .filter(|&i| quantities[i].part().0 == key || quantities[i].name == key)
             .collect();
@@ -350,59 +337,94 @@ fn acting(
             one => vec![one],
         };
         if given.len() != places.len() {
-            return Err(
-                bad(place, format!("found {} value(s)", given.len())).expected(format!(
-                    "{} in {}",
-                    places.len(),
-                    quantities[places[0]].unit
-                )),
-            );
+            let found = format!("found {} value(s)", given.len());
+            return Err(bad(path, place, found).expected(format!(
+                "{} in {}",
+                places.len(),
+                quantities[places[0]].unit
+            )));
         }
         for (&at, value) in places.iter().zip(given) {
-            let q = &quantities[at];
-            #[allow(clippy::cast_precision_loss)]
-            let number = match value {
-                toml::Value::Integer(v) if q.name == "recording" => {
-                    number_of(&v.to_string()).map_or(NEVER, |n| n as f64)
-                }
-                toml::Value::Float(v) => *v,
-                toml::Value::Integer(v) => *v as f64,
-                toml::Value::String(word) if q.name == "recording" => {
-                    number_of(word).map_or(NEVER, |n| n as f64)
-                }
-                toml::Value::String(word) if at == 0 && !effect.variants().is_empty() => {
-                    let forms = effect.variants();
-                    let Some(form) = forms.iter().position(|f| f == word) else {
-                        return Err(
-                            bad(place, format!("found \"{word}\"")).action(suggestion(word, forms))
-                        );
-                    };
-                    form as f64
-                }
-                other => {
-                    return Err(bad(place, format!("found {other}"))
-                        .expected(format!("a number in {}", q.unit)));
-                }
-            };
-            // A positive lower bound is a size that must not vanish: a time, an edge, a thickness.
-            let low = (q.lower >= 0.0 && number < 0.0) || (q.lower > 0.0 && number == 0.0);
-            let high = q.unit == "1" && q.lower == 0.0 && q.size && number > 1.0;
-            if !number.is_finite() || low || high {
-                let from = if q.lower > 0.0 {
-                    "above 0"
-                } else if q.lower == 0.0 {
-                    "from 0 up"
-                } else {
-                    "finite"
-                };
-                let to = if high { ", at most 1" } else { "" };
-                return Err(bad(place, format!("found {number}"))
-                    .expected(format!("a number in {}, {from}{to}", q.unit)));
-            }
-            acting.values[at] = number;
+            let forms = if at == 0 { effect.variants() } else { &[] };
+            let wrong = |found: String| bad(path, &place, found);
+            let number = number(value, &quantities[at], forms, number_of, &wrong)?;
+            acting.values[at] = in_range(number, &quantities[at], &wrong)?;
         }
     }
     Ok(acting)
+}
+
+fn bad(path: &Path, key: impl Into<String>, what: impl Into<String>) -> Error {
+    Error::new(ErrorKind::BadValue, path, what).at_key(key)
+}
+
+/// The cause of that id.
+fn known_effect(
+    entry: &Effect,
+    path: &Path,
+    known: &[&'static dyn crate::effects::Effect],
+) -> Result<&'static dyn crate::effects::Effect, Error> {
+    if entry.id == learnt::ID {
+        return Err(bad(path, "[[effect]] id", "found \"learnt\"")
+            .expected("causes of a single coordinate: a learnt term is one of a robot")
+            .action("take the block out, or name a file of this bench, axis or coupon"));
+    }
+    known
+        .iter()
+        .copied()
+        .find(|e| e.id() == entry.id)
+        .ok_or_else(|| {
+            let ids: Vec<&str> = known.iter().map(|e| e.id()).collect();
+            let found = format!("no cause of the catalogue is called `{}`", entry.id);
+            bad(path, "[[effect]] id", found).action(suggestion(&entry.id, &ids))
+        })
+}
+
+/// The number that a value stands for: of a recording in the series, of a form, or itself.
+fn number(
+    value: &toml::Value,
+    q: &Quantity,
+    forms: &[&str],
+    number_of: &dyn Fn(&str) -> Option<usize>,
+    wrong: &dyn Fn(String) -> Error,
+) -> Result<f64, Error> {
+    #[allow(clippy::cast_precision_loss)]
+    Ok(match value {
+        toml::Value::Integer(v) if q.name == "recording" => {
+            number_of(&v.to_string()).map_or(NEVER, |n| n as f64)
+        }
+        toml::Value::Float(v) => *v,
+        toml::Value::Integer(v) => *v as f64,
+        toml::Value::String(word) if q.name == "recording" => {
+            number_of(word).map_or(NEVER, |n| n as f64)
+        }
+        toml::Value::String(word) if !forms.is_empty() => {
+            let form = forms.iter().position(|f| f == word);
+            form.ok_or_else(|| wrong(format!("found \"{word}\"")).action(suggestion(word, forms)))?
+                as f64
+        }
+        other => {
+            return Err(wrong(format!("found {other}")).expected(format!("a number in {}", q.unit)));
+        }
+    })
+}
+
+/// A positive lower bound is a size that must not vanish: a time, an edge, a thickness.
+fn in_range(number: f64, q: &Quantity, wrong: &dyn Fn(String) -> Error) -> Result<f64, Error> {
+    let low = (q.lower >= 0.0 && number < 0.0) || (q.lower > 0.0 && number == 0.0);
+    let high = q.unit == "1" && q.lower == 0.0 && q.size && number > 1.0;
+    if number.is_finite() && !low && !high {
+        return Ok(number);
+    }
+    let from = if q.lower > 0.0 {
+        "above 0"
+    } else if q.lower == 0.0 {
+        "from 0 up"
+    } else {
+        "finite"
+    };
+    let to = if high { ", at most 1" } else { "" };
+    Err(wrong(format!("found {number}")).expected(format!("a number in {}, {from}{to}", q.unit)))
 }
 
 #[cfg(test)]

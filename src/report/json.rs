@@ -18,7 +18,10 @@ use crate::checks::Finding;
 use crate::dataset::{CouponMode, CouponPlan, Dataset, OffsetSource, Plan, Voltage};
 use crate::effects::Acting;
 use crate::film::InitialState;
-use crate::recording::{Doubt, Level, Note, Payload, Recording, SectionSurvey, Survey};
+use crate::recording::{
+    Doubt, Level, Marker, Note, Payload, RawColumn, RawCoordinate, RawElongation, RawLoad,
+    RawMonitor, RawMotion, RawVoltage, Recording, SectionSurvey, Survey,
+};
 use crate::validation::{self, Validation};
 
 /// A number, or null where there is none.
@@ -1592,73 +1595,74 @@ pub struct ImportedFile {
     pub format: String,
 }
 
-impl ImportRecording {
-    /// Of a recording, and of the dataset that it became where it did.
-    #[must_use]
-    pub fn new(recording: &Recording, dataset: Option<&Dataset>) -> Self {
-        use crate::recording::{RawCoordinate, RawElongation, RawLoad};
-        let marker = |m: &crate::recording::Marker| MarkerJson {
+impl MarkerJson {
+    fn of(m: &Marker) -> Self {
+        MarkerJson {
             label: m.label.clone(),
             missing: m.xyz.iter().filter(|p| p[0].is_nan()).count(),
             range: [0, 1, 2].map(|k| range(m.xyz.iter().map(|p| p[k]))),
-        };
-        let motion = recording.motion.as_ref().map(|m| MotionJson {
+        }
+    }
+}
+
+impl MotionJson {
+    fn of(m: &RawMotion) -> Self {
+        MotionJson {
             rate_hz: finite(m.rate_hz),
             frames: m.time_s.len(),
             first_frame: m.first_frame,
             time_s: range(m.time_s.iter().copied()),
             unit: m.unit.symbol.to_owned(),
-            end_effector: marker(&m.end_effector),
-            base: m.base.as_ref().map(marker),
-        });
-        let voltage = recording.voltage.as_ref().map(|v| LogJson {
-            hold: Some(
-                if v.hold_previous {
-                    "previous"
-                } else {
-                    "linear"
-                }
-                .to_owned(),
-            ),
-            scale: v.scale,
-            ..LogJson::new(
-                &v.time_s,
-                v.time_s.len(),
-                v.channels
-                    .iter()
-                    .enumerate()
-                    .map(|(i, c)| {
-                        ChannelJson::of(v.labels.get(i).map_or("", |l| l), v.unit.symbol, c)
-                    })
-                    .collect(),
-            )
-        });
-        let column = |c: &crate::recording::RawColumn| {
-            ChannelJson::of(&c.label, c.unit.map_or("", |u| u.symbol), &c.values)
+            end_effector: MarkerJson::of(&m.end_effector),
+            base: m.base.as_ref().map(MarkerJson::of),
+        }
+    }
+}
+
+impl ChannelJson {
+    fn of_column(c: &RawColumn) -> Self {
+        ChannelJson::of(&c.label, c.unit.map_or("", |u| u.symbol), &c.values)
+    }
+}
+
+impl LogJson {
+    fn of_voltage(v: &RawVoltage) -> Self {
+        let hold = if v.hold_previous {
+            "previous"
+        } else {
+            "linear"
         };
-        let monitor = recording.monitor.as_ref().map(|m| {
-            let mut channels: Vec<ChannelJson> = m
-                .channels
-                .iter()
-                .enumerate()
-                .map(|(i, c)| {
-                    ChannelJson::of(&format!("voltage of chain {}", i + 1), m.unit.symbol, c)
-                })
-                .collect();
-            channels.extend(m.current.iter().map(column));
-            LogJson {
-                scale: m.scale,
-                ..LogJson::new(&m.time_s, m.time_s.len(), channels)
-            }
+        let label = |i: usize| v.labels.get(i).map_or("", |l| l);
+        let channels = v.channels.iter().enumerate();
+        let channels = channels.map(|(i, c)| ChannelJson::of(label(i), v.unit.symbol, c));
+        LogJson {
+            hold: Some(hold.to_owned()),
+            scale: v.scale,
+            ..LogJson::new(&v.time_s, v.time_s.len(), channels.collect())
+        }
+    }
+
+    fn of_monitor(m: &RawMonitor) -> Self {
+        let voltages = m.channels.iter().enumerate().map(|(i, c)| {
+            ChannelJson::of(&format!("voltage of chain {}", i + 1), m.unit.symbol, c)
         });
-        let table = |time: Option<&Vec<f64>>, columns: Vec<&crate::recording::RawColumn>| {
+        let channels = voltages.chain(m.current.iter().map(ChannelJson::of_column));
+        LogJson {
+            scale: m.scale,
+            ..LogJson::new(&m.time_s, m.time_s.len(), channels.collect())
+        }
+    }
+
+    /// The table of a coupon, bench or axis.
+    fn of_table(recording: &Recording) -> Option<Self> {
+        let table = |time: Option<&Vec<f64>>, columns: Vec<&RawColumn>| {
             LogJson::new(
                 time.map_or(&[], |t| t),
                 columns.first().map_or(0, |c| c.values.len()),
-                columns.into_iter().map(column).collect(),
+                columns.into_iter().map(ChannelJson::of_column).collect(),
             )
         };
-        let coupon = recording.coupon.as_ref().map(|c| {
+        if let Some(c) = &recording.coupon {
             let elongation = match &c.elongation {
                 RawElongation::Displacement { displacement, .. } => displacement,
                 RawElongation::Stretch(stretch) => stretch,
@@ -1667,21 +1671,24 @@ impl ImportRecording {
                 RawLoad::Force { force, .. } => force,
                 RawLoad::NominalStress(stress) => stress,
             };
-            table(c.time_s.as_ref(), vec![elongation, load])
-        });
-        let bench = || {
-            let b = recording.bench.as_ref()?;
-            Some(table(b.time_s.as_ref(), vec![&b.angle, &b.torque]))
-        };
-        let axis = || {
-            let a = recording.axis.as_ref()?;
-            let coordinate = match &a.coordinate {
-                RawCoordinate::Position(c) | RawCoordinate::Velocity(c) => c,
-            };
-            let mut columns = vec![coordinate, &a.input];
-            columns.extend(&a.load);
-            Some(table(Some(&a.time_s), columns))
-        };
+            return Some(table(c.time_s.as_ref(), vec![elongation, load]));
+        }
+        if let Some(b) = &recording.bench {
+            return Some(table(b.time_s.as_ref(), vec![&b.angle, &b.torque]));
+        }
+        let a = recording.axis.as_ref()?;
+        let (RawCoordinate::Position(coordinate) | RawCoordinate::Velocity(coordinate)) =
+            &a.coordinate;
+        let mut columns = vec![coordinate, &a.input];
+        columns.extend(&a.load);
+        Some(table(Some(&a.time_s), columns))
+    }
+}
+
+impl ImportRecording {
+    /// Of a recording, and of the dataset that it became where it did.
+    #[must_use]
+    pub fn new(recording: &Recording, dataset: Option<&Dataset>) -> Self {
         ImportRecording {
             findings: Vec::new(),
             id: recording.manifest.id.clone(),
@@ -1702,10 +1709,10 @@ impl ImportRecording {
                     format: s.format.clone(),
                 })
                 .collect(),
-            motion,
-            voltage,
-            monitor,
-            table: coupon.or_else(bench).or_else(axis),
+            motion: recording.motion.as_ref().map(MotionJson::of),
+            voltage: recording.voltage.as_ref().map(LogJson::of_voltage),
+            monitor: recording.monitor.as_ref().map(LogJson::of_monitor),
+            table: LogJson::of_table(recording),
             aligned: dataset.map(|d| AlignedJson::new(d, None)),
             notes: recording.notes.iter().map(NoteJson::from).collect(),
         }

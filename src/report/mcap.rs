@@ -21,7 +21,8 @@ use ::mcap::{McapError, WriteOptions, Writer};
 use super::csv::{Missing, fixed, missing};
 use super::provenance::Provenance;
 use crate::calibration::RecordingOutcome;
-use crate::dataset::Dataset;
+use crate::dataset::smoother::SmoothedAxis;
+use crate::dataset::{Dataset, Voltage};
 
 const POSE: &str = r#"{"title":"foxglove.PoseInFrame","description":"A timestamped pose for an object or reference frame in 3D space; position in m","type":"object","properties":{"timestamp":{"type":"object","title":"time","properties":{"sec":{"type":"integer","minimum":0},"nsec":{"type":"integer","minimum":0,"maximum":999999999}},"description":"Timestamp of pose"},"frame_id":{"type":"string","description":"Frame of reference for pose position and orientation"},"pose":{"title":"foxglove.Pose","description":"Pose in 3D space","type":"object","properties":{"position":{"title":"foxglove.Vector3","type":"object","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}}},"orientation":{"title":"foxglove.Quaternion","type":"object","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"},"w":{"type":"number"}}}}}}}"#;
 const LOG: &str = r#"{"title":"foxglove.Log","description":"A log message","type":"object","properties":{"timestamp":{"type":"object","title":"time","properties":{"sec":{"type":"integer","minimum":0},"nsec":{"type":"integer","minimum":0,"maximum":999999999}}},"level":{"title":"foxglove.LogLevel","description":"0 unknown, 1 debug, 2 info, 3 warning, 4 error, 5 fatal","oneOf":[{"title":"UNKNOWN","const":0},{"title":"DEBUG","const":1},{"title":"INFO","const":2},{"title":"WARNING","const":3},{"title":"ERROR","const":4},{"title":"FATAL","const":5}]},"message":{"type":"string"},"name":{"type":"string"},"file":{"type":"string"},"line":{"type":"integer","minimum":0}}}"#;
@@ -134,6 +135,35 @@ impl<W: Write + Seek> Recorder<W> {
         )?;
         self.send(topic, time_s)
     }
+
+    /// Where the recording comes from.
+    fn metadata(
+        &mut self,
+        d: &Dataset,
+        offset_s: f64,
+        provenance: &Provenance,
+    ) -> Result<(), McapError> {
+        let mut metadata: BTreeMap<String, String> = [
+            ("recording", d.id.clone()),
+            ("program", provenance.program.clone()),
+            ("command", provenance.command.clone()),
+            ("offset_s", offset_s.to_string()),
+            ("time_shift_s", self.shift_s.to_string()),
+            ("noise_mm", format!("{:?}", d.noise_m().map(|v| v * 1e3))),
+        ]
+        .into_iter()
+        .map(|(k, v)| (k.to_owned(), v))
+        .collect();
+        for r in provenance.recordings.iter().filter(|r| r.id == d.id) {
+            for f in &r.files {
+                metadata.insert(format!("sha256/{}", f.role), f.sha256.clone());
+            }
+        }
+        self.writer.write_metadata(&Metadata {
+            name: "deacal".to_owned(),
+            metadata,
+        })
+    }
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -178,7 +208,6 @@ fn write_all<W: Write + Seek>(
         .compression_threads(0)
         .compression_level(1)
         .create(out)?;
-    let offset_s = outcome.map_or(d.offset_s, |r| r.offset_s);
     let mut file = Recorder {
         writer,
         shift_s: if d.start_s < 0.0 {
@@ -188,104 +217,136 @@ fn write_all<W: Write + Seek>(
         },
         body: Vec::with_capacity(512),
     };
-    let schema = |file: &mut Recorder<W>, name: &str, text: &str| {
-        file.writer.add_schema(name, "jsonschema", text.as_bytes())
-    };
-    let pose = schema(&mut file, "foxglove.PoseInFrame", POSE)?;
-    let vector = schema(&mut file, "deacal.Vector3", VECTOR)?;
-    let voltages = schema(&mut file, "deacal.Voltages", VOLTAGES)?;
-    let log = schema(&mut file, "foxglove.Log", LOG)?;
-    let mut position = file.topic("/end_effector/position", pose, "m")?;
-    let mut measured = file.topic("/end_effector/measured", pose, "m")?;
-    let mut velocity = file.topic("/end_effector/velocity", vector, "m/s")?;
-    let mut acceleration = file.topic("/end_effector/acceleration", vector, "m/s^2")?;
-    let mut command = file.topic("/voltage/command", voltages, "V")?;
-    let mut monitor = match &d.monitor {
-        Some(m) => Some((m, file.topic("/voltage/monitor", voltages, "V")?)),
-        None => None,
-    };
-    let mut prediction = match outcome {
-        Some(r) => Some((
-            r,
-            missing(r),
-            file.topic("/voltage/predicted", voltages, "V")?,
-            file.topic("/voltage/residual", voltages, "V")?,
-        )),
-        None => None,
-    };
-    let mut events = file.topic("/log", log, "")?;
-
-    let mut metadata: BTreeMap<String, String> = [
-        ("recording", d.id.clone()),
-        ("program", provenance.program.clone()),
-        ("command", provenance.command.clone()),
-        ("offset_s", offset_s.to_string()),
-        ("time_shift_s", file.shift_s.to_string()),
-        ("noise_mm", format!("{:?}", d.noise_m().map(|v| v * 1e3))),
-    ]
-    .into_iter()
-    .map(|(k, v)| (k.to_owned(), v))
-    .collect();
-    for r in provenance.recordings.iter().filter(|r| r.id == d.id) {
-        for f in &r.files {
-            metadata.insert(format!("sha256/{}", f.role), f.sha256.clone());
-        }
-    }
-    file.writer.write_metadata(&Metadata {
-        name: "deacal".to_owned(),
-        metadata,
-    })?;
-
+    let mut topics = Topics::new(&mut file, d, outcome)?;
+    file.metadata(d, topics.offset_s, provenance)?;
     for note in &d.notes {
-        file.log(&mut events, d.start_s, true, &d.id, note)?;
+        file.log(&mut topics.log, d.start_s, true, &d.id, note)?;
     }
     let gaps = d.gaps();
     let mut gaps = gaps.iter().peekable();
     for i in 0..d.samples() {
-        let t = d.time_s(i);
         if let Some((_, frames)) = gaps.next_if(|(first, _)| *first == i) {
             let what = if d.usable[i] { "bridged" } else { "masked" };
             let text = format!("gap of {:.3} s: {what}", *frames as f64 * d.step_s);
-            file.log(&mut events, t, !d.usable[i], &d.id, &text)?;
+            file.log(&mut topics.log, d.time_s(i), !d.usable[i], &d.id, &text)?;
         }
-        file.pose(&mut measured, t, d.measured_m[i])?;
+        topics.motion(&mut file, d, i)?;
+        topics.voltages(&mut file, d, i)?;
+    }
+    file.writer.finish()?;
+    Ok(())
+}
+
+/// The topics of a recording.
+struct Topics<'a> {
+    offset_s: f64,
+    position: Topic,
+    measured: Topic,
+    velocity: Topic,
+    acceleration: Topic,
+    command: Topic,
+    monitor: Option<(&'a Voltage, Topic)>,
+    prediction: Option<Prediction<'a>>,
+    log: Topic,
+}
+
+/// What an outcome predicts, and where that goes.
+struct Prediction<'a> {
+    of: &'a RecordingOutcome,
+    missing: Vec<Option<Missing>>,
+    predicted: Topic,
+    residual: Topic,
+}
+
+impl<'a> Topics<'a> {
+    fn new<W: Write + Seek>(
+        file: &mut Recorder<W>,
+        d: &'a Dataset,
+        outcome: Option<&'a RecordingOutcome>,
+    ) -> Result<Self, McapError> {
+        let mut schema =
+            |name: &str, text: &str| file.writer.add_schema(name, "jsonschema", text.as_bytes());
+        let pose = schema("foxglove.PoseInFrame", POSE)?;
+        let vector = schema("deacal.Vector3", VECTOR)?;
+        let voltages = schema("deacal.Voltages", VOLTAGES)?;
+        let log = schema("foxglove.Log", LOG)?;
+        Ok(Topics {
+            offset_s: outcome.map_or(d.offset_s, |r| r.offset_s),
+            position: file.topic("/end_effector/position", pose, "m")?,
+            measured: file.topic("/end_effector/measured", pose, "m")?,
+            velocity: file.topic("/end_effector/velocity", vector, "m/s")?,
+            acceleration: file.topic("/end_effector/acceleration", vector, "m/s^2")?,
+            command: file.topic("/voltage/command", voltages, "V")?,
+            monitor: match &d.monitor {
+                Some(m) => Some((m, file.topic("/voltage/monitor", voltages, "V")?)),
+                None => None,
+            },
+            prediction: match outcome {
+                Some(r) => Some(Prediction {
+                    of: r,
+                    missing: missing(r),
+                    predicted: file.topic("/voltage/predicted", voltages, "V")?,
+                    residual: file.topic("/voltage/residual", voltages, "V")?,
+                }),
+                None => None,
+            },
+            log: file.topic("/log", log, "")?,
+        })
+    }
+
+    /// The pose of frame `i` as captured, and smoothed with its derivatives where it is usable.
+    fn motion<W: Write + Seek>(
+        &mut self,
+        file: &mut Recorder<W>,
+        d: &Dataset,
+        i: usize,
+    ) -> Result<(), McapError> {
+        let t = d.time_s(i);
+        file.pose(&mut self.measured, t, d.measured_m[i])?;
         if d.usable[i] {
-            let row = |f: fn(&crate::dataset::smoother::SmoothedAxis) -> &Vec<f64>| {
-                [0, 1, 2].map(|k| f(&d.axes[k])[i])
-            };
-            file.pose(&mut position, t, row(|a| &a.position))?;
-            file.numbers(&mut velocity, t, AXES, row(|a| &a.velocity), 9)?;
-            file.numbers(&mut acceleration, t, AXES, row(|a| &a.acceleration), 6)?;
+            let row = |f: fn(&SmoothedAxis) -> &Vec<f64>| [0, 1, 2].map(|k| f(&d.axes[k])[i]);
+            file.pose(&mut self.position, t, row(|a| &a.position))?;
+            file.numbers(&mut self.velocity, t, AXES, row(|a| &a.velocity), 9)?;
+            file.numbers(&mut self.acceleration, t, AXES, row(|a| &a.acceleration), 6)?;
         }
-        let known = d.has_voltage(i, offset_s);
-        let volts = [0, 1, 2].map(|k| d.command_v(k, i, offset_s));
-        if known {
-            file.numbers(&mut command, t, CHAINS, volts, 4)?;
+        Ok(())
+    }
+
+    /// The voltages of frame `i`: told, measured, predicted.
+    fn voltages<W: Write + Seek>(
+        &mut self,
+        file: &mut Recorder<W>,
+        d: &Dataset,
+        i: usize,
+    ) -> Result<(), McapError> {
+        let (t, offset_s) = (d.time_s(i), self.offset_s);
+        if d.has_voltage(i, offset_s) {
+            let volts = [0, 1, 2].map(|k| d.command_v(k, i, offset_s));
+            file.numbers(&mut self.command, t, CHAINS, volts, 4)?;
         }
-        if let Some((m, topic)) = &mut monitor {
+        if let Some((m, topic)) = &mut self.monitor {
             let (first, last) = m.span_s();
             if (first..=last).contains(&(t + offset_s)) {
                 let volts = [0, 1, 2].map(|k| m.at(k, t + offset_s));
                 file.numbers(topic, t, CHAINS, volts, 4)?;
             }
         }
-        if let Some((r, flags, predicted, residual)) = &mut prediction {
-            let value = match &flags[i] {
-                None => r.predicted_v[i],
+        if let Some(p) = &mut self.prediction {
+            let value = match &p.missing[i] {
+                None => p.of.predicted_v[i],
                 Some(Missing::Negative(chains)) => [0, 1, 2].map(|k| {
                     if chains.contains(&(k + 1)) {
                         f64::NAN
                     } else {
-                        r.predicted_v[i][k]
+                        p.of.predicted_v[i][k]
                     }
                 }),
                 Some(_) => [f64::NAN; 3],
             };
-            file.numbers(predicted, t, CHAINS, value, 4)?;
-            let error = [0, 1, 2].map(|k| value[k] - r.command_v[i][k]);
-            file.numbers(residual, t, CHAINS, error, 4)?;
+            file.numbers(&mut p.predicted, t, CHAINS, value, 4)?;
+            let error = [0, 1, 2].map(|k| value[k] - p.of.command_v[i][k]);
+            file.numbers(&mut p.residual, t, CHAINS, error, 4)?;
         }
+        Ok(())
     }
-    file.writer.finish()?;
-    Ok(())
 }

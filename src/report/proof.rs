@@ -206,9 +206,9 @@ fn methods(proof: &Proof) -> Section {
     )
 }
 
-fn scores(proof: &Proof) -> Section {
-    let mut table = Table::new("Scores", vec![Cell::text("What"), Cell::number("Measured")]);
-    let counts: [(&str, &Count); 18] = [
+/// What is counted, in the order of the table.
+fn counts(proof: &Proof) -> [(&str, &Count); 18] {
+    [
         (
             "Visible: right effect among the first three",
             &proof.top3_detectable,
@@ -272,8 +272,12 @@ fn scores(proof: &Proof) -> Section {
             "95 % intervals that hold the equivalent value",
             &proof.coverage,
         ),
-    ];
-    for (what, count) in counts {
+    ]
+}
+
+fn scores(proof: &Proof) -> Section {
+    let mut table = Table::new("Scores", vec![Cell::text("What"), Cell::number("Measured")]);
+    for (what, count) in counts(proof) {
         table.row(vec![Cell::text(what), share(count)]);
     }
     let medians = [

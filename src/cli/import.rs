@@ -9,7 +9,7 @@ use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::checks::{Grade, check};
 use crate::dataset::{Dataset, OffsetSource};
 use crate::model::Robot;
-use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, Survey, survey_file};
+use crate::recording::{Kind, Level, ReadOptions, Recording, Rig, RobotRig, Survey, survey_file};
 use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::html::number;
 use crate::report::json::{
@@ -218,27 +218,7 @@ fn one(
     if let (OffsetSource::Free, Some(Rig::Robot(rig)), false) =
         (dataset.offset_source, &recording.rig, wrong)
     {
-        progress.step(format!("estimating the clock offset of {id}"));
-        let robot = Robot::from_rig(rig, None)?;
-        let cut = load::cut(&dataset);
-        let whole = cut.is_none();
-        if let Some((stretches, said)) = cut {
-            lines.push(format!(
-                "  ! {said}; without a prediction for every frame none is written"
-            ));
-            // stretches and the whole of a long recording do not stay in memory side by side
-            dataset = stretches;
-        }
-        let request = Request::new(Stage::Robot);
-        progress.fit(request.starts);
-        let outcome = calibrate_robot(&robot, &[&dataset], &request, &|s| progress.watch(s))?;
-        if !whole {
-            drop(dataset);
-            dataset = Dataset::from_recording(recording, None)?;
-        }
-        dataset.offset_s = outcome.recordings[0].offset_s;
-        error_s = outcome.recordings[0].offset_std_error_s;
-        fitted = whole.then_some(outcome);
+        (dataset, error_s, fitted) = free_offset(recording, dataset, rig, progress, lines)?;
     }
     lines.splice(first..first, terminal::columns(&pictures(&dataset)));
     let noise = dataset
@@ -246,21 +226,7 @@ fn one(
         .map(|s| format!("{:.3}", s * 1e3))
         .join(", ");
     lines.push(format!("  capture noise {noise} mm (x, y, z)"));
-    match error_s {
-        Some(e) => lines.push(format!(
-            "  clock offset {:.2} ms, standard error {:.2} ms (estimated with the film free)",
-            dataset.offset_s * 1e3,
-            e * 1e3
-        )),
-        None if dataset.plan.sync.is_some() => lines.push(measured_offset(&dataset)),
-        None if dataset.offset_source == OffsetSource::Free => {
-            lines.push("  clock offset not estimated: first mend the recording".to_owned());
-        }
-        None => lines.push(format!(
-            "  clock offset {:.2} ms (stated)",
-            dataset.offset_s * 1e3
-        )),
-    }
+    lines.push(offset_line(&dataset, error_s));
     lines.extend(dataset.notes.iter().map(|note| format!("  ! {note}")));
     set.write_with(&format!("{id}.csv"), |out| {
         csv::aligned(out, &dataset, dataset.offset_s)
@@ -279,6 +245,57 @@ fn one(
     let mut json = described(Some(&dataset));
     json.aligned = Some(AlignedJson::new(&dataset, error_s));
     Ok(json)
+}
+
+/// The dataset with its clock offset found, the standard error of that, and the fit where it saw every frame.
+fn free_offset(
+    recording: &Recording,
+    mut dataset: Dataset,
+    rig: &RobotRig,
+    progress: &Progress,
+    lines: &mut Vec<String>,
+) -> Result<(Dataset, Option<f64>, Option<Outcome>), Failure> {
+    progress.step(format!(
+        "estimating the clock offset of {}",
+        recording.manifest.id
+    ));
+    let robot = Robot::from_rig(rig, None)?;
+    let cut = load::cut(&dataset);
+    let whole = cut.is_none();
+    if let Some((stretches, said)) = cut {
+        lines.push(format!(
+            "  ! {said}; without a prediction for every frame none is written"
+        ));
+        // stretches and the whole of a long recording do not stay in memory side by side
+        dataset = stretches;
+    }
+    let request = Request::new(Stage::Robot);
+    progress.fit(request.starts);
+    let outcome = calibrate_robot(&robot, &[&dataset], &request, &|s| progress.watch(s))?;
+    if !whole {
+        drop(dataset);
+        dataset = Dataset::from_recording(recording, None)?;
+    }
+    let found = &outcome.recordings[0];
+    dataset.offset_s = found.offset_s;
+    let error_s = found.offset_std_error_s;
+    Ok((dataset, error_s, whole.then_some(outcome)))
+}
+
+/// The clock offset, and where it is from.
+fn offset_line(dataset: &Dataset, error_s: Option<f64>) -> String {
+    match error_s {
+        Some(e) => format!(
+            "  clock offset {:.2} ms, standard error {:.2} ms (estimated with the film free)",
+            dataset.offset_s * 1e3,
+            e * 1e3
+        ),
+        None if dataset.plan.sync.is_some() => measured_offset(dataset),
+        None if dataset.offset_source == OffsetSource::Free => {
+            "  clock offset not estimated: first mend the recording".to_owned()
+        }
+        None => format!("  clock offset {:.2} ms (stated)", dataset.offset_s * 1e3),
+    }
 }
 
 /// What a recording is, how long, how whole, and whether anything looks wrong, in one line.

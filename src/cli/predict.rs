@@ -89,9 +89,9 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         kinds,
         &progress,
     )?;
+    let kind = recordings[0].manifest.kind;
     if let Some(path) = &a.output {
-        let whole =
-            matches!(predict, Predict::Voltage(_)) && recordings[0].manifest.kind == Kind::Robot;
+        let whole = matches!(predict, Predict::Voltage(_)) && kind == Kind::Robot;
         let fits: &[&str] = if whole {
             &["csv", "mcap", "mat", "npz"]
         } else {
@@ -100,43 +100,47 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
         load::ending(path, "the prediction", fits)?;
     }
     let file = load::parameters(&a.params)?;
-    if recordings[0].manifest.kind == Kind::FilmSample {
-        drop(progress);
-        return sample(predict, a, &recordings, &file, talk);
+    match (kind, predict) {
+        (Kind::FilmSample, _) => {
+            drop(progress);
+            sample(predict, a, &recordings, &file, talk)
+        }
+        (Kind::Robot, _) => robot(predict, command, &recordings, &file, progress, talk),
+        (_, Predict::Motion(_)) => axis_motion(a, &recordings, &file, progress, talk),
+        _ => line(a, &recordings, &file, progress, talk),
     }
-    if recordings[0].manifest.kind != Kind::Robot {
-        return match predict {
-            Predict::Motion(_) => axis_motion(a, &recordings, &file, progress, talk),
-            _ => line(a, &recordings, &file, progress, talk),
-        };
-    }
+}
+
+/// Of a robot: the voltages or the force that its motion asks for, or the motion itself.
+fn robot(
+    predict: &Predict,
+    command: &str,
+    recordings: &[Recording],
+    file: &ParameterFile,
+    progress: Progress,
+    talk: Talk,
+) -> Result<(), Failure> {
+    let (Predict::Voltage(a) | Predict::Force(a) | Predict::Motion(a)) = predict;
     if a.begin > 0 {
         return Err("--begin is for the motion of an axis: others begin at rest".into());
     }
-    let robot = load::robot(load::rig(&recordings)?, Some(&file))?;
-    let datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
+    let robot = load::robot(load::rig(recordings)?, Some(file))?;
+    let datasets = load::datasets(recordings, a.plan.as_ref(), &progress)?;
+    let dataset = &datasets[0];
     progress.step("predicting");
     let parameters = file.parameters()?;
-    let at_work = series::at_work(&file, &recordings, &datasets)?;
+    let at_work = series::at_work(file, recordings, &datasets)?;
     let (effects, when) = (&at_work.effects, at_work.when[0]);
     if matches!(predict, Predict::Motion(_)) {
-        return motion(
-            a,
-            &robot,
-            &datasets[0],
-            &parameters,
-            &at_work,
-            progress,
-            talk,
-        );
+        return motion(a, &robot, dataset, &parameters, &at_work, progress, talk);
     }
-    let outcome = validate_robot_with(&robot, &[&datasets[0]], &parameters, effects, &[when])?;
+    let outcome = validate_robot_with(&robot, &[dataset], &parameters, effects, &[when])?;
     let r = &outcome.recordings[0];
     let mut flags = csv::missing(r);
     // What the amplifier has to be told, where it is not what the film gets.
     let electrical = effects.iter().any(|a| a.effect.site() == Site::Electrical);
     let command_v = if electrical && matches!(predict, Predict::Voltage(_)) {
-        let told = predict_command(&robot, &datasets[0], &r.predicted_v, effects, when)?;
+        let told = predict_command(&robot, dataset, &r.predicted_v, effects, when)?;
         csv::no_command(&mut flags, &told);
         Some(told)
     } else {
@@ -145,12 +149,12 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let told_v = match &command_v {
         Some(told) => ranges::by_actuator(told),
         None if matches!(predict, Predict::Voltage(_)) => ranges::by_actuator(&r.predicted_v),
-        None => ranges::commands_v(&datasets[0], r.offset_s),
+        None => ranges::commands_v(dataset, r.offset_s),
     };
     let mut remarks = at_work.remarks.clone();
     remarks.extend(ranges::of_dataset(
         &robot,
-        &datasets[0],
+        dataset,
         (effects, when),
         &told_v,
     ));
@@ -158,31 +162,22 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     let mut shown = r.predicted_v.clone();
     let (mut names, mut unit) = (["voltage 1", "voltage 2", "voltage 3"], "V");
     if matches!(predict, Predict::Force(_)) {
-        let force = predict_force(&robot, &datasets[0], &parameters, r.offset_s, effects, when)?;
-        for (flag, f) in flags.iter_mut().zip(&force) {
-            // A pose that no voltage holds is a force like any other.
-            if matches!(flag, Some(Missing::Negative(_))) {
-                *flag = None;
-            }
-            if flag.is_none() && f[0].is_nan() {
-                *flag = Some(Missing::NoVoltage);
-            }
-        }
+        shown = predict_force(&robot, dataset, &parameters, r.offset_s, effects, when)?;
+        force_flags(&mut flags, &shown);
         write(a.output.as_deref(), talk, |out| {
-            csv::predicted_force(out, &r.time_s, &force, &flags)
+            csv::predicted_force(out, &r.time_s, &shown, &flags)
         })?;
-        shown.clone_from(&force);
         (names, unit) = (["force x", "force y", "force z"], "N");
     } else if is_whole(a) {
         let path = a.output.as_deref().unwrap_or(Path::new(""));
-        let provenance = Provenance::of(command, &recordings);
+        let provenance = Provenance::of(command, recordings);
         // where the amplifier must be told another voltage than the film gets, that is compared with the
         // command
         let mut whole = r.clone();
         if let Some(told) = command_v {
             whole.predicted_v = told;
         }
-        write_whole(path, talk, &datasets[0], &whole, &provenance)?;
+        write_whole(path, talk, dataset, &whole, &provenance)?;
     } else {
         write(a.output.as_deref(), talk, |out| {
             csv::predicted_voltage(out, r, command_v.as_deref(), &flags)
@@ -201,6 +196,18 @@ pub(super) fn run(predict: &Predict, command: &str, talk: Talk) -> Result<(), Fa
     }
     remark(a, talk, &remarks);
     Ok(())
+}
+
+/// A pose that no voltage holds is a force like any other; one without a force had no voltage.
+fn force_flags(flags: &mut [Option<Missing>], force_n: &[[f64; 3]]) {
+    for (flag, f) in flags.iter_mut().zip(force_n) {
+        if matches!(flag, Some(Missing::Negative(_))) {
+            *flag = None;
+        }
+        if flag.is_none() && f[0].is_nan() {
+            *flag = Some(Missing::NoVoltage);
+        }
+    }
 }
 
 /// A force in a sentence: its mean along each axis.

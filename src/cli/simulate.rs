@@ -635,8 +635,58 @@ fn read_whole(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
-    let (voltage, path) = (&made.voltage, made.path.as_ref());
-    let n = made.position_m.len();
+    let capture = Capture {
+        rate_hz: a.rate,
+        noise: Noise {
+            white_m: 1e-3 * a.noise,
+            coloured_m: 1e-3 * a.coloured_noise,
+            correlation_s: a.noise_correlation,
+        },
+        gaps: gaps(a, made.position_m.len())?,
+        seed: a.seed,
+        ..Capture::default()
+    };
+    let mut log = VoltageLog {
+        clock_offset_s: a.clock_offset,
+        quantum_v: a.quantum,
+        ..VoltageLog::default()
+    };
+    if made.kind == Kind::FilmSample {
+        log.channels = vec!["phi_kV".into()];
+    }
+    let text = recording_text(a, made, &capture);
+    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
+    let mut files = vec!["recording.toml", "rig.toml", "motion.csv", "voltage.csv"];
+    set.write_with("recording.toml", |mut out| {
+        recording_toml(&mut out, &text, &capture, &log)
+    })?;
+    set.write("rig.toml", read_whole(&a.rig)?)?;
+    set.write_with("motion.csv", |mut out| {
+        nexus_csv(&mut out, &capture, &made.position_m)
+    })?;
+    set.write_with("voltage.csv", |mut out| {
+        voltage_csv(&mut out, &log, &made.voltage)
+    })?;
+    let mut off_plan_mm = f64::NAN;
+    if let Some(path) = &made.path {
+        let time_s: Vec<f64> = (0..made.position_m.len())
+            .map(|i| i as f64 / a.rate)
+            .collect();
+        let plan: Vec<Vec3> = time_s.iter().map_while(|&t| planned(path, t)).collect();
+        off_plan_mm = farthest_mm(&plan, &made.position_m);
+        let flags = vec![None; plan.len()];
+        set.write_with("planned.csv", |mut out| {
+            csv::predicted_motion(&mut out, &time_s, &plan, &flags)
+        })?;
+        files.push("planned.csv");
+    }
+    set.commit()?;
+    say(a, made, &files, off_plan_mm, talk);
+    Ok(())
+}
+
+/// First frame and length of the gaps that are asked for, within a recording of `n` frames.
+fn gaps(a: &Arguments, n: usize) -> Result<Vec<(usize, usize)>, Failure> {
     let mut gaps = Vec::new();
     for (start, length) in &a.gap {
         let first = (start * a.rate).round() as usize;
@@ -650,25 +700,11 @@ fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
         }
         gaps.push((first, frames));
     }
-    let capture = Capture {
-        rate_hz: a.rate,
-        noise: Noise {
-            white_m: 1e-3 * a.noise,
-            coloured_m: 1e-3 * a.coloured_noise,
-            correlation_s: a.noise_correlation,
-        },
-        gaps,
-        seed: a.seed,
-        ..Capture::default()
-    };
-    let mut log = VoltageLog {
-        clock_offset_s: a.clock_offset,
-        quantum_v: a.quantum,
-        ..VoltageLog::default()
-    };
-    if made.kind == Kind::FilmSample {
-        log.channels = vec!["phi_kV".into()];
-    }
+    Ok(gaps)
+}
+
+/// What `recording.toml` says.
+fn recording_text(a: &Arguments, made: &Made, capture: &Capture) -> RecordingText {
     let labels = [
         ("batch", a.batch.clone()),
         ("electrode", a.electrode.clone()),
@@ -676,7 +712,7 @@ fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
     ];
     let mut payload_kg = vec![(0.0, a.payload.start_kg)];
     payload_kg.extend(&a.payload.steps);
-    let text = RecordingText {
+    RecordingText {
         id: a.id.clone(),
         kind: made.kind.name().into(),
         labels: labels
@@ -685,53 +721,36 @@ fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
             .collect(),
         payload_kg,
         placement: capture.placement,
-        hold: voltage.hold(),
+        hold: made.voltage.hold(),
         offset_s: match a.stated_offset {
             None => Some(a.clock_offset),
             Some(Stated::Seconds(offset)) => Some(offset),
             Some(Stated::Estimate) => None,
         },
         ..RecordingText::default()
-    };
-    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
-    let mut files = vec!["recording.toml", "rig.toml", "motion.csv", "voltage.csv"];
-    set.write_with("recording.toml", |mut out| {
-        recording_toml(&mut out, &text, &capture, &log)
-    })?;
-    set.write("rig.toml", read_whole(&a.rig)?)?;
-    set.write_with("motion.csv", |mut out| {
-        nexus_csv(&mut out, &capture, &made.position_m)
-    })?;
-    set.write_with("voltage.csv", |mut out| {
-        voltage_csv(&mut out, &log, voltage)
-    })?;
-    let mut off_plan_mm = f64::NAN;
-    if let Some(path) = path {
-        let time_s: Vec<f64> = (0..n).map(|i| i as f64 / a.rate).collect();
-        let plan: Vec<Vec3> = time_s.iter().map_while(|&t| planned(path, t)).collect();
-        off_plan_mm = plan
-            .iter()
-            .zip(&made.position_m)
-            .fold(0.0, |worst, (p, u)| {
-                let d = [0, 1, 2].map(|k| 1e3 * (u[k] - p[k]));
-                (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt().max(worst)
-            });
-        let flags = vec![None; plan.len()];
-        set.write_with("planned.csv", |mut out| {
-            csv::predicted_motion(&mut out, &time_s, &plan, &flags)
-        })?;
-        files.push("planned.csv");
     }
-    set.commit()?;
+}
+
+/// How far the motion is off the plan at most, mm.
+fn farthest_mm(plan: &[Vec3], position_m: &[Vec3]) -> f64 {
+    plan.iter().zip(position_m).fold(0.0, |worst, (p, u)| {
+        let d = [0, 1, 2].map(|k| 1e3 * (u[k] - p[k]));
+        (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt().max(worst)
+    })
+}
+
+/// Says what was simulated and written.
+fn say(a: &Arguments, made: &Made, files: &[&str], off_plan_mm: f64, talk: Talk) {
+    let n = made.position_m.len();
     let heights = || made.position_m.iter().map(|u| 1e3 * u[2]);
     let stroke_mm =
         heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min);
-    let volts = voltage.samples_v().iter().flatten();
+    let volts = made.voltage.samples_v().iter().flatten();
     let result = SimulationJson {
         id: a.id.clone(),
         kind: made.kind.name().into(),
         folder: a.output.display().to_string(),
-        files: files.into_iter().map(String::from).collect(),
+        files: files.iter().copied().map(String::from).collect(),
         n_frames: n,
         duration_s: (n - 1) as f64 / a.rate,
         stroke_mm,
@@ -751,7 +770,7 @@ fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
     for remark in &made.remarks {
         talk.say(&format!("  ! {remark}"));
     }
-    if let Some(path) = path {
+    if let Some(path) = &made.path {
         talk.say(&format!("  at most {off_plan_mm:.4} mm off the plan"));
         let [x, y, z] = path.velocity_m_s[0];
         let speed = (x * x + y * y + z * z).sqrt();
@@ -763,5 +782,4 @@ fn write(a: &Arguments, made: &Made, talk: Talk) -> Result<(), Failure> {
         }
     }
     talk.say(&format!("Written to {}", a.output.display()));
-    Ok(())
 }

@@ -863,7 +863,7 @@ impl Choice<'_> {
         if analog == 0 {
             return (0, 1);
         }
-        if analog % per_frame == 0 {
+        if analog.is_multiple_of(per_frame) {
             return (analog / per_frame, per_frame);
         }
         self.warn(format!(

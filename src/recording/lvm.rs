@@ -107,6 +107,19 @@ impl Head {
         let (x0, delta) = (at(&self.x0, 0.0), at(&self.delta, f64::NAN));
         (0..rows).map(|i| x0 + i as f64 * delta).collect()
     }
+
+    /// A section without columns, after so many others.
+    fn section(&self, before: usize, lines: &RowLines) -> Section {
+        Section {
+            name: match before {
+                0 => "table".to_owned(),
+                n => format!("table {}", n + 1),
+            },
+            line: self.line,
+            lines: lines.clone(),
+            ..Section::default()
+        }
+    }
 }
 
 /// The rate of the first two stamps.
@@ -393,17 +406,8 @@ impl Reader {
                 None => {
                     let time = head.dimensions.get(channel).is_none_or(|d| d == "Time");
                     let known = time && stamps.iter().all(|t| t.is_finite());
-                    let before = self.sections.len() + sections.len();
-                    let section = Section {
-                        name: match before {
-                            0 => "table".to_owned(),
-                            n => format!("table {}", n + 1),
-                        },
-                        line: head.line,
-                        stamps_s: known.then(|| stamps.clone()),
-                        lines: lines.clone(),
-                        ..Section::default()
-                    };
+                    let mut section = head.section(self.sections.len() + sections.len(), lines);
+                    section.stamps_s = known.then(|| stamps.clone());
                     if self.x != XColumns::No && !known {
                         self.notes.push(Note::warning(
                             path,

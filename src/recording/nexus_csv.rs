@@ -451,20 +451,10 @@ struct Header {
 impl Header {
     fn read(lines: &mut LineReader, name: &str) -> Result<Header, Error> {
         let line = lines.number();
-        let mut row = |what: &str| -> Result<(u64, Vec<u8>), Error> {
-            let here = lines.number() + 1;
-            if !lines.advance()? {
-                return Err(Error::new(ErrorKind::NoData, lines.path(), "the file ends")
-                    .at_line(here)
-                    .expected(format!("{what} of section {name}"))
-                    .action("export the trial again"));
-            }
-            Ok((lines.number(), lines.line().to_vec()))
-        };
-        let rate = row("the rate")?;
-        let group_row = row("the group names")?;
-        let axis_row = row("the row Frame, Sub Frame, axes")?;
-        let units = row("the units")?;
+        let rate = header_row(lines, name, "the rate")?;
+        let group_row = header_row(lines, name, "the group names")?;
+        let axis_row = header_row(lines, name, "the row Frame, Sub Frame, axes")?;
+        let units = header_row(lines, name, "the units")?;
         let wrong = |at: u64, found: &[u8], expected: &str| {
             Error::new(
                 ErrorKind::Grammar,
@@ -572,6 +562,18 @@ impl Header {
         }
         Ok(())
     }
+}
+
+/// The next row and its line.
+fn header_row(lines: &mut LineReader, section: &str, what: &str) -> Result<(u64, Vec<u8>), Error> {
+    let here = lines.number() + 1;
+    if !lines.advance()? {
+        return Err(Error::new(ErrorKind::NoData, lines.path(), "the file ends")
+            .at_line(here)
+            .expected(format!("{what} of section {section}"))
+            .action("export the trial again"));
+    }
+    Ok((lines.number(), lines.line().to_vec()))
 }
 
 /// What parts the cells of the row that begins with Frame and Sub Frame.

@@ -68,6 +68,7 @@ struct Demo<'a> {
 }
 
 impl Demo<'_> {
+    /// A sentence of the program, set in.
     fn tell(&self, says: &str) {
         self.talk.tell(&format!("  {says}"));
     }
@@ -139,6 +140,7 @@ impl Demo<'_> {
         Ok(joint)
     }
 
+    /// Fits the recordings and says what was found.
     fn fit(
         &self,
         robot: &Robot,
@@ -152,6 +154,7 @@ impl Demo<'_> {
         Ok((outcome, answer))
     }
 
+    /// Writes a fit to its folder.
     fn write(
         &self,
         folder: &Path,

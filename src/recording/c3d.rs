@@ -561,6 +561,7 @@ impl Records<'_> {
         is_name.then(|| (decode(name).trim().to_uppercase(), offset))
     }
 
+    /// A name of a group; the same name twice is a note.
     fn group(&mut self, id: u8, name: String, path: &Path, notes: &mut Vec<Note>) {
         if self.names.values().any(|n| *n == name) {
             notes.push(Note::warning(
@@ -571,6 +572,7 @@ impl Records<'_> {
         self.names.insert(id, name);
     }
 
+    /// A value, if it is whole and the section has room for it.
     fn parameter(&mut self, id: u8, name: String, at: usize) {
         let Some(v) = value(self.bytes, at).filter(|v| v.bytes.len() <= self.budget) else {
             self.broken = true;
@@ -657,6 +659,7 @@ struct Declared {
 }
 
 impl Declared {
+    /// As header and parameters say it.
     fn new(header: &Header, parameters: &Parameters) -> Self {
         let start = parameters.long("TRIAL", "ACTUAL_START_FIELD");
         let end = parameters.long("TRIAL", "ACTUAL_END_FIELD");
@@ -701,16 +704,19 @@ struct Choice<'a> {
 }
 
 impl Choice<'_> {
+    /// The error for what neither header nor parameters state.
     fn wrong(&self, found: impl Into<String>, expected: &str) -> Error {
         Error::new(ErrorKind::Grammar, self.path, found)
             .expected(expected)
             .action("export the trial again")
     }
 
+    /// Notes a choice.
     fn warn(&mut self, text: String) {
         self.notes.push(Note::warning(self.path, text));
     }
 
+    /// The header's scale, else that of the parameters.
     fn scale(&mut self) -> Result<f64, Error> {
         let other = self.parameters.number("POINT", "SCALE");
         let scale = Some(self.header.scale)
@@ -733,6 +739,7 @@ impl Choice<'_> {
         Ok(scale)
     }
 
+    /// The header's rate, else that of the parameters.
     fn rate_hz(&mut self) -> Result<f64, Error> {
         let rate_hz = self.header.rate_hz;
         let usable = |r: &f64| r.is_finite() && *r > 0.0 && *r < 1e9;
@@ -829,15 +836,7 @@ impl Choice<'_> {
         Ok(if count == 0 { whole } else { whole.min(count) })
     }
 
-    fn tell_misfit(&mut self, of_header: (u64, u64), used: (u64, u64)) {
-        if used != of_header {
-            self.warn(format!(
-                "the header's {} points and {} analog values a frame do not fit the size of the file; {} and {} from the parameters do",
-                of_header.0, of_header.1, used.0, used.1
-            ));
-        }
-    }
-
+    /// Notes counts of the parameters that are not those that are read.
     fn tell_contradictions(&mut self, declared: &Declared, points: u64, frames: u64) {
         if let Some(used) = self.parameters.count("POINT", "USED")
             && used != points
@@ -904,7 +903,13 @@ impl Shape {
         let of_header = (header.points, header.analog_per_frame);
         let (points, analog, frames) = match choice.that_fits(&room, &declared) {
             Some(fit) => {
-                choice.tell_misfit(of_header, (fit.0, fit.1));
+                let (points, analog, _) = fit;
+                if (points, analog) != of_header {
+                    choice.warn(format!(
+                        "the header's {} points and {} analog values a frame do not fit the size of the file; {points} and {analog} from the parameters do",
+                        of_header.0, of_header.1
+                    ));
+                }
                 fit
             }
             None => {
@@ -1005,6 +1010,7 @@ impl Shape {
         .collect()
     }
 
+    /// The analog channels.
     fn channels_part(&self, parameters: &Parameters, path: &Path, notes: &mut Vec<Note>) -> Part {
         let labels = parameters.all("ANALOG", "LABELS", Parameters::strings);
         let labels = unique(labels, self.channels, path, "channels", notes);

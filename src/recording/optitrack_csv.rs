@@ -30,7 +30,7 @@ use super::capture::{
     BATCH, Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
 };
 use super::error::{Error, ErrorKind, quote};
-use super::rows::{End, Table, positive, rounded_rate, whole, zero_frame};
+use super::rows::{End, Table, no_unit, positive, rounded_rate, whole, zero_frame};
 use super::text::{
     Cell, Cells, Delimiter, LineReader, Notation, NumberColumn, bad_cell, decode, is_blank,
     plain_number, says_not_finite, texts,
@@ -173,6 +173,7 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error>
 struct Keys(Vec<String>);
 
 impl Keys {
+    /// What stands after a key.
     fn text(&self, name: &str) -> Option<&str> {
         self.0
             .chunks(2)
@@ -182,6 +183,7 @@ impl Keys {
             .map(String::as_str)
     }
 
+    /// A number above 0 after a key.
     fn number(&self, name: &str) -> Option<f64> {
         positive(self.text(name)?)
     }
@@ -273,13 +275,11 @@ struct Units {
 }
 
 impl Units {
+    /// As the keys say; notes what they leave open.
     fn new(keys: &Keys, path: &Path, notes: &mut Vec<Note>) -> Self {
         let length = keys.text("Length Units").unwrap_or_default().to_owned();
         if length.is_empty() {
-            notes.push(Note::warning(
-                path,
-                "the unit of the positions is not stated; state it, as in unit = \"mm\"",
-            ));
+            notes.push(no_unit(path));
         }
         let rotation = keys.text("Rotation Type").unwrap_or_default();
         let quaternion = rotation.eq_ignore_ascii_case("Quaternion") || rotation.is_empty();
@@ -473,6 +473,7 @@ struct Take {
 }
 
 impl Take {
+    /// Takes a row of any kind.
     fn row(&mut self, lines: &mut LineReader, sink: &mut dyn Sink) -> Result<(), Error> {
         let mut cells = Cells::new(lines.line(), Delimiter::Comma);
         match cells.next().map_or(&b""[..], |c| c.bytes) {
@@ -620,6 +621,7 @@ impl Take {
         }
     }
 
+    /// Notes what is in the file and what is not.
     fn tell(&self, path: &Path, notes: &mut Vec<Note>) {
         notes.push(Note::info(
             path,
@@ -680,6 +682,7 @@ struct FrameRow<'a> {
 }
 
 impl<'a> FrameRow<'a> {
+    /// The next cell and its place.
     fn next(&mut self) -> Result<(usize, Cell<'a>), Error> {
         let lines = self.lines;
         self.cells.next().ok_or_else(|| {
@@ -690,6 +693,7 @@ impl<'a> FrameRow<'a> {
         })
     }
 
+    /// A number; NaN where the cell says so or is empty.
     fn parse(&self, (i, cell): (usize, Cell)) -> Result<f64, Error> {
         if says_not_finite(cell.bytes) {
             return Ok(f64::NAN);
@@ -699,11 +703,13 @@ impl<'a> FrameRow<'a> {
             .map_err(|t| bad_cell(self.lines.path(), self.lines.number(), i + 1, cell.bytes, t))
     }
 
+    /// The next cell as a number.
     fn number(&mut self) -> Result<f64, Error> {
         let cell = self.next()?;
         self.parse(cell)
     }
 
+    /// So many numbers.
     fn numbers<const N: usize>(&mut self) -> Result<[f64; N], Error> {
         let mut values = [0.0; N];
         for v in &mut values {

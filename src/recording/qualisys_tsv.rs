@@ -59,6 +59,7 @@ struct Rows {
 }
 
 impl Rows {
+    /// Reads up to the row of columns or the first frame.
     fn read(lines: &mut LineReader) -> Result<Self, Error> {
         let mut rows = Rows {
             keys: Vec::new(),
@@ -93,11 +94,13 @@ impl Rows {
         Ok(rows)
     }
 
+    /// What stands after a word.
     fn values(&self, key: &str) -> &[String] {
         let found = self.keys.iter().find(|k| k.0 == key);
         found.map_or(&[][..], |k| &k.1)
     }
 
+    /// A number above 0 after a word.
     fn number(&self, key: &str) -> Option<f64> {
         positive(self.values(key).first()?)
     }

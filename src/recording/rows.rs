@@ -168,6 +168,7 @@ impl Table {
         Ok(End::File)
     }
 
+    /// A reader for every cell of the header.
     fn numbers(&self, comma_cells: &BTreeSet<usize>) -> Vec<NumberColumn> {
         NumberColumn::row(self.slots.len(), self.delimiter, |cell| {
             comma_cells.contains(&cell)
@@ -473,6 +474,14 @@ pub(super) fn rounded_rate(rate_hz: f64) -> Option<f64> {
 pub(super) fn positive(value: &str) -> Option<f64> {
     let (value, _) = plain_number(value.as_bytes())?;
     (value.is_finite() && value > 0.0).then_some(value)
+}
+
+/// The note where a header states no unit.
+pub(super) fn no_unit(path: &Path) -> Note {
+    Note::warning(
+        path,
+        "the unit of the positions is not stated; state it, as in unit = \"mm\"",
+    )
 }
 
 /// A note where a header declares another number of markers than have columns.

@@ -239,6 +239,7 @@ struct Object {
 }
 
 impl Object {
+    /// A property that is a number.
     fn number(&self, key: &str) -> Option<f64> {
         match self.properties.get(key) {
             Some(Property::Number(v)) => Some(*v),
@@ -246,6 +247,7 @@ impl Object {
         }
     }
 
+    /// A property that is a text.
     fn text(&self, key: &str) -> Option<&str> {
         match self.properties.get(key) {
             Some(Property::Text(t)) => Some(t),
@@ -563,6 +565,7 @@ struct Sorted {
 }
 
 impl Sorted {
+    /// Adds a channel, or remembers why it is left out.
     fn add(&mut self, object: &mut Object, path: &Path, notes: &mut Vec<Note>) {
         let Some((group, name)) = names(&object.path) else {
             return;

@@ -19,7 +19,7 @@ use super::capture::{
     Capture, Column, Group, Importer, Note, ReadOptions, Section, Sink, first_cell,
 };
 use super::error::{Error, ErrorKind, quote};
-use super::rows::{self, Table, positive, tell_markers};
+use super::rows::{self, Table, no_unit, positive, tell_markers};
 use super::text::{Delimiter, LineReader, filled_texts};
 
 /// The importer of TRC files.
@@ -58,6 +58,7 @@ struct Rows {
 }
 
 impl Rows {
+    /// Reads the header up to the row of axes.
     fn read(lines: &mut LineReader) -> Result<Self, Error> {
         let mut next = |what: &str| -> Result<Vec<u8>, Error> {
             if !lines.advance()? {
@@ -100,16 +101,19 @@ impl Rows {
         })
     }
 
+    /// What stands below a key.
     fn value(&self, key: &str) -> Option<&str> {
         let at = self.keys.iter().position(|k| k.eq_ignore_ascii_case(key))?;
         let value = self.values.get(at).filter(|v| !v.is_empty());
         value.map(String::as_str)
     }
 
+    /// A number above 0 below a key.
     fn number(&self, key: &str) -> Option<f64> {
         positive(self.value(key)?)
     }
 
+    /// The name above a cell.
     fn name(&self, cell: usize) -> String {
         self.names.get(cell).cloned().unwrap_or_default()
     }
@@ -129,10 +133,7 @@ fn header(lines: &mut LineReader, notes: &mut Vec<Note>) -> Result<Table, Error>
     }
     let unit = rows.value("Units").unwrap_or_default();
     if unit.is_empty() {
-        notes.push(Note::warning(
-            path,
-            "the unit of the positions is not stated; state it, as in unit = \"mm\"",
-        ));
+        notes.push(no_unit(path));
     }
     let mut section = Section {
         name: "Trajectories".to_owned(),

@@ -288,6 +288,7 @@ fn determined<'a>(sets: &'a [SetJson], batches: &[Option<&String>]) -> Vec<Deter
 }
 
 impl Determined<'_> {
+    /// What was found of it over the sets.
     fn across(&self, found: &Across, batches: &[Option<&String>]) -> AcrossJson {
         AcrossJson {
             fit: self.fit.to_owned(),
@@ -316,6 +317,7 @@ impl Determined<'_> {
         }
     }
 
+    /// A set in which it stands out; what that says is told later.
     fn outlier(&self, o: &StandsOut, sets: &[SetJson]) -> OutlierJson {
         OutlierJson {
             set: sets[o.set].name.clone(),

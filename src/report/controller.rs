@@ -391,6 +391,7 @@ fn c_array(data: &mut String, name: &str, values: &[f64]) {
     );
 }
 
+/// The lengths and angles of the three chains.
 fn c_chains(data: &mut String, chains: &[Vec<Constant>]) {
     data.push_str("static const deacal_chain deacal_chains[3] = {\n");
     for chain in chains {

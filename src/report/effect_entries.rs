@@ -354,6 +354,7 @@ fn acting(
     Ok(acting)
 }
 
+/// The error for a value that cannot be.
 fn bad(path: &Path, key: impl Into<String>, what: impl Into<String>) -> Error {
     Error::new(ErrorKind::BadValue, path, what).at_key(key)
 }

@@ -1596,6 +1596,7 @@ pub struct ImportedFile {
 }
 
 impl MarkerJson {
+    /// Of a marker, in its own unit.
     fn of(m: &Marker) -> Self {
         MarkerJson {
             label: m.label.clone(),
@@ -1606,6 +1607,7 @@ impl MarkerJson {
 }
 
 impl MotionJson {
+    /// Of a motion.
     fn of(m: &RawMotion) -> Self {
         MotionJson {
             rate_hz: finite(m.rate_hz),
@@ -1620,12 +1622,14 @@ impl MotionJson {
 }
 
 impl ChannelJson {
+    /// Of a column of a table.
     fn of_column(c: &RawColumn) -> Self {
         ChannelJson::of(&c.label, c.unit.map_or("", |u| u.symbol), &c.values)
     }
 }
 
 impl LogJson {
+    /// Of the voltages of the chains.
     fn of_voltage(v: &RawVoltage) -> Self {
         let hold = if v.hold_previous {
             "previous"
@@ -1642,6 +1646,7 @@ impl LogJson {
         }
     }
 
+    /// Of what the amplifier measured.
     fn of_monitor(m: &RawMonitor) -> Self {
         let voltages = m.channels.iter().enumerate().map(|(i, c)| {
             ChannelJson::of(&format!("voltage of chain {}", i + 1), m.unit.symbol, c)

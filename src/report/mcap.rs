@@ -259,6 +259,7 @@ struct Prediction<'a> {
 }
 
 impl<'a> Topics<'a> {
+    /// Adds schemas and topics to the file, in their order.
     fn new<W: Write + Seek>(
         file: &mut Recorder<W>,
         d: &'a Dataset,

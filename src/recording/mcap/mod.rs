@@ -471,14 +471,17 @@ struct Made<'a> {
 }
 
 impl Made<'_> {
+    /// Notes what is as it should be.
     fn info(&mut self, text: String) {
         self.notes.push(Note::info(self.path, text));
     }
 
+    /// Notes what a reader should see.
     fn warn(&mut self, text: String) {
         self.notes.push(Note::warning(self.path, text));
     }
 
+    /// That the file was cut; before its first message that is an error.
     fn tell_cut(&mut self, reader: &RecordReader, messages: u64) -> Result<(), Error> {
         let Some(cut) = reader.cut() else {
             return Ok(());

@@ -551,6 +551,7 @@ impl Compiler<'_> {
         Ok(Node::Struct(out))
     }
 
+    /// A field of a message.
     fn field(&mut self, place: &Place, tables: &mut Tables) -> Result<Node, String> {
         let (of, list) = (&place.field.of, place.field.list);
         let (here, at) = (&place.inside, place.at);

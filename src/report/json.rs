@@ -1389,6 +1389,17 @@ pub struct MarkerJson {
     pub range: [Option<[f64; 2]>; 3],
 }
 
+impl MarkerJson {
+    /// Of a marker, in its own unit.
+    fn of(m: &Marker) -> Self {
+        MarkerJson {
+            label: m.label.clone(),
+            missing: m.xyz.iter().filter(|p| p[0].is_nan()).count(),
+            range: [0, 1, 2].map(|k| range(m.xyz.iter().map(|p| p[k]))),
+        }
+    }
+}
+
 /// `[motion]` of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MotionJson {
@@ -1406,6 +1417,21 @@ pub struct MotionJson {
     pub end_effector: MarkerJson,
     /// The marker fixed to the frame.
     pub base: Option<MarkerJson>,
+}
+
+impl MotionJson {
+    /// Of a motion.
+    fn of(m: &RawMotion) -> Self {
+        MotionJson {
+            rate_hz: finite(m.rate_hz),
+            frames: m.time_s.len(),
+            first_frame: m.first_frame,
+            time_s: range(m.time_s.iter().copied()),
+            unit: m.unit.symbol.to_owned(),
+            end_effector: MarkerJson::of(&m.end_effector),
+            base: m.base.as_ref().map(MarkerJson::of),
+        }
+    }
 }
 
 /// A channel of voltages or currents, or a column of a table.
@@ -1429,6 +1455,11 @@ impl ChannelJson {
             missing: values.iter().filter(|v| v.is_nan()).count(),
             range: range(values.iter().copied()),
         }
+    }
+
+    /// Of a column of a table.
+    fn of_column(c: &RawColumn) -> Self {
+        ChannelJson::of(&c.label, c.unit.map_or("", |u| u.symbol), &c.values)
     }
 }
 
@@ -1461,6 +1492,66 @@ impl LogJson {
             scale: None,
             channels,
         }
+    }
+
+    /// Of the voltages of the chains.
+    fn of_voltage(v: &RawVoltage) -> Self {
+        let hold = if v.hold_previous {
+            "previous"
+        } else {
+            "linear"
+        };
+        let label = |i: usize| v.labels.get(i).map_or("", |l| l);
+        let channels = v.channels.iter().enumerate();
+        let channels = channels.map(|(i, c)| ChannelJson::of(label(i), v.unit.symbol, c));
+        LogJson {
+            hold: Some(hold.to_owned()),
+            scale: v.scale,
+            ..LogJson::new(&v.time_s, v.time_s.len(), channels.collect())
+        }
+    }
+
+    /// Of what the amplifier measured.
+    fn of_monitor(m: &RawMonitor) -> Self {
+        let voltages = m.channels.iter().enumerate().map(|(i, c)| {
+            ChannelJson::of(&format!("voltage of chain {}", i + 1), m.unit.symbol, c)
+        });
+        let channels = voltages.chain(m.current.iter().map(ChannelJson::of_column));
+        LogJson {
+            scale: m.scale,
+            ..LogJson::new(&m.time_s, m.time_s.len(), channels.collect())
+        }
+    }
+
+    /// The table of a coupon, bench or axis.
+    fn of_table(recording: &Recording) -> Option<Self> {
+        let table = |time: Option<&Vec<f64>>, columns: Vec<&RawColumn>| {
+            LogJson::new(
+                time.map_or(&[], |t| t),
+                columns.first().map_or(0, |c| c.values.len()),
+                columns.into_iter().map(ChannelJson::of_column).collect(),
+            )
+        };
+        if let Some(c) = &recording.coupon {
+            let elongation = match &c.elongation {
+                RawElongation::Displacement { displacement, .. } => displacement,
+                RawElongation::Stretch(stretch) => stretch,
+            };
+            let load = match &c.load {
+                RawLoad::Force { force, .. } => force,
+                RawLoad::NominalStress(stress) => stress,
+            };
+            return Some(table(c.time_s.as_ref(), vec![elongation, load]));
+        }
+        if let Some(b) = &recording.bench {
+            return Some(table(b.time_s.as_ref(), vec![&b.angle, &b.torque]));
+        }
+        let a = recording.axis.as_ref()?;
+        let (RawCoordinate::Position(coordinate) | RawCoordinate::Velocity(coordinate)) =
+            &a.coordinate;
+        let mut columns = vec![coordinate, &a.input];
+        columns.extend(&a.load);
+        Some(table(Some(&a.time_s), columns))
     }
 }
 
@@ -1593,101 +1684,6 @@ pub struct ImportedFile {
     pub sum: FileSum,
     /// The importer that read it; `toml` for manifest and rig.
     pub format: String,
-}
-
-impl MarkerJson {
-    /// Of a marker, in its own unit.
-    fn of(m: &Marker) -> Self {
-        MarkerJson {
-            label: m.label.clone(),
-            missing: m.xyz.iter().filter(|p| p[0].is_nan()).count(),
-            range: [0, 1, 2].map(|k| range(m.xyz.iter().map(|p| p[k]))),
-        }
-    }
-}
-
-impl MotionJson {
-    /// Of a motion.
-    fn of(m: &RawMotion) -> Self {
-        MotionJson {
-            rate_hz: finite(m.rate_hz),
-            frames: m.time_s.len(),
-            first_frame: m.first_frame,
-            time_s: range(m.time_s.iter().copied()),
-            unit: m.unit.symbol.to_owned(),
-            end_effector: MarkerJson::of(&m.end_effector),
-            base: m.base.as_ref().map(MarkerJson::of),
-        }
-    }
-}
-
-impl ChannelJson {
-    /// Of a column of a table.
-    fn of_column(c: &RawColumn) -> Self {
-        ChannelJson::of(&c.label, c.unit.map_or("", |u| u.symbol), &c.values)
-    }
-}
-
-impl LogJson {
-    /// Of the voltages of the chains.
-    fn of_voltage(v: &RawVoltage) -> Self {
-        let hold = if v.hold_previous {
-            "previous"
-        } else {
-            "linear"
-        };
-        let label = |i: usize| v.labels.get(i).map_or("", |l| l);
-        let channels = v.channels.iter().enumerate();
-        let channels = channels.map(|(i, c)| ChannelJson::of(label(i), v.unit.symbol, c));
-        LogJson {
-            hold: Some(hold.to_owned()),
-            scale: v.scale,
-            ..LogJson::new(&v.time_s, v.time_s.len(), channels.collect())
-        }
-    }
-
-    /// Of what the amplifier measured.
-    fn of_monitor(m: &RawMonitor) -> Self {
-        let voltages = m.channels.iter().enumerate().map(|(i, c)| {
-            ChannelJson::of(&format!("voltage of chain {}", i + 1), m.unit.symbol, c)
-        });
-        let channels = voltages.chain(m.current.iter().map(ChannelJson::of_column));
-        LogJson {
-            scale: m.scale,
-            ..LogJson::new(&m.time_s, m.time_s.len(), channels.collect())
-        }
-    }
-
-    /// The table of a coupon, bench or axis.
-    fn of_table(recording: &Recording) -> Option<Self> {
-        let table = |time: Option<&Vec<f64>>, columns: Vec<&RawColumn>| {
-            LogJson::new(
-                time.map_or(&[], |t| t),
-                columns.first().map_or(0, |c| c.values.len()),
-                columns.into_iter().map(ChannelJson::of_column).collect(),
-            )
-        };
-        if let Some(c) = &recording.coupon {
-            let elongation = match &c.elongation {
-                RawElongation::Displacement { displacement, .. } => displacement,
-                RawElongation::Stretch(stretch) => stretch,
-            };
-            let load = match &c.load {
-                RawLoad::Force { force, .. } => force,
-                RawLoad::NominalStress(stress) => stress,
-            };
-            return Some(table(c.time_s.as_ref(), vec![elongation, load]));
-        }
-        if let Some(b) = &recording.bench {
-            return Some(table(b.time_s.as_ref(), vec![&b.angle, &b.torque]));
-        }
-        let a = recording.axis.as_ref()?;
-        let (RawCoordinate::Position(coordinate) | RawCoordinate::Velocity(coordinate)) =
-            &a.coordinate;
-        let mut columns = vec![coordinate, &a.input];
-        columns.extend(&a.load);
-        Some(table(Some(&a.time_s), columns))
-    }
 }
 
 impl ImportRecording {

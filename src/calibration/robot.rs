@@ -409,7 +409,7 @@ impl<'a> RobotFit<'a> {
         })
     }
 
-    /// Takes back what noise in the columns pulls. Where a clock offset is free the band is wide, and it pulls
+    /// Takes back what noise in the columns pulls: where a clock offset is free the band is wide, and it pulls
     /// at all that fast motion tells.
     fn pull_back(
         &self,

@@ -318,8 +318,8 @@ impl<'a> Search<'a> {
         self.go(settled(&residual, &at, COARSE)?, &at, (WELL.0, ROUGHLY.1))
     }
 
-    /// The plain model by each way of the input between its samples, or by the one that is asked for; an error
-    /// where none goes anywhere.
+    /// The plain model by each way of the input between its samples, or by the one that is asked for; an
+    /// error where none goes anywhere.
     fn ways(&self, asked: Option<Between>, state: &State) -> Result<Vec<Best<'a>>, Error> {
         let ways: Vec<Between> = asked.map_or(Between::ALL.to_vec(), |b| vec![b]);
         let found: Vec<Result<Best, Error>> = ways

@@ -409,8 +409,8 @@ impl<'a> RobotFit<'a> {
         })
     }
 
-    /// Takes back what noise in the columns pulls: where a clock offset is free the band is wide, and it pulls
-    /// at all that fast motion tells.
+    /// Takes back what noise in the columns pulls: where a clock offset is free the band is wide, and it
+    /// pulls at all that fast motion tells.
     fn pull_back(
         &self,
         state: &mut State,

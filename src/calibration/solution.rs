@@ -69,8 +69,8 @@ impl Starts {
         }
     }
 
-    /// Of the starts whose cost is within `share` of the best one's, the first that says it converged; else the
-    /// best.
+    /// Of the starts whose cost is within `share` of the best one's, the first that says it converged; else
+    /// the best.
     pub fn best_within(&self, share: f64) -> usize {
         let agrees = self.states[0].cost * (1.0 + share);
         self.states

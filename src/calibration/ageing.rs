@@ -529,12 +529,9 @@ impl Grouped {
         if by == By::Day {
             levels.sort_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(std::cmp::Ordering::Equal));
         }
-        let mut samples: Vec<String> = own.iter().map(|p| p.sample.clone()).collect();
-        samples.sort_unstable();
-        samples.dedup();
         let mut out = Grouped {
+            samples: distinct(own.iter().map(|p| p.sample.clone())),
             own,
-            samples,
             levels,
         };
         out.join_renamed(by, remarks);
@@ -681,9 +678,7 @@ impl Grouped {
     /// The joint fit of one sample.
     fn fitted(&self, name: &str, inputs: &[AgeingInput], request: &AgeingRequest) -> SampleAgeing {
         let mine: Vec<&Placed> = self.own.iter().filter(|p| p.sample == name).collect();
-        let mut levels: Vec<usize> = mine.iter().map(|p| self.level(p)).collect();
-        levels.sort_unstable();
-        levels.dedup();
+        let levels = distinct(mine.iter().map(|p| self.level(p)));
         let place = |p: &&Placed| {
             let own = self.level(p);
             levels.iter().position(|l| *l == own).unwrap_or(0)
@@ -823,11 +818,16 @@ fn electrode(
     Ok(Ok((electrode, grouped.runs())))
 }
 
+/// Every one once, in order.
+fn distinct<T: Ord>(all: impl Iterator<Item = T>) -> Vec<T> {
+    let mut out: Vec<T> = all.collect();
+    out.sort_unstable();
+    out.dedup();
+    out
+}
+
 fn count_levels<'p>(placed: impl Iterator<Item = &'p Placed>) -> usize {
-    let mut levels: Vec<&str> = placed.map(|p| p.level.as_str()).collect();
-    levels.sort_unstable();
-    levels.dedup();
-    levels.len()
+    distinct(placed.map(|p| p.level.as_str())).len()
 }
 
 /// Sum of values that err independently.

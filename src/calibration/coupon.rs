@@ -18,7 +18,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 
 use super::outcome::*;
-use super::robot::{apply, modulus, unknown};
+use super::robot::{apply, locking, modulus, relaxation_time, unknown};
 use super::solution::{Solution, Starts, gram, precision, resting};
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{Coupon, CouponMode, CouponPlan};
@@ -302,37 +302,17 @@ fn parameters(
         || spread(branches, start_times_s(bounds)),
         |f| f.relaxation_time_s.clone(),
     );
-    let log = |name: String, meaning: String, unit, start: f64, [lower, upper]: [f64; 2]| {
-        // A start beyond the usual bounds widens them: a film from elsewhere is not cut short.
-        Parameter {
-            name,
-            meaning,
-            unit,
-            transform: Transform::Log,
-            start,
-            lower: lower.min(start),
-            upper: upper.max(start),
-            prior_sd: Some(LOG_PRIOR_SD),
-            fixed: false,
-        }
-    };
+    // A start beyond the usual bounds widens them: a film from elsewhere is not cut short.
+    let wide = |start: f64, [lower, upper]: [f64; 2]| [lower.min(start), upper.max(start)];
     let mut out: Vec<Parameter> = times
         .iter()
         .enumerate()
-        .map(|(i, &t)| {
-            let name = format!("T_{}", i + 1);
-            let meaning = format!("relaxation time of branch {}", i + 1);
-            log(name, meaning, "s", t, bounds)
-        })
+        .map(|(i, &t)| relaxation_time(i, t, wide(t, bounds), LOG_PRIOR_SD))
         .collect();
     let least = (invariant * 1.001).max(0.05);
-    out.push(log(
-        "J".into(),
-        "locking constant of the Gent springs".into(),
-        "1",
-        start.map_or((START_LOCKING_SHARE * invariant).max(1.0), |f| f.locking),
-        [least, LARGEST_LOCKING.max(10.0 * least)],
-    ));
+    let first = start.map_or((START_LOCKING_SHARE * invariant).max(1.0), |f| f.locking);
+    let within = wide(first, [least, LARGEST_LOCKING.max(10.0 * least)]);
+    out.push(locking(Transform::Log, first, within, Some(LOG_PRIOR_SD)));
     let nonlinear = out.len();
     for i in 0..=branches {
         out.push(modulus(i, start.map_or(1e4, |f| f.mu_pa[i]), false));

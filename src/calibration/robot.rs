@@ -106,14 +106,53 @@ const PROFILED: std::ops::Range<f64> = 0.05..0.35;
 /// takes them all.
 const FEW_OFFSETS: usize = 3;
 
-/// Default start of `branches` relaxation times, s: evenly spread in their logarithm.
-fn start_times(branches: usize) -> Vec<f64> {
-    let [a, b] = START_TIMES_S.map(f64::ln);
+/// A start of `branches` relaxation times, s: evenly spread between two logarithms.
+pub(super) fn spread_evenly(branches: usize, [low, high]: [f64; 2]) -> Vec<f64> {
     match branches {
-        1 => vec![((a + b) / 2.0).exp()],
+        1 => vec![(0.5 * (low + high)).exp()],
         n => (0..n)
-            .map(|i| (a + (b - a) * i as f64 / (n - 1) as f64).exp())
+            .map(|i| (low + (high - low) * i as f64 / (n - 1) as f64).exp())
             .collect(),
+    }
+}
+
+/// The relaxation time of branch `i`, s.
+pub(super) fn relaxation_time(
+    i: usize,
+    start: f64,
+    [lower, upper]: [f64; 2],
+    prior_sd: f64,
+) -> Parameter {
+    Parameter {
+        name: format!("T_{}", i + 1),
+        meaning: format!("relaxation time of branch {}", i + 1),
+        unit: "s",
+        transform: Transform::Log,
+        start,
+        lower,
+        upper,
+        prior_sd: Some(prior_sd),
+        fixed: false,
+    }
+}
+
+/// J, searched by its reciprocal or its logarithm.
+pub(super) fn locking(
+    transform: Transform,
+    start: f64,
+    [lower, upper]: [f64; 2],
+    prior_sd: Option<f64>,
+) -> Parameter {
+    Parameter {
+        name: "J".into(),
+        meaning: "locking constant of the Gent springs".into(),
+        unit: "1",
+        transform,
+        start,
+        lower,
+        upper,
+        prior_sd,
+        fixed: false,
     }
 }
 
@@ -150,34 +189,20 @@ pub(super) fn parameters(
         .fold(f64::INFINITY, f64::min)
         / 2.0;
     let times = start.map_or_else(
-        || start_times(branches),
+        || spread_evenly(branches, START_TIMES_S.map(f64::ln)),
         |p| p.film.relaxation_time_s.clone(),
     );
-    let mut out = Vec::new();
-    for (i, &t) in times.iter().enumerate() {
-        out.push(Parameter {
-            name: format!("T_{}", i + 1),
-            meaning: format!("relaxation time of branch {}", i + 1),
-            unit: "s",
-            transform: Transform::Log,
-            start: t,
-            lower: shortest,
-            upper: 3000.0,
-            prior_sd: Some(LOG_PRIOR_SD),
-            fixed: hold_film,
-        });
+    let mut out: Vec<Parameter> = times
+        .iter()
+        .enumerate()
+        .map(|(i, &t)| relaxation_time(i, t, [shortest, 3000.0], LOG_PRIOR_SD))
+        .collect();
+    let first = start.map_or(START_LOCKING, |p| p.film.locking);
+    let known = Some(RECIPROCAL_LOCKING_SD);
+    out.push(locking(Transform::Reciprocal, first, [0.05, 1e4], known));
+    for p in &mut out {
+        p.fixed = hold_film;
     }
-    out.push(Parameter {
-        name: "J".into(),
-        meaning: "locking constant of the Gent springs".into(),
-        unit: "1",
-        transform: Transform::Reciprocal,
-        start: start.map_or(START_LOCKING, |p| p.film.locking),
-        lower: 0.05,
-        upper: 1e4,
-        prior_sd: Some(RECIPROCAL_LOCKING_SD),
-        fixed: hold_film,
-    });
     for d in datasets
         .iter()
         .filter(|d| d.offset_source == OffsetSource::Free)

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use super::aged::Slot;
 use super::coupon::correlation_rows;
 use super::outcome::*;
-use super::robot::{apply, modulus, unknown};
+use super::robot::{apply, locking, modulus, relaxation_time, spread_evenly, unknown};
 use super::sample_problem::{
     Hung, Prior, SampleProblem, errors_m, fits, hang, hang_at_first, hang_within, most_left_m,
     room_of,
@@ -256,13 +256,7 @@ pub(super) fn spread_times(branches: usize, datasets: &[&HangingDataset]) -> Vec
         .iter()
         .map(|d| d.step_s * (d.samples() - 1) as f64)
         .fold(0.0, f64::max);
-    let (low, high) = ((3.0 * finest).ln(), (2.0 * longest).ln());
-    match branches {
-        1 => vec![(0.5 * (low + high)).exp()],
-        n => (0..n)
-            .map(|i| (low + (high - low) * i as f64 / (n - 1) as f64).exp())
-            .collect(),
-    }
+    spread_evenly(branches, [(3.0 * finest).ln(), (2.0 * longest).ln()])
 }
 
 /// A film of the right order: what the branches carry spread evenly.
@@ -294,28 +288,14 @@ fn parameters(
         .relaxation_time_s
         .iter()
         .enumerate()
-        .map(|(i, &start)| Parameter {
-            name: format!("T_{}", i + 1),
-            meaning: format!("relaxation time of branch {}", i + 1),
-            unit: "s",
-            transform: Transform::Log,
-            start,
-            lower: (0.5 * finest).min(start),
-            upper: 3000_f64.max(start),
-            prior_sd: Some(LOG_PRIOR_SD),
-            fixed: false,
+        .map(|(i, &start)| {
+            let bounds = [(0.5 * finest).min(start), 3000_f64.max(start)];
+            relaxation_time(i, start, bounds, LOG_PRIOR_SD)
         })
         .collect();
     out.push(Parameter {
-        name: "J".into(),
-        meaning: "locking constant of the Gent springs".into(),
-        unit: "1",
-        transform: Transform::Log,
-        start: film.locking,
-        lower: 1e-3,
-        upper: 1e9,
-        prior_sd: None,
         fixed: true,
+        ..locking(Transform::Log, film.locking, [1e-3, 1e9], None)
     });
     let split = out.len();
     let longest = datasets

@@ -52,6 +52,16 @@ pub enum By {
     Batch,
 }
 
+impl By {
+    /// What one level is called.
+    fn word(self) -> &'static str {
+        match self {
+            By::Day => "day",
+            By::Batch => "batch",
+        }
+    }
+}
+
 /// What a recording is of, for the joint fit.
 #[derive(Debug, Clone)]
 pub enum AgeingSubject {
@@ -282,12 +292,85 @@ struct Placed {
     strokes: Strokes,
 }
 
-/// Measures strokes, fits causes, compares electrodes.
-///
-/// # Errors
-/// [`Error`], in words: no electrode, day or batch stated, nothing to compare with, no cycles.
-pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingOutcome, Error> {
-    let mut remarks = Vec::new();
+/// The electrode that a recording states, under the name that it was first stated by.
+fn electrode_of(
+    input: &AgeingInput,
+    names: &mut Vec<String>,
+    remarks: &mut Vec<String>,
+) -> Result<String, Error> {
+    let stated = input.electrode.as_deref().map(str::trim);
+    let Some(stated) = stated.filter(|e| !e.is_empty()) else {
+        return refuse(format!(
+            "recording `{}` states no electrode: add `electrode = \"...\"` under [recording]",
+            input.id
+        ));
+    };
+    let Some(known) = names.iter().find(|n| n.eq_ignore_ascii_case(stated)) else {
+        names.push(stated.into());
+        return Ok(stated.into());
+    };
+    if known != stated {
+        remarks.push(format!(
+            "electrode `{stated}` of `{}` is taken as `{known}`.",
+            input.id
+        ));
+    }
+    Ok(known.clone())
+}
+
+/// Sample and level that a recording is of.
+fn sample_and_level(input: &AgeingInput, by: By) -> Result<(String, String), Error> {
+    match by {
+        By::Day => {
+            let Some(day) = input.day else {
+                return refuse(format!(
+                    "recording `{}` states no day: add `day = ...` under [recording], or compare with --by batch",
+                    input.id
+                ));
+            };
+            Ok((input.batch.clone().unwrap_or_default(), day_name(day)))
+        }
+        By::Batch => {
+            let Some(batch) = &input.batch else {
+                return refuse(format!(
+                    "recording `{}` states no batch: add `batch = \"...\"` under [recording], or compare with --by day",
+                    input.id
+                ));
+            };
+            Ok((String::new(), batch.clone()))
+        }
+    }
+}
+
+/// Age is not batch: of each batch its first day.
+fn keep_first_days(placed: &mut Vec<Placed>, inputs: &[AgeingInput], remarks: &mut Vec<String>) {
+    let first: Vec<(String, String, Option<f64>)> = placed
+        .iter()
+        .map(|p| (p.electrode.clone(), p.level.clone(), p.day))
+        .collect();
+    placed.retain(|p| {
+        let Some(day) = p.day else { return true };
+        let youngest = first
+            .iter()
+            .filter(|f| f.0 == p.electrode && f.1 == p.level)
+            .filter_map(|f| f.2)
+            .fold(f64::INFINITY, f64::min);
+        if day > youngest {
+            remarks.push(format!(
+                "`{}` (day {day}) is left out: batches are compared on their first day, {youngest}.",
+                inputs[p.input].id
+            ));
+        }
+        day <= youngest
+    });
+}
+
+/// The recordings that have a stroke, each in its place; and the names of the electrodes.
+fn placed(
+    inputs: &[AgeingInput],
+    request: &AgeingRequest,
+    remarks: &mut Vec<String>,
+) -> Result<(Vec<Placed>, Vec<String>), Error> {
     let measured: Vec<Result<Strokes, String>> = inputs
         .par_iter()
         .map(|i| {
@@ -298,52 +381,8 @@ pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingO
     let mut names: Vec<String> = Vec::new();
     let mut placed: Vec<Placed> = Vec::new();
     for (number, (input, strokes)) in inputs.iter().zip(measured).enumerate() {
-        let Some(stated) = input
-            .electrode
-            .as_deref()
-            .map(str::trim)
-            .filter(|e| !e.is_empty())
-        else {
-            return refuse(format!(
-                "recording `{}` states no electrode: add `electrode = \"...\"` under [recording]",
-                input.id
-            ));
-        };
-        let electrode = match names.iter().find(|n| n.eq_ignore_ascii_case(stated)) {
-            Some(known) => {
-                if known != stated {
-                    remarks.push(format!(
-                        "electrode `{stated}` of `{}` is taken as `{known}`.",
-                        input.id
-                    ));
-                }
-                known.clone()
-            }
-            None => {
-                names.push(stated.into());
-                stated.into()
-            }
-        };
-        let (sample, level) = match request.by {
-            By::Day => {
-                let Some(day) = input.day else {
-                    return refuse(format!(
-                        "recording `{}` states no day: add `day = ...` under [recording], or compare with --by batch",
-                        input.id
-                    ));
-                };
-                (input.batch.clone().unwrap_or_default(), day_name(day))
-            }
-            By::Batch => {
-                let Some(batch) = &input.batch else {
-                    return refuse(format!(
-                        "recording `{}` states no batch: add `batch = \"...\"` under [recording], or compare with --by day",
-                        input.id
-                    ));
-                };
-                (String::new(), batch.clone())
-            }
-        };
+        let electrode = electrode_of(input, &mut names, remarks)?;
+        let (sample, level) = sample_and_level(input, request.by)?;
         match strokes {
             Ok(s) => placed.push(Placed {
                 input: number,
@@ -357,39 +396,27 @@ pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingO
         }
     }
     if request.by == By::Batch {
-        // Age is not batch: of each batch its first day.
-        let first: Vec<(String, String, Option<f64>)> = placed
-            .iter()
-            .map(|p| (p.electrode.clone(), p.level.clone(), p.day))
-            .collect();
-        placed.retain(|p| {
-            let Some(day) = p.day else { return true };
-            let youngest = first
-                .iter()
-                .filter(|f| f.0 == p.electrode && f.1 == p.level)
-                .filter_map(|f| f.2)
-                .fold(f64::INFINITY, f64::min);
-            if day > youngest {
-                remarks.push(format!(
-                    "`{}` (day {day}) is left out: batches are compared on their first day, {youngest}.",
-                    inputs[p.input].id
-                ));
-            }
-            day <= youngest
-        });
+        keep_first_days(&mut placed, inputs, remarks);
     }
     if placed.is_empty() {
         let why = remarks.join(" ");
         return refuse(format!("no recording has a stroke to compare: {why}"));
     }
+    Ok((placed, names))
+}
+
+/// Measures strokes, fits causes, compares electrodes.
+///
+/// # Errors
+/// [`Error`], in words: no electrode, day or batch stated, nothing to compare with, no cycles.
+pub fn ageing(inputs: &[AgeingInput], request: &AgeingRequest) -> Result<AgeingOutcome, Error> {
+    let mut remarks = Vec::new();
+    let (mut placed, names) = placed(inputs, request, &mut remarks)?;
     let mut electrodes = Vec::new();
     let mut runs = Vec::new();
     for name in &names {
-        let own: Vec<Placed> = {
-            let (own, rest) = placed.into_iter().partition(|p| &p.electrode == name);
-            placed = rest;
-            own
-        };
+        let (own, rest) = placed.into_iter().partition(|p| &p.electrode == name);
+        placed = rest;
         match electrode(name, own, inputs, request)? {
             Ok((e, r)) => {
                 electrodes.push(e);
@@ -464,6 +491,284 @@ fn rigs(electrodes: &[ElectrodeAgeing], runs: &[Run], inputs: &[AgeingInput]) ->
     out
 }
 
+/// Recordings of one electrode by samples and levels.
+struct Grouped {
+    own: Vec<Placed>,
+    samples: Vec<String>,
+    /// Name and day of each.
+    levels: Vec<(String, Option<f64>)>,
+}
+
+/// Short runs go, if what is left can still be compared.
+fn leave_short(own: &mut Vec<Placed>, inputs: &[AgeingInput], remarks: &mut Vec<String>) {
+    let mut left: Vec<&str> = Vec::new();
+    own.retain(|p| {
+        let short = p.strokes.cycles.len() < FEWEST_CYCLES;
+        if short {
+            left.push(&inputs[p.input].id);
+        }
+        !short
+    });
+    if !left.is_empty() {
+        remarks.push(format!(
+            "Left out, with fewer than {FEWEST_CYCLES} intact cycles: {}.",
+            left.join(", ")
+        ));
+    }
+}
+
+impl Grouped {
+    fn new(own: Vec<Placed>, by: By, remarks: &mut Vec<String>) -> Self {
+        // Levels: days in order, batches as they come.
+        let mut levels: Vec<(String, Option<f64>)> = Vec::new();
+        for p in &own {
+            if !levels.iter().any(|l| l.0 == p.level) {
+                levels.push((p.level.clone(), p.day));
+            }
+        }
+        if by == By::Day {
+            levels.sort_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(std::cmp::Ordering::Equal));
+        }
+        let mut out = Grouped {
+            samples: distinct(own.iter().map(|p| p.sample.clone())),
+            own,
+            levels,
+        };
+        out.join_renamed(by, remarks);
+        out
+    }
+
+    /// A sample that changed its name has one level under each.
+    fn join_renamed(&mut self, by: By, remarks: &mut Vec<String>) {
+        let of = |s: &str| count_levels(self.own.iter().filter(|p| p.sample == s));
+        if self.samples.len() > 1
+            && self.samples.iter().all(|s| of(s) == 1)
+            && self.own.len() == self.levels.len()
+        {
+            remarks.push(format!(
+                "The batch is another on every {} ({}): the recordings are taken as of one sample that changed its name. If they are \
+                 different samples, the changes are differences between samples.",
+                by.word(),
+                self.samples.join(", ")
+            ));
+            self.samples.truncate(1);
+            for p in &mut self.own {
+                p.sample.clone_from(&self.samples[0]);
+            }
+        }
+    }
+
+    /// The same cycles of every run, because a film still creeps in its first ones; how many.
+    fn even_cycles(
+        &mut self,
+        inputs: &[AgeingInput],
+        wanted: usize,
+        remarks: &mut Vec<String>,
+    ) -> Result<usize, Error> {
+        let counts = self.own.iter().map(|p| p.strokes.cycles.len());
+        let cycles = counts.min().unwrap_or(0).min(wanted);
+        if cycles < wanted {
+            let least: Vec<&str> = self
+                .own
+                .iter()
+                .filter(|p| p.strokes.cycles.len() == cycles)
+                .map(|p| inputs[p.input].id.as_str())
+                .collect();
+            remarks.push(format!(
+                "{} {} {cycles} intact cycles: of every run only the first {cycles} are averaged, not {wanted}.",
+                least.join(", "),
+                if least.len() == 1 { "has" } else { "have" },
+            ));
+        }
+        for p in &mut self.own {
+            let input = &inputs[p.input];
+            for note in &p.strokes.notes {
+                remarks.push(format!("{}: {note}.", input.id));
+            }
+            if p.strokes.cycles.len() > cycles
+                && let Ok(c) = &input.cycles
+            {
+                let again = strokes(&input.x_m, input.start_s, input.step_s, c, cycles);
+                p.strokes = again.map_err(Error::NothingToFit)?;
+            }
+        }
+        Ok(cycles)
+    }
+
+    /// Number of the level that a recording is of.
+    fn level(&self, p: &Placed) -> usize {
+        self.levels.iter().position(|l| l.0 == p.level).unwrap_or(0)
+    }
+
+    /// Stroke of a sample on a level: the mean over its recordings.
+    fn mean(&self, sample: &str, level: usize) -> Option<Value> {
+        let values: Vec<Value> = self
+            .own
+            .iter()
+            .filter(|p| p.sample == sample && self.level(p) == level)
+            .map(|p| p.strokes.mean)
+            .collect();
+        let n = values.len() as f64;
+        let all = sum(&values);
+        (!values.is_empty()).then(|| Value {
+            value: all.value / n,
+            std_error: all.std_error / n,
+        })
+    }
+
+    /// Stroke on level `l` over the samples, and its change against the first.
+    fn stroke(&self, l: usize, threshold_percent: f64) -> LevelStroke {
+        let strokes = self.samples.iter().filter_map(|s| self.mean(s, l));
+        let strokes: Vec<Value> = strokes.collect();
+        let pairs: Vec<(Value, Value)> = self
+            .samples
+            .iter()
+            .filter_map(|s| Some((self.mean(s, 0)?, self.mean(s, l)?)))
+            .collect();
+        let all_are = |value: f64| {
+            let std_error = value;
+            (Value { value, std_error }, [value; 2])
+        };
+        let pool = |f: fn(&(Value, Value)) -> Value| {
+            if l == 0 {
+                all_are(0.0)
+            } else if pairs.is_empty() {
+                all_are(f64::NAN)
+            } else {
+                pooled(&pairs.iter().map(f).collect::<Vec<_>>())
+            }
+        };
+        let mm = |(v, ci95): (Value, [f64; 2])| {
+            let v = Value {
+                value: v.value * 1e3,
+                std_error: v.std_error * 1e3,
+            };
+            (v, ci95.map(|x| x * 1e3))
+        };
+        let (stroke_mm, stroke_ci95) = mm(pooled(&strokes));
+        let (change_mm, change_ci95) = mm(pool(difference_m));
+        let (change_percent, percent_ci95) = pool(change_percent);
+        LevelStroke {
+            name: self.levels[l].0.clone(),
+            day: self.levels[l].1,
+            stroke_mm,
+            stroke_ci95,
+            change_mm,
+            change_ci95,
+            change_percent,
+            percent_ci95,
+            significant: l > 0 && (percent_ci95[0] > 0.0 || percent_ci95[1] < 0.0),
+            relevant: l > 0 && change_percent.value.abs() > threshold_percent,
+            drift_mm: self.drift_mm(l),
+            samples: if l == 0 { strokes.len() } else { pairs.len() },
+        }
+    }
+
+    /// Mean drift within the runs of a level, mm a cycle.
+    fn drift_mm(&self, level: usize) -> Value {
+        let own = self.own.iter().filter(|p| self.level(p) == level);
+        let drifts: Vec<Value> = own.map(|p| p.strokes.drift).collect();
+        let (all, n) = (sum(&drifts), drifts.len() as f64);
+        Value {
+            value: 1e3 * all.value / n,
+            std_error: 1e3 * all.std_error / n,
+        }
+    }
+
+    /// The joint fit of one sample.
+    fn fitted(&self, name: &str, inputs: &[AgeingInput], request: &AgeingRequest) -> SampleAgeing {
+        let mine: Vec<&Placed> = self.own.iter().filter(|p| p.sample == name).collect();
+        let levels = distinct(mine.iter().map(|p| self.level(p)));
+        let place = |p: &&Placed| {
+            let own = self.level(p);
+            levels.iter().position(|l| *l == own).unwrap_or(0)
+        };
+        let numbers: Vec<usize> = mine.iter().map(place).collect();
+        let subjects = Subjects::of(&mine, inputs);
+        SampleAgeing {
+            name: name.into(),
+            joint: self.cause(&mine, &levels, (&subjects, &numbers), inputs, request),
+            rest_shift_m: subjects.rest_shift_m(levels.len(), &numbers),
+            levels,
+        }
+    }
+
+    /// What moved between the levels of a sample; or, in words, why that is not fitted.
+    fn cause(
+        &self,
+        mine: &[&Placed],
+        levels: &[usize],
+        (subjects, numbers): (&Subjects, &[usize]),
+        inputs: &[AgeingInput],
+        request: &AgeingRequest,
+    ) -> Result<Joint, String> {
+        let stroke = |level: usize| {
+            let here = mine.iter().zip(numbers).filter(|(_, n)| **n == level);
+            let own: Vec<f64> = here.map(|(p, _)| p.strokes.mean.value).collect();
+            own.iter().sum::<f64>() / own.len() as f64
+        };
+        let losses = (0..levels.len()).map(|l| 1.0 - stroke(l) / stroke(0));
+        let loss: Vec<f64> = losses.collect();
+        let day = |l: &usize| mine.iter().find(|p| self.level(p) == *l)?.day;
+        let days: Option<Vec<f64>> = match request.by {
+            By::Day => levels.iter().map(day).collect(),
+            By::Batch => None,
+        };
+        let (days, robots) = (days.as_deref(), &subjects.robots);
+        if levels.len() < 2 {
+            Err(format!("one {} only", request.by.word()))
+        } else if subjects.moving.is_empty() {
+            let refs: Vec<&HangingDataset> = subjects.hanging.iter().collect();
+            AgedSample::new(&refs, &subjects.samples, numbers, request)
+                .and_then(|aged| joint(&aged, days, &loss))
+                .map_err(|e| e.to_string())
+        } else if !subjects.hanging.is_empty() {
+            Err(
+                "its recordings are of hanging samples and of a robot, which do not share a film"
+                    .into(),
+            )
+        } else if let Some(other) = robots.iter().position(|r| *r != robots[0]) {
+            Err(format!(
+                "the rigs of `{}` and `{}` differ: what aged is told of one robot, so state the same rig in both",
+                inputs[mine[0].input].id, inputs[mine[other].input].id
+            ))
+        } else {
+            let refs: Vec<&Dataset> = subjects.moving.iter().collect();
+            AgedRobot::new(robots[0], &refs, numbers, &request.memory)
+                .and_then(|aged| joint(&aged, days, &loss))
+                .map_err(|e| e.to_string())
+        }
+    }
+
+    /// The recordings with their levels.
+    fn runs(self) -> Vec<Run> {
+        let numbers: Vec<usize> = self.own.iter().map(|p| self.level(p)).collect();
+        let runs = self.own.into_iter().zip(numbers);
+        runs.map(|(p, level)| Run {
+            input: p.input,
+            sample: p.sample,
+            level,
+            strokes: p.strokes,
+        })
+        .collect()
+    }
+}
+
+fn difference_m((a, b): &(Value, Value)) -> Value {
+    Value {
+        value: b.value - a.value,
+        std_error: a.std_error.hypot(b.std_error),
+    }
+}
+
+fn change_percent((a, b): &(Value, Value)) -> Value {
+    let ratio = b.value / a.value;
+    Value {
+        value: 100.0 * (ratio - 1.0),
+        std_error: 100.0 / a.value * b.std_error.hypot(ratio * a.std_error),
+    }
+}
+
 /// One electrode; the inner error says why there is nothing to compare.
 fn electrode(
     name: &str,
@@ -472,209 +777,24 @@ fn electrode(
     request: &AgeingRequest,
 ) -> Result<Result<(ElectrodeAgeing, Vec<Run>), String>, Error> {
     let mut remarks = Vec::new();
-    let what = match request.by {
-        By::Day => "day",
-        By::Batch => "batch",
-    };
-    let count = |own: &[Placed]| {
-        let mut levels: Vec<&str> = own.iter().map(|p| p.level.as_str()).collect();
-        levels.sort_unstable();
-        levels.dedup();
-        levels.len()
-    };
-    // Short runs go, if what is left can still be compared.
-    let short: Vec<usize> = (0..own.len())
-        .filter(|&i| own[i].strokes.cycles.len() < FEWEST_CYCLES)
-        .collect();
-    if !short.is_empty() {
-        let left: Vec<String> = short
-            .iter()
-            .map(|&i| inputs[own[i].input].id.clone())
-            .collect();
-        for &i in short.iter().rev() {
-            own.remove(i);
-        }
-        remarks.push(format!(
-            "Left out, with fewer than {FEWEST_CYCLES} intact cycles: {}.",
-            left.join(", ")
-        ));
-    }
-    if count(&own) < 2 {
-        let one = own.first().map(|p| p.level.clone());
-        return Ok(Err(match one {
-            Some(level) => format!(
-                "electrode `{name}` has recordings of {what} {level} only: a change needs two {what}s.{}",
-                remarks.iter().map(|r| format!(" {r}")).collect::<String>()
+    let what = request.by.word();
+    leave_short(&mut own, inputs, &mut remarks);
+    if count_levels(own.iter()) < 2 {
+        let why = remarks.iter().map(|r| format!(" {r}")).collect::<String>();
+        return Ok(Err(match own.first() {
+            Some(one) => format!(
+                "electrode `{name}` has recordings of {what} {} only: a change needs two {what}s.{why}",
+                one.level
             ),
-            None => format!(
-                "electrode `{name}` has no recording that can be compared.{}",
-                remarks.iter().map(|r| format!(" {r}")).collect::<String>()
-            ),
+            None => {
+                format!("electrode `{name}` has no recording that can be compared.{why}")
+            }
         }));
     }
-    // Levels: days in order, batches as they come.
-    let mut levels: Vec<(String, Option<f64>)> = Vec::new();
-    for p in &own {
-        if !levels.iter().any(|l| l.0 == p.level) {
-            levels.push((p.level.clone(), p.day));
-        }
-    }
-    if request.by == By::Day {
-        levels.sort_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(std::cmp::Ordering::Equal));
-    }
-    // A sample that changed its name has one level under each.
-    let mut samples: Vec<String> = own.iter().map(|p| p.sample.clone()).collect();
-    samples.sort_unstable();
-    samples.dedup();
-    let of = |s: &str| count_levels(own.iter().filter(|p| p.sample == s));
-    if samples.len() > 1 && samples.iter().all(|s| of(s) == 1) && own.len() == levels.len() {
-        remarks.push(format!(
-            "The batch is another on every {what} ({}): the recordings are taken as of one sample that changed its name. If they are \
-             different samples, the changes are differences between samples.",
-            samples.join(", ")
-        ));
-        samples = vec![samples[0].clone()];
-        for p in &mut own {
-            p.sample = samples[0].clone();
-        }
-    }
-    // The same cycles of every run, because a film still creeps in its first ones.
-    let cycles = own
-        .iter()
-        .map(|p| p.strokes.cycles.len())
-        .min()
-        .unwrap_or(0)
-        .min(request.cycles);
-    if cycles < request.cycles {
-        let least: Vec<&str> = own
-            .iter()
-            .filter(|p| p.strokes.cycles.len() == cycles)
-            .map(|p| inputs[p.input].id.as_str())
-            .collect();
-        remarks.push(format!(
-            "{} {} intact cycles: of every run only the first {cycles} are averaged, not {}.",
-            least.join(", "),
-            if least.len() == 1 {
-                format!("has {cycles}")
-            } else {
-                format!("have {cycles}")
-            },
-            request.cycles
-        ));
-    }
-    for p in &mut own {
-        let input = &inputs[p.input];
-        for note in &p.strokes.notes {
-            remarks.push(format!("{}: {note}.", input.id));
-        }
-        if p.strokes.cycles.len() > cycles
-            && let Ok(c) = &input.cycles
-        {
-            let again = strokes(&input.x_m, input.start_s, input.step_s, c, cycles);
-            p.strokes = again.map_err(Error::NothingToFit)?;
-        }
-    }
-    let level_of = |p: &Placed| levels.iter().position(|l| l.0 == p.level).unwrap_or(0);
-
-    // Stroke of each sample on each level: the mean over its recordings.
-    let mean = |sample: &str, level: usize| -> Option<Value> {
-        let values: Vec<Value> = own
-            .iter()
-            .filter(|p| p.sample == sample && level_of(p) == level)
-            .map(|p| p.strokes.mean)
-            .collect();
-        let n = values.len() as f64;
-        (!values.is_empty()).then(|| Value {
-            value: values.iter().map(|v| v.value).sum::<f64>() / n,
-            std_error: values
-                .iter()
-                .map(|v| v.std_error.powi(2))
-                .sum::<f64>()
-                .sqrt()
-                / n,
-        })
-    };
-    let table: Vec<LevelStroke> = (0..levels.len())
-        .map(|l| {
-            let strokes: Vec<Value> = samples.iter().filter_map(|s| mean(s, l)).collect();
-            let pairs: Vec<(Value, Value)> = samples
-                .iter()
-                .filter_map(|s| Some((mean(s, 0)?, mean(s, l)?)))
-                .collect();
-            let difference = |(a, b): &(Value, Value)| Value {
-                value: b.value - a.value,
-                std_error: a.std_error.hypot(b.std_error),
-            };
-            let relative = |(a, b): &(Value, Value)| {
-                let ratio = b.value / a.value;
-                Value {
-                    value: 100.0 * (ratio - 1.0),
-                    std_error: 100.0 / a.value * b.std_error.hypot(ratio * a.std_error),
-                }
-            };
-            let mm = |v: (Value, [f64; 2])| {
-                let v0 = Value {
-                    value: v.0.value * 1e3,
-                    std_error: v.0.std_error * 1e3,
-                };
-                (v0, v.1.map(|x| x * 1e3))
-            };
-            let (stroke_mm, stroke_ci95) = mm(pooled(&strokes));
-            let nothing = (
-                Value {
-                    value: 0.0,
-                    std_error: 0.0,
-                },
-                [0.0; 2],
-            );
-            let unknown = (
-                Value {
-                    value: f64::NAN,
-                    std_error: f64::NAN,
-                },
-                [f64::NAN; 2],
-            );
-            let pool = |f: &dyn Fn(&(Value, Value)) -> Value| {
-                if l == 0 {
-                    nothing
-                } else if pairs.is_empty() {
-                    unknown
-                } else {
-                    pooled(&pairs.iter().map(f).collect::<Vec<_>>())
-                }
-            };
-            let (change_mm, change_ci95) = mm(pool(&difference));
-            let (change_percent, percent_ci95) = pool(&relative);
-            let drifts: Vec<Value> = own
-                .iter()
-                .filter(|p| level_of(p) == l)
-                .map(|p| p.strokes.drift)
-                .collect();
-            let n = drifts.len() as f64;
-            LevelStroke {
-                name: levels[l].0.clone(),
-                day: levels[l].1,
-                stroke_mm,
-                stroke_ci95,
-                change_mm,
-                change_ci95,
-                change_percent,
-                percent_ci95,
-                significant: l > 0 && (percent_ci95[0] > 0.0 || percent_ci95[1] < 0.0),
-                relevant: l > 0 && change_percent.value.abs() > request.threshold_percent,
-                drift_mm: Value {
-                    value: 1e3 * drifts.iter().map(|d| d.value).sum::<f64>() / n,
-                    std_error: 1e3
-                        * drifts
-                            .iter()
-                            .map(|d| d.std_error.powi(2))
-                            .sum::<f64>()
-                            .sqrt()
-                        / n,
-                },
-                samples: if l == 0 { strokes.len() } else { pairs.len() },
-            }
-        })
+    let mut grouped = Grouped::new(own, request.by, &mut remarks);
+    let cycles = grouped.even_cycles(inputs, request.cycles, &mut remarks)?;
+    let table: Vec<LevelStroke> = (0..grouped.levels.len())
+        .map(|l| grouped.stroke(l, request.threshold_percent))
         .collect();
     if let Some(l) = table.iter().find(|l| l.change_mm.value.is_nan()) {
         remarks.push(format!(
@@ -682,58 +802,49 @@ fn electrode(
             l.name, table[0].name
         ));
     }
-
-    let fitted: Vec<SampleAgeing> = samples
-        .iter()
-        .map(|s| of_sample(s, &own, inputs, &level_of, what, request))
-        .collect();
-    let trend = match request.by {
-        By::Day => trend(&table, request.loss_percent),
-        By::Batch => None,
-    };
-    let runs = own
-        .into_iter()
-        .map(|p| {
-            let level = levels.iter().position(|l| l.0 == p.level).unwrap_or(0);
-            Run {
-                input: p.input,
-                sample: p.sample,
-                level,
-                strokes: p.strokes,
-            }
-        })
-        .collect();
-    Ok(Ok((
-        ElectrodeAgeing {
-            name: name.into(),
-            cycles,
-            levels: table,
-            samples: fitted,
-            trend,
-            remarks,
+    let samples = grouped.samples.iter();
+    let fitted = samples.map(|s| grouped.fitted(s, inputs, request));
+    let electrode = ElectrodeAgeing {
+        name: name.into(),
+        cycles,
+        samples: fitted.collect(),
+        trend: match request.by {
+            By::Day => trend(&table, request.loss_percent),
+            By::Batch => None,
         },
-        runs,
-    )))
+        levels: table,
+        remarks,
+    };
+    Ok(Ok((electrode, grouped.runs())))
+}
+
+/// Every one once, in order.
+fn distinct<T: Ord>(all: impl Iterator<Item = T>) -> Vec<T> {
+    let mut out: Vec<T> = all.collect();
+    out.sort_unstable();
+    out.dedup();
+    out
 }
 
 fn count_levels<'p>(placed: impl Iterator<Item = &'p Placed>) -> usize {
-    let mut levels: Vec<&str> = placed.map(|p| p.level.as_str()).collect();
-    levels.sort_unstable();
-    levels.dedup();
-    levels.len()
+    distinct(placed.map(|p| p.level.as_str())).len()
+}
+
+/// Sum of values that err independently.
+fn sum(values: &[Value]) -> Value {
+    let squares = values.iter().map(|v| v.std_error.powi(2));
+    Value {
+        value: values.iter().map(|v| v.value).sum::<f64>(),
+        std_error: squares.sum::<f64>().sqrt(),
+    }
 }
 
 /// Mean over samples with its 95 % interval: from their scatter where there are several (Student's t), never
 /// less than the noise's own.
 fn pooled(values: &[Value]) -> (Value, [f64; 2]) {
     let n = values.len() as f64;
-    let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
-    let noise = values
-        .iter()
-        .map(|v| v.std_error.powi(2))
-        .sum::<f64>()
-        .sqrt()
-        / n;
+    let all = sum(values);
+    let (mean, noise) = (all.value / n, all.std_error / n);
     if values.len() < 2 {
         let v = Value {
             value: mean,
@@ -752,202 +863,216 @@ fn pooled(values: &[Value]) -> (Value, [f64; 2]) {
     (v, [mean - half, mean + half])
 }
 
-/// The joint fit of one sample.
-fn of_sample(
-    name: &str,
-    own: &[Placed],
-    inputs: &[AgeingInput],
-    level_of: &(dyn Fn(&Placed) -> usize + Sync),
-    what: &str,
-    request: &AgeingRequest,
-) -> SampleAgeing {
-    let mine: Vec<&Placed> = own.iter().filter(|p| p.sample == name).collect();
-    let mut levels: Vec<usize> = mine.iter().map(|p| level_of(p)).collect();
-    levels.sort_unstable();
-    levels.dedup();
-    let place = |p: &Placed| levels.iter().position(|l| *l == level_of(p)).unwrap_or(0);
-    let numbers: Vec<usize> = mine.iter().map(|p| place(p)).collect();
-    let stroke = |level: usize| {
-        let own: Vec<f64> = mine
-            .iter()
-            .filter(|p| place(p) == level)
-            .map(|p| p.strokes.mean.value)
-            .collect();
-        own.iter().sum::<f64>() / own.len() as f64
-    };
-    let loss: Vec<f64> = (0..levels.len())
-        .map(|l| 1.0 - stroke(l) / stroke(0))
-        .collect();
-    let days: Option<Vec<f64>> = match what {
-        "day" => levels
-            .iter()
-            .map(|l| mine.iter().find(|p| level_of(p) == *l)?.day)
-            .collect(),
-        _ => None,
-    };
-    let mut hanging = Vec::new();
-    let mut samples = Vec::new();
-    let mut moving = Vec::new();
-    let mut robots = Vec::new();
-    for p in &mine {
-        // What follows a failure says nothing of what was before.
-        let failed = p.strokes.notes.iter().any(|n| n.contains("fails"));
-        let last = p.strokes.cycles.last().filter(|_| failed);
-        let end_s = last.map(|c| c.start_s + p.strokes.period_s);
-        match &inputs[p.input].subject {
-            AgeingSubject::Sample(dataset, sample) => {
-                let mut dataset = dataset.clone();
-                if let Some(end_s) = end_s {
-                    dataset.forget_after(end_s);
-                }
-                hanging.push(dataset);
-                samples.push(*sample);
-            }
-            AgeingSubject::Robot(dataset, robot) => {
-                let mut dataset = dataset.clone();
-                if let Some(end_s) = end_s {
-                    for i in 0..dataset.samples() {
-                        dataset.usable[i] &= dataset.time_s(i) <= end_s;
+/// What the recordings of a sample are of, each up to where the sample failed.
+#[derive(Default)]
+struct Subjects<'i> {
+    hanging: Vec<HangingDataset>,
+    samples: Vec<HangingSample>,
+    moving: Vec<Dataset>,
+    robots: Vec<&'i Robot>,
+}
+
+impl<'i> Subjects<'i> {
+    fn of(placed: &[&Placed], inputs: &'i [AgeingInput]) -> Self {
+        let mut out = Subjects::default();
+        for p in placed {
+            // What follows a failure says nothing of what was before.
+            let failed = p.strokes.notes.iter().any(|n| n.contains("fails"));
+            let last = p.strokes.cycles.last().filter(|_| failed);
+            let end_s = last.map(|c| c.start_s + p.strokes.period_s);
+            match &inputs[p.input].subject {
+                AgeingSubject::Sample(dataset, sample) => {
+                    let mut dataset = HangingDataset::clone(dataset);
+                    if let Some(end_s) = end_s {
+                        dataset.forget_after(end_s);
                     }
+                    out.hanging.push(dataset);
+                    out.samples.push(*sample);
                 }
-                moving.push(dataset);
-                robots.push(robot);
+                AgeingSubject::Robot(dataset, robot) => {
+                    let mut dataset = Dataset::clone(dataset);
+                    if let Some(end_s) = end_s {
+                        for i in 0..dataset.samples() {
+                            dataset.usable[i] &= dataset.time_s(i) <= end_s;
+                        }
+                    }
+                    out.moving.push(dataset);
+                    out.robots.push(robot);
+                }
             }
         }
+        out
     }
-    let rest = |l: usize| -> f64 {
-        let own: Vec<f64> = hanging
-            .iter()
-            .zip(&numbers)
-            .filter(|(_, n)| **n == l)
-            .map(|(d, _)| d.rest_below_m)
-            .collect();
-        own.iter().sum::<f64>() / own.len() as f64
-    };
-    let rest_shift_m = match moving.is_empty() {
-        true => (0..levels.len()).map(|l| rest(l) - rest(0)).collect(),
-        false => Vec::new(),
-    };
-    let fit = if levels.len() < 2 {
-        Err(format!("one {what} only"))
-    } else if moving.is_empty() {
-        let refs: Vec<&HangingDataset> = hanging.iter().map(|d| &**d).collect();
-        AgedSample::new(&refs, &samples, &numbers, request)
-            .and_then(|aged| joint(&aged, days.as_deref(), &loss))
-            .map_err(|e| e.to_string())
-    } else if !hanging.is_empty() {
-        Err(
-            "its recordings are of hanging samples and of a robot, which do not share a film"
-                .into(),
-        )
-    } else if let Some(other) = robots.iter().position(|r| *r != robots[0]) {
-        Err(format!(
-            "the rigs of `{}` and `{}` differ: what aged is told of one robot, so state the same rig in both",
-            inputs[mine[0].input].id, inputs[mine[other].input].id
-        ))
-    } else {
-        let refs: Vec<&Dataset> = moving.iter().map(|d| &**d).collect();
-        AgedRobot::new(robots[0], &refs, &numbers, &request.memory)
-            .and_then(|aged| joint(&aged, days.as_deref(), &loss))
-            .map_err(|e| e.to_string())
-    };
-    SampleAgeing {
-        name: name.into(),
-        levels,
-        joint: fit,
-        rest_shift_m,
+
+    /// Position at rest on each of so many levels against the first, m; `numbers` are those of the
+    /// recordings. Of a robot nothing.
+    fn rest_shift_m(&self, levels: usize, numbers: &[usize]) -> Vec<f64> {
+        let rest = |l: usize| -> f64 {
+            let all = self.hanging.iter().zip(numbers);
+            let own: Vec<f64> = all
+                .filter(|(_, n)| **n == l)
+                .map(|(d, _)| d.rest_below_m)
+                .collect();
+            own.iter().sum::<f64>() / own.len() as f64
+        };
+        match self.moving.is_empty() {
+            true => (0..levels).map(|l| rest(l) - rest(0)).collect(),
+            false => Vec::new(),
+        }
     }
 }
 
-/// Loss over days by three laws: the one of smallest BIC, and the day at which `percent` is lost.
-fn trend(levels: &[LevelStroke], percent: f64) -> Option<Trend> {
-    let first = levels.first()?;
-    let points: Vec<(f64, f64, f64)> = levels[1..]
-        .iter()
-        .filter(|l| l.change_percent.value.is_finite())
-        .filter_map(|l| {
-            let t = l.day? - first.day?;
-            let sd = l.stroke_mm.std_error / first.stroke_mm.value;
-            Some((t, -l.change_percent.value / 100.0, sd))
-        })
-        .collect();
-    if points.len() < 2 || !levels.iter().any(|l| l.significant) {
-        return None;
+/// A law of the loss over days.
+struct Law {
+    name: &'static str,
+    parameters: &'static [&'static str],
+    /// Share lost after so many days.
+    loss: fn(&[f64], f64) -> f64,
+    /// Days until a share is lost; NaN where it never is.
+    days: fn(&[f64], f64) -> f64,
+}
+
+const LAWS: [Law; 3] = [
+    Law {
+        name: "linear",
+        parameters: &["rate_per_day"],
+        loss: |p, t| p[0] * t,
+        days: |p, loss| loss / p[0],
+    },
+    Law {
+        name: "exponential",
+        parameters: &["rate_per_day"],
+        loss: |p, t| 1.0 - (-p[0] * t).exp(),
+        days: |p, loss| -(1.0 - loss).ln() / p[0],
+    },
+    Law {
+        name: "saturating",
+        parameters: &["largest_loss", "time_constant_days"],
+        loss: |p, t| p[0] * (1.0 - (-t / p[1]).exp()),
+        days: |p, loss| match loss < p[0] {
+            true => -p[1] * (1.0 - loss / p[0]).ln(),
+            false => f64::NAN,
+        },
+    },
+];
+
+impl Law {
+    /// Whether the second parameter is a time, beside a loss.
+    fn saturates(&self) -> bool {
+        self.parameters.len() == 2
     }
-    let n = points.len();
-    // The first day's error is in every loss.
-    let common = first.stroke_mm.std_error / first.stroke_mm.value;
-    let weight = DMatrix::from_fn(n, n, |i, j| {
-        let shared = common * common * (1.0 - points[i].1) * (1.0 - points[j].1);
-        shared + if i == j { points[i].2.powi(2) } else { 0.0 }
-    })
-    .cholesky()?
-    .inverse();
-    type Law = (
-        &'static str,
-        &'static [&'static str],
-        fn(&[f64], f64) -> f64,
-    );
-    let laws: [Law; 3] = [
-        ("linear", &["rate_per_day"], |p, t| p[0] * t),
-        ("exponential", &["rate_per_day"], |p, t| {
-            1.0 - (-p[0] * t).exp()
-        }),
-        (
-            "saturating",
-            &["largest_loss", "time_constant_days"],
-            |p, t| p[0] * (1.0 - (-t / p[1]).exp()),
-        ),
-    ];
-    let longest = points.iter().map(|p| p.0).fold(0.0, f64::max);
-    let mean_rate = points.iter().map(|p| p.1 / p.0).sum::<f64>() / n as f64;
-    type Best = Option<(usize, Vec<f64>, DMatrix<f64>, f64, f64)>;
-    let mut best: Best = None;
-    for (k, (_, names, law)) in laws.iter().enumerate() {
-        if names.len() >= n {
-            continue;
-        }
-        let mut p = match k {
-            2 => vec![
-                points.iter().map(|q| q.1).fold(0.0, f64::max).max(0.01),
-                longest,
-            ],
-            _ => vec![mean_rate],
-        };
-        let residual =
-            |p: &[f64]| DVector::from_iterator(n, points.iter().map(|q| law(p, q.0) - q.1));
-        let cost = |p: &[f64]| {
-            let r = residual(p);
-            (r.transpose() * &weight * &r)[(0, 0)]
-        };
-        let slopes = |p: &[f64]| {
-            DMatrix::from_fn(n, p.len(), |i, j| {
-                let h = 1e-5 * p[j].abs().max(1e-4);
-                let (mut up, mut down) = (p.to_vec(), p.to_vec());
-                up[j] += h;
-                down[j] -= h;
-                (law(&up, points[i].0) - law(&down, points[i].0)) / (2.0 * h)
+
+    /// Days until `loss` is lost, if ever.
+    fn reach(&self, p: &[f64], loss: f64) -> Option<f64> {
+        let t = (self.days)(p, loss);
+        (t > 0.0 && t.is_finite()).then_some(t)
+    }
+}
+
+/// Losses since the first day.
+struct Losses {
+    /// Days since the first, loss, and its own standard error.
+    points: Vec<(f64, f64, f64)>,
+    /// Inverse of their covariance.
+    weight: DMatrix<f64>,
+    /// Days of the last.
+    longest: f64,
+}
+
+/// A law at its best.
+struct LawFit {
+    law: &'static Law,
+    p: Vec<f64>,
+    covariance: DMatrix<f64>,
+    square: f64,
+    /// BIC.
+    criterion: f64,
+}
+
+impl Losses {
+    /// `None` without two of them, or where no level differs from the first.
+    fn new(levels: &[LevelStroke]) -> Option<Self> {
+        let first = levels.first()?;
+        let points: Vec<(f64, f64, f64)> = levels[1..]
+            .iter()
+            .filter(|l| l.change_percent.value.is_finite())
+            .filter_map(|l| {
+                let t = l.day? - first.day?;
+                let sd = l.stroke_mm.std_error / first.stroke_mm.value;
+                Some((t, -l.change_percent.value / 100.0, sd))
             })
-        };
+            .collect();
+        if points.len() < 2 || !levels.iter().any(|l| l.significant) {
+            return None;
+        }
+        let n = points.len();
+        // The first day's error is in every loss.
+        let common = first.stroke_mm.std_error / first.stroke_mm.value;
+        let weight = DMatrix::from_fn(n, n, |i, j| {
+            let shared = common * common * (1.0 - points[i].1) * (1.0 - points[j].1);
+            shared + if i == j { points[i].2.powi(2) } else { 0.0 }
+        })
+        .cholesky()?
+        .inverse();
+        Some(Losses {
+            weight,
+            longest: points.iter().map(|p| p.0).fold(0.0, f64::max),
+            points,
+        })
+    }
+
+    fn residual(&self, law: &Law, p: &[f64]) -> DVector<f64> {
+        let errors = self.points.iter().map(|q| (law.loss)(p, q.0) - q.1);
+        DVector::from_iterator(self.points.len(), errors)
+    }
+
+    fn cost(&self, law: &Law, p: &[f64]) -> f64 {
+        let r = self.residual(law, p);
+        (r.transpose() * &self.weight * &r)[(0, 0)]
+    }
+
+    fn slopes(&self, law: &Law, p: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_fn(self.points.len(), p.len(), |i, j| {
+            let h = 1e-5 * p[j].abs().max(1e-4);
+            let (mut up, mut down) = (p.to_vec(), p.to_vec());
+            up[j] += h;
+            down[j] -= h;
+            let t = self.points[i].0;
+            ((law.loss)(&up, t) - (law.loss)(&down, t)) / (2.0 * h)
+        })
+    }
+
+    /// Where the search for a law's parameters begins.
+    fn start(&self, law: &Law) -> Vec<f64> {
+        if law.saturates() {
+            let largest = self.points.iter().map(|q| q.1).fold(0.0, f64::max);
+            return vec![largest.max(0.01), self.longest];
+        }
+        vec![self.points.iter().map(|p| p.1 / p.0).sum::<f64>() / self.points.len() as f64]
+    }
+
+    /// Parameters of least squares: damped steps from the start (Levenberg, Marquardt).
+    fn search(&self, law: &Law) -> Vec<f64> {
+        let mut p = self.start(law);
         let mut damping = 1e-3;
         for _ in 0..200 {
-            let j = slopes(&p);
-            let mut a = j.transpose() * &weight * &j;
-            let g = j.transpose() * &weight * residual(&p);
+            let j = self.slopes(law, &p);
+            let mut a = j.transpose() * &self.weight * &j;
+            let g = j.transpose() * &self.weight * self.residual(law, &p);
             for i in 0..p.len() {
                 a[(i, i)] *= 1.0 + damping;
             }
             let Some(c) = a.cholesky() else { break };
             let step = c.solve(&g);
             let mut next: Vec<f64> = p.iter().zip(step.iter()).map(|(v, s)| v - s).collect();
-            if k == 2 {
-                next[1] = next[1].clamp(0.01 * longest, 1e3 * longest);
+            if law.saturates() {
+                next[1] = next[1].clamp(0.01 * self.longest, 1e3 * self.longest);
             }
-            if cost(&next) < cost(&p) {
-                let done = (cost(&p) - cost(&next)) < 1e-10 * cost(&p).max(1e-10);
+            let (old, new) = (self.cost(law, &p), self.cost(law, &next));
+            if new < old {
                 p = next;
                 damping = (damping * 0.3_f64).max(1e-12);
-                if done {
+                if (old - new) < 1e-10 * old.max(1e-10) {
                     break;
                 }
             } else {
@@ -957,94 +1082,104 @@ fn trend(levels: &[LevelStroke], percent: f64) -> Option<Trend> {
                 }
             }
         }
-        let j = slopes(&p);
-        let Some(covariance) = (j.transpose() * &weight * &j)
-            .cholesky()
-            .map(|c| c.inverse())
-        else {
-            continue;
-        };
-        let square = cost(&p);
-        let criterion = square + names.len() as f64 * (n as f64).ln().max(1.0);
-        if best.as_ref().is_none_or(|b| criterion < b.4) {
-            best = Some((k, p, covariance, square, criterion));
-        }
+        p
     }
-    let (k, p, covariance, square, _) = best?;
-    let (law_name, names, law) = laws[k];
-    let degrees = n - p.len();
-    let misfit = square / degrees as f64;
-    // A law that misses widens its own intervals.
-    let covariance = covariance * misfit.max(1.0);
-    let parameters = names
-        .iter()
-        .enumerate()
-        .map(|(i, name)| {
-            let v = Value {
-                value: p[i],
-                std_error: covariance[(i, i)].max(0.0).sqrt(),
-            };
-            (*name, v)
+
+    /// A law at its best; `None` where it has as many parameters as there are losses, or they are not told.
+    fn fit(&self, law: &'static Law) -> Option<LawFit> {
+        let (n, unknowns) = (self.points.len(), law.parameters.len());
+        if unknowns >= n {
+            return None;
+        }
+        let p = self.search(law);
+        let j = self.slopes(law, &p);
+        let information = j.transpose() * &self.weight * &j;
+        let square = self.cost(law, &p);
+        Some(LawFit {
+            law,
+            covariance: information.cholesky()?.inverse(),
+            square,
+            criterion: square + unknowns as f64 * (n as f64).ln().max(1.0),
+            p,
         })
-        .collect();
-    let reach = |p: &[f64]| -> Option<f64> {
-        let loss = percent / 100.0;
-        let t = match k {
-            0 => loss / p[0],
-            1 => -(1.0 - loss).ln() / p[0],
-            _ if loss < p[0] => -p[1] * (1.0 - loss / p[0]).ln(),
-            _ => return None,
-        };
-        (t > 0.0 && t.is_finite()).then_some(t)
-    };
-    let reached_day = reach(&p).filter(|t| *t <= REACH * longest).and_then(|t| {
-        let root = covariance.clone().cholesky()?.l();
+    }
+}
+
+impl LawFit {
+    /// Days after which `loss` is lost, and the ends of their 95 % interval, by draws; `None` where the data
+    /// do not carry that.
+    fn reached(&self, loss: f64, longest: f64) -> Option<(f64, [f64; 2])> {
+        let t = self.law.reach(&self.p, loss);
+        let t = t.filter(|t| *t <= REACH * longest)?;
+        let root = self.covariance.clone().cholesky()?.l();
         let mut generator = ChaCha12Rng::seed_from_u64(7);
         let mut days: Vec<f64> = (0..DRAWS)
             .map(|_| {
-                let z = DVector::from_fn(p.len(), |_, _| StandardNormal.sample(&mut generator));
-                let d = &root * z;
-                let q: Vec<f64> = p
-                    .iter()
-                    .zip(d.iter())
-                    .map(|(a, b): (&f64, &f64)| a + b)
-                    .collect();
-                reach(&q).unwrap_or(f64::INFINITY)
+                let z =
+                    DVector::from_fn(self.p.len(), |_, _| StandardNormal.sample(&mut generator));
+                let d: DVector<f64> = &root * z;
+                let q: Vec<f64> = self.p.iter().zip(d.iter()).map(|(a, b)| a + b).collect();
+                self.law.reach(&q, loss).unwrap_or(f64::INFINITY)
             })
             .collect();
         days.sort_by(f64::total_cmp);
-        let start = first.day?;
-        let ends = [0.025, 0.975].map(|q| start + days[(q * (DRAWS - 1) as f64) as usize]);
+        let ends = [0.025, 0.975].map(|q| days[(q * (DRAWS - 1) as f64) as usize]);
+        Some((t, ends))
+    }
+}
+
+/// Loss over days by three laws: the one of smallest BIC, and the day at which `percent` is lost.
+fn trend(levels: &[LevelStroke], percent: f64) -> Option<Trend> {
+    let losses = Losses::new(levels)?;
+    let mut best: Option<LawFit> = None;
+    for law in &LAWS {
+        let Some(fit) = losses.fit(law) else { continue };
+        if best.as_ref().is_none_or(|b| fit.criterion < b.criterion) {
+            best = Some(fit);
+        }
+    }
+    let mut best = best?;
+    let (law, p) = (best.law, best.p.clone());
+    let misfit = best.square / (losses.points.len() - p.len()) as f64;
+    // A law that misses widens its own intervals.
+    best.covariance *= misfit.max(1.0);
+    let value = |(i, name): (usize, &&'static str)| {
+        let v = Value {
+            value: p[i],
+            std_error: best.covariance[(i, i)].max(0.0).sqrt(),
+        };
+        (*name, v)
+    };
+    let first_day = levels.first()?.day;
+    let reached = best.reached(percent / 100.0, losses.longest);
+    let reached_day = reached.and_then(|(t, ends)| {
+        let start = first_day?;
+        let ends = ends.map(|d| start + d);
         ends[1].is_finite().then_some((start + t, ends))
     });
-    let last = points
-        .iter()
-        .map(|q| (law(&p, q.0) - q.1).abs())
-        .fold(0.0, f64::max);
-    let mut says = format!("The loss follows a {law_name} law");
+    let mut says = format!("The loss follows a {} law", law.name);
     if misfit > MISFIT {
+        let errors = losses.residual(law, &p);
         says = format!(
-            "No law of the list (linear, exponential, saturating) follows the loss to its noise; the nearest is {law_name}, off by up to {:.1} percentage points, and its intervals are widened for it",
-            100.0 * last
+            "No law of the list (linear, exponential, saturating) follows the loss to its noise; the nearest is {}, off by up to {:.1} percentage points, and its intervals are widened for it",
+            law.name,
+            100.0 * errors.iter().map(|e| e.abs()).fold(0.0, f64::max)
         );
     }
-    match &reached_day {
-        Some((day, [a, b])) => {
-            says += &format!(
-                "; {percent} % are lost on day {day:.1} (95 %: {a:.1} to {b:.1}){}",
-                if *day - first.day.unwrap_or(0.0) > longest {
-                    ", beyond the last day recorded"
-                } else {
-                    ""
-                }
-            );
-        }
-        None => says += &format!("; on which day {percent} % are lost the data do not carry"),
-    }
+    says += &match &reached_day {
+        Some((day, [a, b])) => format!(
+            "; {percent} % are lost on day {day:.1} (95 %: {a:.1} to {b:.1}){}",
+            match *day - first_day.unwrap_or(0.0) > losses.longest {
+                true => ", beyond the last day recorded",
+                false => "",
+            }
+        ),
+        None => format!("; on which day {percent} % are lost the data do not carry"),
+    };
     says.push('.');
     Some(Trend {
-        law: law_name,
-        parameters,
+        law: law.name,
+        parameters: law.parameters.iter().enumerate().map(value).collect(),
         misfit,
         loss_percent: percent,
         reached_day,
@@ -1208,10 +1343,7 @@ pub fn doubtful(group: &[Cause]) -> String {
 }
 
 fn verdict(electrodes: &[ElectrodeAgeing], request: &AgeingRequest) -> String {
-    let what = match request.by {
-        By::Day => "day",
-        By::Batch => "batch",
-    };
+    let what = request.by.word();
     electrodes
         .iter()
         .map(|e| {

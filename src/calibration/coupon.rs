@@ -16,10 +16,10 @@ use std::ops::ControlFlow;
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
-use rayon::prelude::*;
 
 use super::outcome::*;
-use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
+use super::robot::{apply, locking, modulus, relaxation_time, unknown};
+use super::solution::{Solution, Starts, gram, precision, resting};
 use super::{Error, Request, Stage, Uncertainty};
 use crate::dataset::{Coupon, CouponMode, CouponPlan};
 use crate::film::{Film, InitialState};
@@ -302,37 +302,17 @@ fn parameters(
         || spread(branches, start_times_s(bounds)),
         |f| f.relaxation_time_s.clone(),
     );
-    let log = |name: String, meaning: String, unit, start: f64, [lower, upper]: [f64; 2]| {
-        // A start beyond the usual bounds widens them: a film from elsewhere is not cut short.
-        Parameter {
-            name,
-            meaning,
-            unit,
-            transform: Transform::Log,
-            start,
-            lower: lower.min(start),
-            upper: upper.max(start),
-            prior_sd: Some(LOG_PRIOR_SD),
-            fixed: false,
-        }
-    };
+    // A start beyond the usual bounds widens them: a film from elsewhere is not cut short.
+    let wide = |start: f64, [lower, upper]: [f64; 2]| [lower.min(start), upper.max(start)];
     let mut out: Vec<Parameter> = times
         .iter()
         .enumerate()
-        .map(|(i, &t)| {
-            let name = format!("T_{}", i + 1);
-            let meaning = format!("relaxation time of branch {}", i + 1);
-            log(name, meaning, "s", t, bounds)
-        })
+        .map(|(i, &t)| relaxation_time(i, t, wide(t, bounds), LOG_PRIOR_SD))
         .collect();
     let least = (invariant * 1.001).max(0.05);
-    out.push(log(
-        "J".into(),
-        "locking constant of the Gent springs".into(),
-        "1",
-        start.map_or((START_LOCKING_SHARE * invariant).max(1.0), |f| f.locking),
-        [least, LARGEST_LOCKING.max(10.0 * least)],
-    ));
+    let first = start.map_or((START_LOCKING_SHARE * invariant).max(1.0), |f| f.locking);
+    let within = wide(first, [least, LARGEST_LOCKING.max(10.0 * least)]);
+    out.push(locking(Transform::Log, first, within, Some(LOG_PRIOR_SD)));
     let nonlinear = out.len();
     for i in 0..=branches {
         out.push(modulus(i, start.map_or(1e4, |f| f.mu_pa[i]), false));
@@ -476,51 +456,19 @@ pub fn calibrate_coupons(
         cost_tolerance: 1e-7,
         ..Options::default()
     };
-    let mut states: Vec<(String, State)> = starts(&list, &unknowns, split, coupons, request)
-        .into_par_iter()
-        .map(|(origin, eta)| {
-            let memory = &request.memory;
-            let state = memory.minimise(
-                "the fit", &residual, nonlinear, linear, &eta, &options, watch,
-            );
-            (origin, state)
-        })
-        .collect();
-    states.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
-    let evaluations: usize = states.iter().map(|s| s.1.evaluations).sum();
-    let failed: usize = states.iter().map(|s| s.1.failed).sum();
-    let waterfall: Vec<StartOutcome> = states
-        .iter()
-        .map(|(origin, s)| StartOutcome {
-            origin: origin.clone(),
-            cost: s.cost / s.rows.max(1) as f64,
-            evaluations: s.evaluations,
-            failed: s.failed,
-            ended: s.ended.map_or("", Ended::words).into(),
-            reached: s.eta.iter().map(|e| e.exp()).collect(),
-        })
-        .collect();
+    let begins = starts(&list, &unknowns, split, coupons, request);
+    let mut starts = Starts::run(begins, (&list, branches), |eta| {
+        let memory = &request.memory;
+        memory.minimise(
+            "the fit", &residual, nonlinear, linear, eta, &options, watch,
+        )
+    });
     // Where branches merge or vanish the last digits of the cost are rough: of starts that agree, one that
     // says it converged.
-    let agrees = states[0].1.cost * (1.0 + SAME_COST);
-    let best = states
-        .iter()
-        .take_while(|s| s.1.cost <= agrees)
-        .position(|s| s.1.ended.is_some_and(Ended::converged))
-        .unwrap_or(0);
-    let state = states.swap_remove(best).1;
-    if !state.cost.is_finite() {
-        return Err(Error::AllStartsFailed {
-            tried: waterfall.len(),
-            last: state.failure.unwrap_or_default(),
-        });
-    }
-    let order = rising(&state.eta[..branches], &list, split);
-    let mut film = residual.film(&state.eta, &state.beta);
-    for (place, &branch) in order[..branches].iter().enumerate() {
-        film.relaxation_time_s[place] = state.eta[branch].exp();
-        film.mu_pa[place + 1] = state.beta[branch + 1];
-    }
+    let state = starts.take(starts.best_within(SAME_COST))?;
+    let resting = resting(&unknowns, &state);
+    let solution = Solution::new(&list, split, branches, &state, &resting);
+    let film = solution.sorted(&residual.film(&state.eta, &state.beta));
     let mut outcome = assemble("coupon", &residual, film)?;
 
     // What noise, and what the misfit, leave open.
@@ -529,75 +477,34 @@ pub fn calibrate_coupons(
         .iter()
         .map(|c| c.rmse_pa * c.rmse_pa * c.correlation_rows)
         .collect();
-    let [noise, misfit] = residual
+    let scores = residual
         .score_covariance(&state.eta, &state.beta, &variance)
         .map_err(|e| e.locked)?;
-    let size = unknowns.len();
-    let gram = state.gram().view((0, 0), (size, size)).into_owned();
-    let precision: Vec<f64> = unknowns
-        .iter()
-        .map(|u| u.prior.map_or(0.0, |p| p.sd.powi(-2)))
+    let (gram, precision) = (gram(&state), precision(&unknowns));
+    let is_free: Vec<bool> = std::iter::zip(&unknowns, &resting)
+        .map(|(u, r)| !u.is_fixed() && r.is_none())
         .collect();
-    let resting: Vec<Option<AtBound>> = unknowns
-        .iter()
-        .zip(state.eta.iter().chain(&state.beta))
-        .map(|(u, &x)| at_bound(u, x))
-        .collect();
-    let is_free: Vec<bool> = (0..size)
-        .map(|i| !unknowns[i].is_fixed() && resting[i].is_none())
-        .collect();
-    let uncertainty = Uncertainty::new(&gram, &noise, &precision, &is_free);
-    let of_misfit = Uncertainty::new(&gram, &misfit, &precision, &is_free);
+    let [by_noise, by_misfit] =
+        scores.map(|scores| Uncertainty::new(&gram, &scores, &precision, &is_free));
     let curved = vec![None; list.len()];
-    let by_noise = estimates(
-        &list,
-        &state,
-        &uncertainty,
-        &curved,
-        &resting,
-        &order,
-        split,
-    );
-    let by_misfit = estimates(&list, &state, &of_misfit, &curved, &resting, &order, split);
-    outcome.misfit_std_error = by_misfit.iter().map(|e| e.std_error).collect();
-    outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
-    outcome.correlation = correlation(&list, &uncertainty, &order);
-    outcome.estimates = by_noise;
-    for (place, &branch) in order[..branches].iter().enumerate() {
+    outcome.estimates = solution.estimates(&by_noise, &curved);
+    outcome.weak_directions = solution.weak_directions(&by_noise);
+    outcome.correlation = solution.correlation(&by_noise);
+    for (place, &branch) in solution.by_time().iter().enumerate() {
         let e = &mut outcome.estimates[place];
         if state.beta[branch + 1] == 0.0 && !e.fixed {
             e.identifiable = false;
             e.says = format!("{MEANINGLESS}: mu_{} is zero", place + 2);
         }
     }
-    let exceeds = outcome.coupons.iter().any(CouponFit::exceeds_noise);
-    if exceeds {
-        for (e, m) in outcome.estimates.iter_mut().zip(&by_misfit) {
-            if !e.fixed && e.at_bound.is_none() && !e.says.starts_with(MEANINGLESS) {
-                e.identifiable &= m.identifiable;
-                e.says = format!(
-                    "{:.2} % by the noise, about {:.0} % counting the misfit: do not trust the interval",
-                    100.0 * e.std_error / e.value.abs(),
-                    100.0 * m.std_error / e.value.abs()
-                );
-            }
-        }
-        outcome.remarks.push(
-            "The misfit exceeds the noise of the stress: the intervals of the parameters are those of the noise alone and are not to be trusted; misfit_std_error counts the misfit as correlated noise."
-                .into(),
-        );
-    }
-    outcome.starts = waterfall;
+    doubt(&mut outcome, &solution.estimates(&by_misfit, &curved));
     let ended = state.ended.unwrap_or(Ended::EvaluationLimit);
     outcome.converged = ended.converged();
     outcome.reason = ended.words().into();
-    outcome.evaluations = evaluations;
-    outcome.failed_evaluations = failed;
-    if failed > 0 {
-        outcome.remarks.push(format!(
-            "{failed} of {evaluations} evaluations failed and were stepped back from."
-        ));
-    }
+    outcome.evaluations = starts.evaluations;
+    outcome.failed_evaluations = starts.failed;
+    outcome.remarks.extend(starts.remark());
+    outcome.starts = starts.waterfall;
     if resting[split - 1] == Some(AtBound::Upper) {
         outcome
             .remarks
@@ -606,14 +513,26 @@ pub fn calibrate_coupons(
     Ok(outcome)
 }
 
-fn at_bound(u: &Unknown, x: f64) -> Option<AtBound> {
-    let near = 1e-9 * (u.upper - u.lower).min(1.0);
-    match u {
-        u if u.is_fixed() => None,
-        u if x <= u.lower + near => Some(AtBound::Lower),
-        u if x >= u.upper - near => Some(AtBound::Upper),
-        _ => None,
+/// Where the misfit exceeds the noise, what is known if it counts as noise: as `by_misfit` has it.
+fn doubt(outcome: &mut CouponOutcome, by_misfit: &[Estimate]) {
+    outcome.misfit_std_error = by_misfit.iter().map(|e| e.std_error).collect();
+    if !outcome.coupons.iter().any(CouponFit::exceeds_noise) {
+        return;
     }
+    for (e, m) in outcome.estimates.iter_mut().zip(by_misfit) {
+        if !e.fixed && e.at_bound.is_none() && !e.says.starts_with(MEANINGLESS) {
+            e.identifiable &= m.identifiable;
+            e.says = format!(
+                "{:.2} % by the noise, about {:.0} % counting the misfit: do not trust the interval",
+                100.0 * e.std_error / e.value.abs(),
+                100.0 * m.std_error / e.value.abs()
+            );
+        }
+    }
+    outcome.remarks.push(
+        "The misfit exceeds the noise of the stress: the intervals of the parameters are those of the noise alone and are not to be trusted; misfit_std_error counts the misfit as correlated noise."
+            .into(),
+    );
 }
 
 /// Holds a film against `coupons`: predicted against measured stress, nothing fitted.

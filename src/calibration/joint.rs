@@ -31,7 +31,7 @@
 //! The first level is the reference: a layer, a lost area or a load that it already had is part of the film.
 //! Only the resistance is told absolutely, because the film has nothing like it.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use statrs::function::erf::erfc;
 
@@ -327,236 +327,303 @@ struct Judged {
     criterion: f64,
 }
 
+/// A model that was weighed, and where it is thought to lie.
+struct Model {
+    causes: Vec<(Cause, Partition)>,
+    /// -2 ln of the evidence.
+    criterion: f64,
+    place: Place,
+}
+
+impl Form {
+    fn least(&self) -> f64 {
+        let by_mount = self.by_mount.iter().map(|q| q.least);
+        by_mount.fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// The search for the sets of causes that could be meant.
+struct Search<'a, A> {
+    aged: &'a A,
+    shapes: Vec<Shape>,
+    /// Whether the levels are days.
+    ordered: bool,
+    /// Where fits begin that lead nowhere from elsewhere.
+    begin: Place,
+    /// Nothing, every cause, every pair of them.
+    sets: Vec<Vec<Cause>>,
+    /// Those that were fitted; nothing is the first.
+    fitted: Vec<(Minimum, Linear)>,
+    /// Pairs that were linearised where they are foretold.
+    looked: Vec<(Vec<Cause>, Linear)>,
+}
+
+impl<'a, A: Aged> Search<'a, A> {
+    /// Every single cause fitted, every pair looked at; and the evaluations that came before.
+    fn begun(aged: &'a A, shapes: Vec<Shape>, ordered: bool) -> Result<(Self, usize), Error> {
+        let (begin, evaluations) = aged.first()?;
+        let mut sets: Vec<Vec<Cause>> = vec![Vec::new()];
+        sets.extend(Cause::ALL.map(|c| vec![c]));
+        let singles = sets.len();
+        for (i, a) in Cause::ALL.into_iter().enumerate() {
+            sets.extend(Cause::ALL.into_iter().skip(i + 1).map(|b| vec![a, b]));
+        }
+        let mut out = Search {
+            aged,
+            shapes,
+            ordered,
+            begin,
+            sets,
+            fitted: Vec::new(),
+            looked: Vec::new(),
+        };
+        out.fitted = out.sets[..singles]
+            .par_iter()
+            .map(|s| out.fit(s, &out.begin))
+            .collect::<Result<_, _>>()?;
+        out.looked = out.sets[singles..]
+            .par_iter()
+            .filter_map(|set| {
+                let form = out.foretold(set)?;
+                Some((set.clone(), linear(aged, &form.place, None).ok()?))
+            })
+            .collect();
+        let evaluations = evaluations + out.looked.len();
+        Ok((out, evaluations))
+    }
+
+    fn fit(&self, causes: &[Cause], from: &Place) -> Result<(Minimum, Linear), Error> {
+        let aged = self.aged;
+        let found = solve(aged, causes, from, false)
+            .or_else(|_| solve(aged, causes, &self.begin, false))?;
+        let linear = linear(aged, &found.place, Some(&found))?;
+        Ok((found, linear))
+    }
+
+    fn fitted(&self, set: &[Cause]) -> Option<&(Minimum, Linear)> {
+        self.fitted.iter().find(|f| f.0.place.causes == set)
+    }
+
+    /// A set of two is foretold by the half that promises more, and looked at there.
+    fn foretold(&self, set: &[Cause]) -> Option<Form> {
+        set.iter()
+            .filter_map(|half| form(self.aged, &self.fitted(&[*half])?.1, set, 1.0))
+            .min_by(|x, y| x.least().total_cmp(&y.least()))
+    }
+
+    /// Mean square of what is left with one set of values for all levels.
+    fn unchanged_mean_square(&self) -> f64 {
+        let (found, linear) = &self.fitted[0];
+        let degrees = self.aged.rows().saturating_sub(found.place.slots.len());
+        linear.normal.square / degrees.max(1) as f64
+    }
+
+    /// Noise's inflation by the best fit so far.
+    fn inflation(&self) -> Result<f64, Error> {
+        let square = |f: &(Minimum, Linear)| f.1.normal.square;
+        let best = self
+            .fitted
+            .iter()
+            .min_by(|a, b| square(a).total_cmp(&square(b)))
+            .unwrap_or(&self.fitted[0]);
+        let [_, inflation] = self.aged.noise(&best.0.place)?;
+        Ok(inflation.max(1.0))
+    }
+
+    /// All sets by what is known of them so far, and the models that they make, the likeliest first.
+    fn weighed(&self, inflation: f64) -> (Vec<Form>, Vec<(usize, Judged)>) {
+        let forms: Vec<Form> = self
+            .sets
+            .par_iter()
+            .filter_map(|set| {
+                let linear = match self.fitted(set) {
+                    Some((_, linear)) => linear,
+                    None => &self.looked.iter().find(|l| l.0 == *set)?.1,
+                };
+                form(self.aged, linear, set, inflation)
+            })
+            .collect();
+        let judged = |form: &Form| judge(self.aged, form, &self.shapes, self.ordered);
+        let mut models: Vec<(usize, Judged)> = forms
+            .par_iter()
+            .enumerate()
+            .map(|(i, form)| (i, judged(form)))
+            .collect();
+        models.sort_by(|a, b| a.1.criterion.total_cmp(&b.1.criterion));
+        (forms, models)
+    }
+
+    /// Fits pairs until none is foretold to come near the best; all models, the likeliest first.
+    fn models(&mut self) -> Result<Vec<Model>, Error> {
+        // What a refit saved beyond what was foretold: so far nothing else that is foretold is trusted.
+        let mut surprise: f64 = 0.0;
+        loop {
+            let inflation = self.inflation()?;
+            let (forms, models) = self.weighed(inflation);
+            // As long as nothing fits to the noise, everything is tried.
+            let limit = match inflation < MISFIT {
+                true => models.first().map_or(0.0, |m| m.1.criterion) + NEAR + surprise,
+                false => f64::INFINITY,
+            };
+            let open = |i: usize| self.fitted(&forms[i].place.causes).is_none();
+            let near: Vec<usize> = models
+                .iter()
+                .filter(|(i, j)| open(*i) && j.criterion < limit)
+                .map(|m| m.0)
+                .take(AT_ONCE)
+                .collect();
+            if near.is_empty() {
+                // A set of which a cause came to rest is a smaller set, which was fitted itself.
+                let whole = |j: &Judged| j.partitions.iter().all(|p| groups(p) > 1);
+                let models = models.into_iter().filter(|(_, j)| whole(j));
+                let models = models.map(|(i, j)| Model {
+                    causes: std::iter::zip(forms[i].place.causes.clone(), j.partitions).collect(),
+                    criterion: j.criterion,
+                    place: forms[i].place.clone(),
+                });
+                return Ok(models.collect());
+            }
+            let refits: Vec<(Minimum, Linear)> = near
+                .par_iter()
+                .map(|&i| self.fit(&forms[i].place.causes, &forms[i].place))
+                .collect::<Result<_, _>>()?;
+            for (i, refit) in near.into_iter().zip(refits) {
+                if let Some(form) = form(self.aged, &refit.1, &refit.0.place.causes, inflation) {
+                    surprise = surprise.max(forms[i].least() - form.least());
+                }
+                self.fitted.push(refit);
+            }
+        }
+    }
+}
+
+/// Rivals of the likeliest model that swap one cause for another at hardly any price.
+fn confused(models: &[Model]) -> Vec<[Cause; 2]> {
+    let chosen = &models[0];
+    let causes = |m: &Model| -> Vec<Cause> { m.causes.iter().map(|c| c.0).collect() };
+    let without = |all: &[Cause], these: &[Cause]| -> Vec<Cause> {
+        let others = all.iter().filter(|c| !these.contains(c));
+        others.copied().collect()
+    };
+    let own = causes(chosen);
+    let mut out = Vec::new();
+    for other in &models[1..] {
+        if other.criterion - chosen.criterion > RIVAL || other.causes.len() != own.len() {
+            continue;
+        }
+        let theirs = causes(other);
+        if let ([a], [b]) = (&without(&own, &theirs)[..], &without(&theirs, &own)[..])
+            && !out.contains(&[*a, *b])
+        {
+            out.push([*a, *b]);
+        }
+    }
+    out
+}
+
+/// A cause in the last fit: `groups` are those of its levels, empty unless it is in the model.
+fn found(
+    cause: Cause,
+    probability: f64,
+    groups: Option<Partition>,
+    last: &Minimum,
+    covariance: &DMatrix<f64>,
+) -> CauseFound {
+    let in_model = groups.is_some();
+    let groups = groups.unwrap_or_default();
+    let at = |level: usize| {
+        let slot = Slot::Cause(cause, level);
+        last.place.slots.iter().position(|s| *s == slot)
+    };
+    let variance = |i: Option<usize>, j: Option<usize>| match (i, j) {
+        (Some(i), Some(j)) => covariance[(i, j)],
+        _ => 0.0,
+    };
+    let value = |level: usize| last.place.value(cause, level);
+    let levels = 0..groups.len();
+    CauseFound {
+        cause,
+        probability,
+        in_model,
+        by_level: levels
+            .clone()
+            .map(|l| Value {
+                value: value(l),
+                std_error: variance(at(l), at(l)).max(0.0).sqrt(),
+            })
+            .collect(),
+        change: levels
+            .clone()
+            .map(|l| {
+                let (i, o) = (at(l), at(0));
+                let square = variance(i, i) + variance(o, o) - 2.0 * variance(i, o);
+                Value {
+                    value: value(l) - value(0),
+                    std_error: square.max(0.0).sqrt(),
+                }
+            })
+            .collect(),
+        at_bound: levels.filter_map(at).any(|i| last.resting[i]),
+        groups,
+    }
+}
+
 /// Fits one film to all levels, and chooses what has to differ between them. `days` are those of the levels,
 /// where they are days, `loss` is that of each level's stroke.
 ///
 /// # Errors
 /// [`Error`], when the model cannot be run at all.
 pub(super) fn joint<A: Aged>(aged: &A, days: Option<&[f64]>, loss: &[f64]) -> Result<Joint, Error> {
-    let levels = aged.levels();
-    let shapes = shapes(days, loss);
-
-    let (begin, mut evaluations) = aged.first()?;
-    let mut sets: Vec<Vec<Cause>> = vec![Vec::new()];
-    sets.extend(Cause::ALL.map(|c| vec![c]));
-    let fit = |causes: &[Cause], from: &Place| -> Result<(Minimum, Linear), Error> {
-        let found =
-            solve(aged, causes, from, false).or_else(|_| solve(aged, causes, &begin, false))?;
-        let linear = linear(aged, &found.place, Some(&found))?;
-        Ok((found, linear))
-    };
-    let mut fitted: Vec<(Minimum, Linear)> = sets
-        .par_iter()
-        .map(|s| fit(s, &begin))
-        .collect::<Result<_, _>>()?;
-    let unchanged_mean_square = fitted[0].1.normal.square
-        / aged
-            .rows()
-            .saturating_sub(fitted[0].0.place.slots.len())
-            .max(1) as f64;
-    for (i, a) in Cause::ALL.into_iter().enumerate() {
-        sets.extend(Cause::ALL.into_iter().skip(i + 1).map(|b| vec![a, b]));
-    }
-    let least_of = |f: &Form| {
-        let by_mount = f.by_mount.iter().map(|q| q.least);
-        by_mount.fold(f64::INFINITY, f64::min)
-    };
-    // A set of two is foretold by the half that promises more, and looked at there.
-    let foretold = |set: &[Cause], inflation: f64| -> Option<Form> {
-        set.iter()
-            .filter_map(|half| {
-                let own = fitted.iter().find(|f| f.0.place.causes == [*half])?;
-                form(aged, &own.1, set, inflation)
-            })
-            .min_by(|x, y| least_of(x).total_cmp(&least_of(y)))
-    };
-    let looked: Vec<(Vec<Cause>, Linear)> = sets[1 + Cause::ALL.len()..]
-        .par_iter()
-        .filter_map(|set| {
-            let form = foretold(set, 1.0)?;
-            Some((set.clone(), linear(aged, &form.place, None).ok()?))
-        })
-        .collect();
-    evaluations += looked.len();
-    // What a refit saved beyond what was foretold: so far nothing else that is foretold is trusted.
-    let mut surprise: f64 = 0.0;
-    let (models, forms) = loop {
-        let best = fitted
-            .iter()
-            .min_by(|a, b| a.1.normal.square.total_cmp(&b.1.normal.square))
-            .unwrap_or(&fitted[0]);
-        let [_, inflation] = aged.noise(&best.0.place)?;
-        let inflation = inflation.max(1.0);
-        let is_fitted = |set: &[Cause]| fitted.iter().find(|f| f.0.place.causes == set);
-        let forms: Vec<Form> = sets
-            .par_iter()
-            .filter_map(|set| match is_fitted(set) {
-                Some((_, linear)) => form(aged, linear, set, inflation),
-                None => {
-                    let (_, linear) = looked.iter().find(|l| l.0 == *set)?;
-                    form(aged, linear, set, inflation)
-                }
-            })
-            .collect();
-        let mut models: Vec<(usize, Judged)> = forms
-            .par_iter()
-            .enumerate()
-            .map(|(i, form)| (i, judge(aged, form, &shapes, days.is_some())))
-            .collect();
-        models.sort_by(|a, b| a.1.criterion.total_cmp(&b.1.criterion));
-        // As long as nothing fits to the noise, everything is tried.
-        let limit = match inflation < MISFIT {
-            true => models.first().map_or(0.0, |m| m.1.criterion) + NEAR + surprise,
-            false => f64::INFINITY,
-        };
-        let near: Vec<usize> = models
-            .iter()
-            .filter(|(i, j)| is_fitted(&forms[*i].place.causes).is_none() && j.criterion < limit)
-            .map(|m| m.0)
-            .take(AT_ONCE)
-            .collect();
-        if near.is_empty() {
-            // A set of which a cause came to rest is a smaller set, which was fitted itself.
-            models.retain(|(_, j)| j.partitions.iter().all(|p| groups(p) > 1));
-            break (models, forms);
-        }
-        let refits: Vec<(Minimum, Linear)> = near
-            .par_iter()
-            .map(|&i| fit(&forms[i].place.causes, &forms[i].place))
-            .collect::<Result<_, _>>()?;
-        for (i, refit) in near.into_iter().zip(refits) {
-            if let Some(form) = form(aged, &refit.1, &refit.0.place.causes, inflation) {
-                surprise = surprise.max(least_of(&forms[i]) - least_of(&form));
-            }
-            fitted.push(refit);
-        }
-    };
-    evaluations += fitted.iter().map(|(s, _)| s.evaluations + 1).sum::<usize>();
-    type Weighed = (Vec<(Cause, Partition)>, f64, usize);
-    let models: Vec<Weighed> = models
-        .into_iter()
-        .map(|(i, j)| {
-            let causes = forms[i].place.causes.iter().copied();
-            (causes.zip(j.partitions).collect(), j.criterion, i)
-        })
-        .collect();
-    let Some(&(_, best, _)) = models.first() else {
+    let (mut search, begun) = Search::begun(aged, shapes(days, loss), days.is_some())?;
+    let models = search.models()?;
+    let Some(chosen) = models.first() else {
         return Err(Error::NothingToFit(
             "no set of causes could be weighed".into(),
         ));
     };
-    let weight = |m: &Weighed| (-0.5 * (m.1 - best)).exp();
+    let weight = |m: &Model| (-0.5 * (m.criterion - chosen.criterion)).exp();
     let sum: f64 = models.iter().map(weight).sum();
     let probability = |cause: Cause| -> f64 {
         models
             .iter()
-            .filter(|m| m.0.iter().any(|(c, _)| *c == cause))
+            .filter(|m| m.causes.iter().any(|(c, _)| *c == cause))
             .map(weight)
             .fold(0.0, |a, b| a + b)
             / sum
     };
-    let nothing = models
-        .iter()
-        .filter(|m| m.0.is_empty())
-        .map(weight)
-        .sum::<f64>()
-        / sum;
-    let chosen = &models[0].0;
-    let causes: Vec<Cause> = chosen.iter().map(|c| c.0).collect();
-    let parts: Vec<Partition> = chosen.iter().map(|c| c.1.clone()).collect();
-
-    // Rivals that swap one cause for another at hardly any price.
-    let mut confused = Vec::new();
-    for (other, criterion, _) in &models[1..] {
-        if criterion - best > RIVAL || other.len() != chosen.len() {
-            continue;
-        }
-        let theirs: Vec<Cause> = other.iter().map(|c| c.0).collect();
-        let lost: Vec<Cause> = causes
-            .iter()
-            .copied()
-            .filter(|c| !theirs.contains(c))
-            .collect();
-        let won: Vec<Cause> = theirs
-            .iter()
-            .copied()
-            .filter(|c| !causes.contains(c))
-            .collect();
-        if let ([a], [b]) = (lost.as_slice(), won.as_slice())
-            && !confused.contains(&[*a, *b])
-        {
-            confused.push([*a, *b]);
-        }
-    }
+    let nothing = models.iter().filter(|m| m.causes.is_empty()).map(weight);
+    let nothing = nothing.sum::<f64>() / sum;
 
     // Which days are alike is a verdict; values and intervals do not rest on it.
-    let last = solve(aged, &causes, &forms[models[0].2].place, true)?;
+    let causes: Vec<Cause> = chosen.causes.iter().map(|c| c.0).collect();
+    let last = solve(aged, &causes, &chosen.place, true)?;
     let [weighted_mean_square, inflation] = aged.noise(&last.place)?;
     let covariance = covariance(aged, &last, inflation)?;
-    let index = |cause: Cause, group: usize| {
-        last.place
-            .slots
-            .iter()
-            .position(|s| *s == Slot::Cause(cause, group))
-    };
-    let variance = |i: Option<usize>, j: Option<usize>| match (i, j) {
-        (Some(i), Some(j)) => covariance[(i, j)],
-        _ => 0.0,
-    };
-    let mut found: Vec<CauseFound> = Cause::ALL
-        .into_iter()
-        .map(|cause| {
-            let place = causes.iter().position(|c| *c == cause);
-            let partition = place.map(|i| parts[i].clone()).unwrap_or_default();
-            let at = |level: usize| index(cause, level);
-            let value = |level: usize| last.place.value(cause, level);
-            let by_level = (0..partition.len())
-                .map(|l| Value {
-                    value: value(l),
-                    std_error: variance(at(l), at(l)).max(0.0).sqrt(),
-                })
-                .collect();
-            let change = (0..partition.len())
-                .map(|l| {
-                    let (i, o) = (at(l), at(0));
-                    let square = variance(i, i) + variance(o, o) - 2.0 * variance(i, o);
-                    Value {
-                        value: value(l) - value(0),
-                        std_error: square.max(0.0).sqrt(),
-                    }
-                })
-                .collect();
-            let at_bound = (0..partition.len()).filter_map(at).any(|i| last.resting[i]);
-            CauseFound {
-                cause,
-                probability: probability(cause),
-                in_model: place.is_some(),
-                groups: partition,
-                by_level,
-                change,
-                at_bound,
-            }
-        })
-        .collect();
-    found.sort_by(|a, b| {
+    let mut causes = Cause::ALL.map(|cause| {
+        let own = chosen.causes.iter().find(|c| c.0 == cause);
+        let groups = own.map(|c| c.1.clone());
+        found(cause, probability(cause), groups, &last, &covariance)
+    });
+    causes.sort_by(|a, b| {
         b.in_model
             .cmp(&a.in_model)
             .then(b.probability.total_cmp(&a.probability))
     });
     let (film, forearm) = aged.film(&last.place);
-    let by_level = (0..levels).map(|l| aged.level(&last.place, l));
+    let by_level = (0..aged.levels()).map(|l| aged.level(&last.place, l));
+    let fits = search.fitted.iter().map(|(s, _)| s.evaluations + 1);
     Ok(Joint {
         film,
         forearm,
         levels: by_level.collect::<Result<_, _>>()?,
-        causes: found,
-        confused,
+        causes: causes.into(),
+        confused: confused(&models),
         nothing,
         weighted_mean_square,
-        unchanged_mean_square,
+        unchanged_mean_square: search.unchanged_mean_square(),
         inflation,
         converged: last.converged,
-        evaluations: evaluations + last.evaluations,
+        evaluations: begun + fits.sum::<usize>() + last.evaluations,
     })
 }
 
@@ -593,50 +660,52 @@ fn covariance<A: Aged>(
     Ok(out)
 }
 
-/// The best partitions for a set of causes, and -2 ln of the evidence of the set with them.
-fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Judged {
-    let causes = &form.place.causes;
-    let over_mounts = |by_mount: &[f64]| {
-        let least = by_mount.iter().copied().fold(f64::INFINITY, f64::min);
-        let sum: f64 = by_mount.iter().map(|c| (-0.5 * (c - least)).exp()).sum();
-        least - 2.0 * (sum / by_mount.len() as f64).ln()
-    };
-    if causes.is_empty() {
-        let by_mount: Vec<f64> = form.by_mount.iter().map(|q| q.least).collect();
-        return Judged {
-            partitions: Vec::new(),
-            criterion: over_mounts(&by_mount),
-        };
+/// What a set of causes is weighed by.
+struct Weighing<'j, A> {
+    aged: &'j A,
+    causes: &'j [Cause],
+    shapes: &'j [Shape],
+    /// Whether the levels are days.
+    ordered: bool,
+    /// -2 ln of the probability of the set beforehand.
+    rare: f64,
+}
+
+/// The causes' values on all levels, by unknowns one a column.
+struct Tied {
+    columns: Vec<DVector<f64>>,
+    /// First (where it is free) and last level of each cause.
+    ends: Vec<(Option<usize>, usize)>,
+    /// Where the causes are less where they are off.
+    gap: DVector<f64>,
+}
+
+impl<A: Aged> Weighing<'_, A> {
+    /// What ages an electrode ages all of it: half of the pairs are thought to share their course over the
+    /// days.
+    fn course(&self, chosen: &[usize]) -> f64 {
+        let shapes = self.shapes;
+        match *chosen {
+            [a, b] if a == b => shapes[a].price + 2.0 * 2.0_f64.ln(),
+            [a, b] => shapes[a].price + shapes[b].price + 2.0 * 2.0_f64.ln(),
+            _ => chosen.iter().map(|&c| shapes[c].price).sum(),
+        }
     }
-    let known = form.by_mount[0].at.len();
-    // What is beforehand less likely costs more, and so does one set of many.
-    let sets = match causes.len() {
-        1 => Cause::ALL.len(),
-        _ => Cause::ALL.len() * (Cause::ALL.len() - 1) / 2,
-    };
-    let rare = causes.iter().map(|c| -2.0 * c.odds().ln()).sum::<f64>() + 2.0 * (sets as f64).ln();
-    // What ages an electrode ages all of it: half of the pairs are thought to share their course over the
-    // days.
-    let course = |chosen: &[usize]| match *chosen {
-        [a, b] if a == b => shapes[a].price + 2.0 * 2.0_f64.ln(),
-        [a, b] => shapes[a].price + shapes[b].price + 2.0 * 2.0_f64.ln(),
-        _ => chosen.iter().map(|&c| shapes[c].price).sum(),
-    };
-    // theta = off + tie q, q of standard deviation one beforehand.
-    let cost = |q: &Quadratic, chosen: &[usize]| -> f64 {
-        let (at, curvature) = (&q.at, &q.curvature);
+
+    /// Each cause in its shape: theta = off + tie q, q of standard deviation one beforehand.
+    fn tied(&self, at: &DVector<f64>, chosen: &[usize]) -> Tied {
+        let (known, levels) = (at.len(), self.aged.levels());
         let mut columns: Vec<DVector<f64>> = Vec::new();
+        let mut ends = Vec::new();
         let mut gap = at.clone();
         let mut offset = 0;
-        // First (where it is free) and last level of each cause.
-        let mut ends = Vec::new();
-        for (c, cause) in causes.iter().enumerate() {
+        for (c, cause) in self.causes.iter().enumerate() {
             let first = A::first_level(*cause);
-            let last = offset + aged.levels() - 1 - first;
+            let last = offset + levels - 1 - first;
             ends.push(((first == 0).then_some(offset), last));
             let mut add = |of: &dyn Fn(usize) -> f64| {
                 let mut column = DVector::zeros(known);
-                for level in first..aged.levels() {
+                for level in first..levels {
                     column[offset + level - first] = of(level);
                 }
                 columns.push(column);
@@ -644,14 +713,47 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Jud
             if first == 0 {
                 add(&|_| 1.0);
             }
-            for own in &shapes[chosen[c]].columns {
+            for own in &self.shapes[chosen[c]].columns {
                 add(&|level| own[level]);
             }
-            for level in first..aged.levels() {
+            for level in first..levels {
                 gap[offset + level - first] -= cause.off() / cause.range();
             }
-            offset += aged.levels() - first;
+            offset += levels - first;
         }
+        Tied { columns, ends, gap }
+    }
+
+    /// What the data say of the way of a change against an even chance.
+    fn way(
+        &self,
+        tie: &DMatrix<f64>,
+        ends: &[(Option<usize>, usize)],
+        (c, q): (&Cholesky<f64, Dyn>, &DVector<f64>),
+        chosen: &[usize],
+    ) -> f64 {
+        let mut way = 0.0;
+        let changed = self.causes.iter().enumerate();
+        for (i, cause) in changed.filter(|(i, _)| chosen[*i] > 0) {
+            let Some(sign) = cause.way().filter(|_| self.ordered) else {
+                continue;
+            };
+            let (first, last) = ends[i];
+            let mut row = tie.row(last).transpose();
+            if let Some(first) = first {
+                row -= tie.row(first).transpose();
+            }
+            let sd = row.dot(&c.solve(&row)).max(f64::MIN_POSITIVE).sqrt();
+            let on = 0.5 * erfc(-sign * row.dot(q) / (sd * std::f64::consts::SQRT_2));
+            way -= 2.0 * (2.0 * (on * (1.0 - BACKWARDS) + (1.0 - on) * BACKWARDS)).ln();
+        }
+        way
+    }
+
+    /// -2 ln of the evidence of the set with a shape of each cause.
+    fn cost(&self, q: &Quadratic, chosen: &[usize]) -> f64 {
+        let (levels, curvature) = (self.aged.levels(), &q.curvature);
+        let Tied { columns, ends, gap } = self.tied(&q.at, chosen);
         let (left, occam) = if columns.is_empty() {
             (gap, 0.0)
         } else {
@@ -665,65 +767,30 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Jud
             };
             let q = c.solve(&(tie.tr_mul(curvature) * &gap));
             let volume: f64 = c.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-            // What the data say of the way of a change against an even chance.
-            let mut way = 0.0;
-            for (i, cause) in causes.iter().enumerate().filter(|(i, _)| chosen[*i] > 0) {
-                let Some(sign) = cause.way().filter(|_| ordered) else {
-                    continue;
-                };
-                let (first, last) = ends[i];
-                let mut row = tie.row(last).transpose();
-                if let Some(first) = first {
-                    row -= tie.row(first).transpose();
-                }
-                let sd = row.dot(&c.solve(&row)).max(f64::MIN_POSITIVE).sqrt();
-                let on = 0.5 * erfc(-sign * row.dot(&q) / (sd * std::f64::consts::SQRT_2));
-                way -= 2.0 * (2.0 * (on * (1.0 - BACKWARDS) + (1.0 - on) * BACKWARDS)).ln();
-            }
+            let way = self.way(&tie, &ends, (&c, &q), chosen);
             (gap - &tie * &q, 2.0 * volume + q.norm_squared() + way)
         };
         let rise = (left.transpose() * curvature * &left)[(0, 0)];
         // A resistance that all levels share is no cause.
-        let shared = causes.iter().position(|c| *c == Cause::SeriesResistance);
-        let shared = shared.map_or(0.0, |i| {
-            let before = i * (aged.levels() - 1);
-            let own = curvature.view((before, before), (aged.levels(), aged.levels()));
+        let resistance = |c: &Cause| *c == Cause::SeriesResistance;
+        let shared = self.causes.iter().position(resistance).map_or(0.0, |i| {
+            let before = i * (levels - 1);
+            let own = curvature.view((before, before), (levels, levels));
             (1.0 + own.sum()).ln()
         });
-        q.least + rise + occam - shared + rare + course(chosen)
-    };
-    // Cause by cause until none changes: from every level its own value, from each cause in turn at rest,
-    // from the best course that all share.
-    let finest = shapes
-        .iter()
-        .position(|s| s.columns.len() + 1 == aged.levels())
-        .unwrap_or(0);
-    let n = causes.len();
-    // Partitions are sought where the mounting's scatter is the likeliest.
-    let all = vec![finest; n];
-    let mount = form
-        .by_mount
-        .iter()
-        .min_by(|a, b| cost(a, &all).total_cmp(&cost(b, &all)))
-        .unwrap_or(&form.by_mount[0]);
-    let mut best = (all.clone(), cost(mount, &all));
-    let mut begins = vec![all.clone()];
-    begins.extend((0..n).map(|rests| {
-        let mut begin = all.clone();
-        begin[rests] = 0;
-        begin
-    }));
-    let shared = (1..shapes.len()).map(|s| vec![s; n]);
-    begins.extend(shared.min_by(|a, b| cost(mount, a).total_cmp(&cost(mount, b))));
-    for mut chosen in begins {
-        let mut value = cost(mount, &chosen);
+        q.least + rise + occam - shared + self.rare + self.course(chosen)
+    }
+
+    /// Cause by cause until none changes.
+    fn descend(&self, mount: &Quadratic, mut chosen: Vec<usize>) -> (Vec<usize>, f64) {
+        let mut value = self.cost(mount, &chosen);
         loop {
             let before = value;
-            for c in 0..n {
-                for option in 0..shapes.len() {
+            for c in 0..chosen.len() {
+                for option in 0..self.shapes.len() {
                     let old = chosen[c];
                     chosen[c] = option;
-                    let trial = cost(mount, &chosen);
+                    let trial = self.cost(mount, &chosen);
                     if trial < value {
                         value = trial;
                     } else {
@@ -732,18 +799,75 @@ fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Jud
                 }
             }
             if value >= before {
-                break;
+                return (chosen, value);
             }
         }
-        if value < best.1 {
-            best = (chosen, value);
-        }
     }
-    let chosen = best.0;
-    let by_mount: Vec<f64> = form.by_mount.iter().map(|q| cost(q, &chosen)).collect();
+
+    /// The shapes of least cost: descents from every level its own value, from each cause in turn at rest,
+    /// from the best course that all share.
+    fn shapes(&self, by_mount: &[Quadratic]) -> Vec<usize> {
+        let n = self.causes.len();
+        let own = |s: &Shape| s.columns.len() + 1 == self.aged.levels();
+        let all = vec![self.shapes.iter().position(own).unwrap_or(0); n];
+        // Partitions are sought where the mounting's scatter is the likeliest.
+        let mount = by_mount
+            .iter()
+            .min_by(|a, b| self.cost(a, &all).total_cmp(&self.cost(b, &all)))
+            .unwrap_or(&by_mount[0]);
+        let mut best = (all.clone(), self.cost(mount, &all));
+        let mut begins = vec![all.clone()];
+        begins.extend((0..n).map(|rests| {
+            let mut begin = all.clone();
+            begin[rests] = 0;
+            begin
+        }));
+        let cost = |chosen: &Vec<usize>| self.cost(mount, chosen);
+        let shared = (1..self.shapes.len()).map(|s| vec![s; n]);
+        begins.extend(shared.min_by(|a, b| cost(a).total_cmp(&cost(b))));
+        for begin in begins {
+            let (chosen, value) = self.descend(mount, begin);
+            if value < best.1 {
+                best = (chosen, value);
+            }
+        }
+        best.0
+    }
+}
+
+/// -2 ln of the mean evidence over scatters of the mounting, alike likely.
+fn over_mounts(by_mount: impl Iterator<Item = f64>) -> f64 {
+    let by_mount: Vec<f64> = by_mount.collect();
+    let least = by_mount.iter().copied().fold(f64::INFINITY, f64::min);
+    let sum: f64 = by_mount.iter().map(|c| (-0.5 * (c - least)).exp()).sum();
+    least - 2.0 * (sum / by_mount.len() as f64).ln()
+}
+
+/// The best partitions for a set of causes, and -2 ln of the evidence of the set with them.
+fn judge<A: Aged>(aged: &A, form: &Form, shapes: &[Shape], ordered: bool) -> Judged {
+    let causes = &form.place.causes;
+    if causes.is_empty() {
+        return Judged {
+            partitions: Vec::new(),
+            criterion: over_mounts(form.by_mount.iter().map(|q| q.least)),
+        };
+    }
+    // What is beforehand less likely costs more, and so does one set of many.
+    let sets = match causes.len() {
+        1 => Cause::ALL.len(),
+        _ => Cause::ALL.len() * (Cause::ALL.len() - 1) / 2,
+    };
+    let weighing = Weighing {
+        aged,
+        causes,
+        shapes,
+        ordered,
+        rare: causes.iter().map(|c| -2.0 * c.odds().ln()).sum::<f64>() + 2.0 * (sets as f64).ln(),
+    };
+    let chosen = weighing.shapes(&form.by_mount);
     Judged {
         partitions: chosen.iter().map(|&c| shapes[c].groups.clone()).collect(),
-        criterion: over_mounts(&by_mount),
+        criterion: over_mounts(form.by_mount.iter().map(|q| weighing.cost(q, &chosen))),
     }
 }
 

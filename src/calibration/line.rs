@@ -204,51 +204,49 @@ pub(super) struct Plainly<'a> {
     pub(super) names: Vec<String>,
 }
 
-/// Fits the plain model by its balance: linear but for clock offsets.
-pub(super) fn plainly<'a>(refs: &[&'a Line], request: &LineRequest) -> Result<Plainly<'a>, Error> {
-    let bench = matches!(refs[0].measured, Measured::Torque(_));
-    let scales = scales(refs);
-    let mut residual = LineResidual::new(refs, plain(refs, 0), scales);
-    let names = names(residual.plain());
-    let unknown = |name: &String| Error::UnknownParameter {
-        name: name.clone(),
-        nearest: nearest(name, &names).map(Into::into),
-        known: names.join(", "),
+/// What is thought of the parameters before a fit; `--fix` of a bench and `--bound`.
+fn asked(
+    names: &[String],
+    plain: &Plain,
+    request: &LineRequest,
+    bench: bool,
+) -> Result<Vec<Unknown>, Error> {
+    let place = |name: &String| {
+        let found = names.iter().position(|n| n == name);
+        found.ok_or_else(|| Error::UnknownParameter {
+            name: name.clone(),
+            nearest: nearest(name, names).map(Into::into),
+            known: names.join(", "),
+        })
     };
+    let physical = |name: &String| matches!(name.as_str(), "mass" | "damping" | "stiffness");
     let mut linear: Vec<Unknown> = names
         .iter()
-        .map(|name| {
-            let physical = matches!(name.as_str(), "mass" | "damping" | "stiffness");
-            Unknown {
-                start: 0.0,
-                lower: if physical { 0.0 } else { f64::NEG_INFINITY },
-                upper: f64::INFINITY,
-                prior: None,
-            }
+        .map(|name| Unknown {
+            start: 0.0,
+            lower: if physical(name) {
+                0.0
+            } else {
+                f64::NEG_INFINITY
+            },
+            upper: f64::INFINITY,
+            prior: None,
         })
         .collect();
-    let over_gain = matches!(
-        residual.plain(),
-        Plain::Axis {
-            over_gain: true,
-            ..
-        }
-    );
     if bench {
         for (name, value) in &request.fix {
-            let i = names
-                .iter()
-                .position(|n| n == name)
-                .ok_or_else(|| unknown(name))?;
-            linear[i] = Unknown::fixed(*value);
+            linear[place(name)?] = Unknown::fixed(*value);
         }
     }
     for (name, [low, high]) in &request.bound {
-        let i = names
-            .iter()
-            .position(|n| n == name)
-            .ok_or_else(|| unknown(name))?;
-        if over_gain {
+        let i = place(name)?;
+        if matches!(
+            plain,
+            Plain::Axis {
+                over_gain: true,
+                ..
+            }
+        ) {
             return Err(Error::BadValue {
                 name: name.clone(),
                 what: "bounds need a known gain: what is found is each parameter over the gain"
@@ -257,6 +255,16 @@ pub(super) fn plainly<'a>(refs: &[&'a Line], request: &LineRequest) -> Result<Pl
         }
         (linear[i].lower, linear[i].upper) = (*low, *high);
     }
+    Ok(linear)
+}
+
+/// Fits the plain model by its balance: linear but for clock offsets.
+pub(super) fn plainly<'a>(refs: &[&'a Line], request: &LineRequest) -> Result<Plainly<'a>, Error> {
+    let bench = matches!(refs[0].measured, Measured::Torque(_));
+    let scales = scales(refs);
+    let mut residual = LineResidual::new(refs, plain(refs, 0), scales);
+    let names = names(residual.plain());
+    let mut linear = asked(&names, residual.plain(), request, bench)?;
     let offsets = residual.free_offsets().len();
     let nonlinear = vec![Unknown::free(0.0, -OFFSET_REACH_S, OFFSET_REACH_S); offsets];
     if residual.rows() < 2 * linear.len() {
@@ -279,14 +287,8 @@ pub(super) fn plainly<'a>(refs: &[&'a Line], request: &LineRequest) -> Result<Pl
     let mut evaluations = 0;
     let mut best: Option<State> = None;
     for start in starts {
-        let state = minimise(
-            &residual,
-            &nonlinear,
-            &linear,
-            &vec![start; offsets],
-            &options,
-            go,
-        );
+        let eta = vec![start; offsets];
+        let state = minimise(&residual, &nonlinear, &linear, &eta, &options, go);
         evaluations += state.evaluations;
         if best.as_ref().is_none_or(|b| state.cost < b.cost) {
             best = Some(state);
@@ -613,8 +615,68 @@ fn covariance(design: &DMatrix<f64>, nonlinear: usize, linear: &[Unknown]) -> DM
     })
 }
 
+/// An estimate of a parameter of an axis, or of a bench, in words too.
+fn estimate(
+    name: &str,
+    turns: bool,
+    (value, std_error): (f64, f64),
+    fixed: bool,
+    at_bound: Option<AtBound>,
+) -> Estimate {
+    let (meaning, unit) = meaning(name, turns);
+    let identifiable = fixed || (std_error.is_finite() && 3.0 * std_error < value.abs());
+    let implausible = IMPLAUSIBLE.iter().find(|i| i.0 == name);
+    let says = match implausible {
+        Some((_, low, high))
+            if !fixed && value != 0.0 && !(*low..=*high).contains(&value.abs()) =>
+        {
+            format!(
+                "{value:.3e} {unit} is beyond all plausibility: look whether a column is in another unit, or two are swapped"
+            )
+        }
+        _ if fixed => "held".to_owned(),
+        _ if at_bound.is_some() => "rests on its bound".to_owned(),
+        _ if identifiable => "determined".to_owned(),
+        _ => "not told from zero by these recordings".to_owned(),
+    };
+    Estimate {
+        name: name.to_owned(),
+        meaning: meaning.to_owned(),
+        unit: unit.into(),
+        value,
+        std_error: if fixed { f64::NAN } else { std_error },
+        ci95: match fixed {
+            true => [value; 2],
+            false => [value - 1.96 * std_error, value + 1.96 * std_error],
+        },
+        at_bound,
+        identifiable,
+        fixed,
+        says,
+    }
+}
+
+/// A parameter that was found over the gain, of which the reciprocal is number `gain`: value and standard
+/// error, from relative variances and their covariance.
+fn times_gain(
+    (beta, eta): (&[f64], usize),
+    covariance: &DMatrix<f64>,
+    i: usize,
+    gain: Option<usize>,
+) -> (f64, f64) {
+    let at = eta + i;
+    let variance = covariance[(at, at)];
+    if gain == Some(i) {
+        return (1.0 / beta[i], variance.sqrt() / beta[i].powi(2));
+    }
+    let (g, of_g) = gain.map_or((1.0, 0), |i| (beta[i], eta + i));
+    let (a, b) = (1.0 / g, -beta[i] / (g * g));
+    let v =
+        a * a * variance + 2.0 * a * b * covariance[(at, of_g)] + b * b * covariance[(of_g, of_g)];
+    (beta[i] / g, v.max(0.0).sqrt())
+}
+
 /// Puts what a fit found into an outcome: estimates of eta and beta with their covariance, and how it ended.
-#[allow(clippy::too_many_lines)]
 pub(super) fn say(
     out: &mut LineOutcome,
     residual: &LineResidual,
@@ -624,112 +686,43 @@ pub(super) fn say(
     covariance: &DMatrix<f64>,
 ) {
     let (eta, beta) = (&state.eta, &state.beta);
+    let turns = |l: &Line| matches!(&l.measured, Measured::Axis(a) if a.turns);
     let (over_gain, known, turns) = match (residual.plain(), residual.lines().next()) {
         (
             Plain::Axis {
                 known, over_gain, ..
             },
             Some(line),
-        ) => (
-            *over_gain,
-            Some(*known),
-            matches!(&line.measured, Measured::Axis(a) if a.turns),
-        ),
+        ) => (*over_gain, Some(*known), turns(line)),
         _ => (false, None, false),
     };
-    let gain_at = names.iter().position(|n| n == "gain");
-    let (inverse_gain, gain_index) = match gain_at {
-        Some(i) if over_gain => (beta[i], eta.len() + i),
-        _ => (1.0, 0),
-    };
+    let gain = names.iter().position(|n| n == "gain");
     let mut estimates = Vec::new();
-    let mut push = |name: &str,
-                    value: f64,
-                    std_error: f64,
-                    fixed: bool,
-                    at_bound: Option<AtBound>| {
-        let (meaning, unit) = meaning(name, turns);
-        let identifiable = fixed || (std_error.is_finite() && 3.0 * std_error < value.abs());
-        let mut says = if fixed {
-            "held".to_owned()
-        } else if at_bound.is_some() {
-            "rests on its bound".to_owned()
-        } else if identifiable {
-            "determined".to_owned()
-        } else {
-            "not told from zero by these recordings".to_owned()
-        };
-        if let Some((_, low, high)) = IMPLAUSIBLE.iter().find(|i| i.0 == name)
-            && !fixed
-            && value != 0.0
-            && !(*low..=*high).contains(&value.abs())
-        {
-            says = format!(
-                "{value:.3e} {unit} is beyond all plausibility: look whether a column is in another unit, or two are swapped"
-            );
-        }
-        estimates.push(Estimate {
-            name: name.to_owned(),
-            meaning: meaning.to_owned(),
-            unit: unit.into(),
-            value,
-            std_error: if fixed { f64::NAN } else { std_error },
-            ci95: if fixed {
-                [value; 2]
-            } else {
-                [value - 1.96 * std_error, value + 1.96 * std_error]
-            },
-            at_bound,
-            identifiable,
-            fixed,
-            says,
-        });
-    };
-    for (i, name) in names.iter().enumerate() {
-        let at = eta.len() + i;
-        let variance = covariance[(at, at)];
-        let (value, std_error) = if !over_gain {
-            (beta[i], variance.sqrt())
-        } else if name == "gain" {
-            (1.0 / beta[i], variance.sqrt() / beta[i].powi(2))
-        } else {
-            // beta_i over 1/g: relative variances, and their covariance
-            let g = inverse_gain;
-            let (a, b) = (1.0 / g, -beta[i] / (g * g));
-            let v = a * a * variance
-                + 2.0 * a * b * covariance[(at, gain_index)]
-                + b * b * covariance[(gain_index, gain_index)];
-            (beta[i] / g, v.max(0.0).sqrt())
-        };
-        let at_bound = if linear[i].is_fixed() {
-            None
-        } else if beta[i] <= linear[i].lower {
-            Some(AtBound::Lower)
-        } else if beta[i] >= linear[i].upper {
-            Some(AtBound::Upper)
-        } else {
-            None
-        };
-        push(name, value, std_error, linear[i].is_fixed(), at_bound);
-    }
-    if let Some(known) = known {
-        for (name, value) in ["gain", "mass", "damping", "stiffness"]
-            .into_iter()
-            .zip(known)
-        {
-            if !names.iter().any(|n| n == name) {
-                push(name, value, f64::NAN, true, None);
+    for (i, (name, u)) in names.iter().zip(linear).enumerate() {
+        let found = match over_gain {
+            true => times_gain((beta, eta.len()), covariance, i, gain),
+            false => {
+                let at = eta.len() + i;
+                (beta[i], covariance[(at, at)].sqrt())
             }
+        };
+        let at_bound = match beta[i] {
+            _ if u.is_fixed() => None,
+            b if b <= u.lower => Some(AtBound::Lower),
+            b if b >= u.upper => Some(AtBound::Upper),
+            _ => None,
+        };
+        estimates.push(estimate(name, turns, found, u.is_fixed(), at_bound));
+    }
+    let stated = ["gain", "mass", "damping", "stiffness"].into_iter();
+    for (name, value) in stated.zip(known.into_iter().flatten()) {
+        if !names.iter().any(|n| n == name) {
+            estimates.push(estimate(name, turns, (value, f64::NAN), true, None));
         }
     }
     if !residual.free_offsets().is_empty() {
-        push(
-            "clock_offset",
-            eta[0],
-            covariance[(0, 0)].sqrt(),
-            false,
-            None,
-        );
+        let found = (eta[0], covariance[(0, 0)].sqrt());
+        estimates.push(estimate("clock_offset", turns, found, false, None));
     }
     out.estimates = estimates;
     out.converged = state

@@ -17,6 +17,7 @@ mod outcome;
 mod robot;
 mod sample;
 mod sample_problem;
+mod solution;
 mod statistics;
 mod stroke;
 

@@ -318,6 +318,47 @@ impl<'a> Search<'a> {
         self.go(settled(&residual, &at, COARSE)?, &at, (WELL.0, ROUGHLY.1))
     }
 
+    /// The plain model by each way of the input between its samples, or by the one that is asked for; an
+    /// error where none goes anywhere.
+    fn ways(&self, asked: Option<Between>, state: &State) -> Result<Vec<Best<'a>>, Error> {
+        let ways: Vec<Between> = asked.map_or(Between::ALL.to_vec(), |b| vec![b]);
+        let found: Vec<Result<Best, Error>> = ways
+            .par_iter()
+            .map(|&w| self.begun(w, &state.beta, &state.eta))
+            .collect();
+        let mut out = Vec::new();
+        let mut trouble = None;
+        for one in found {
+            match one {
+                Ok(b) => out.push(b),
+                Err(e) => trouble = Some(e),
+            }
+        }
+        match out.is_empty() {
+            true => Err(trouble.unwrap_or_else(|| Error::NothingToFit("no search".into()))),
+            false => Ok(out),
+        }
+    }
+
+    /// The model `from` with the cause of an id.
+    fn with_named(
+        &self,
+        from: &Best<'a>,
+        id: &str,
+        evaluations: &mut usize,
+    ) -> Result<Best<'a>, Error> {
+        let cause = named(id)?;
+        // from every place where a scan would look: a wrong shape has minima of its own
+        let fits: Vec<Best> = promises(self, from, &starts(from, cause))
+            .par_iter()
+            .filter_map(|p| self.with(from, p, ROUGHLY).ok())
+            .collect();
+        *evaluations += fits.iter().map(|b| b.evaluations).sum::<usize>();
+        fits.into_iter().min_by(by_mean_square).ok_or_else(|| {
+            Error::NothingToFit(format!("the cause `{id}` changes nothing of this motion"))
+        })
+    }
+
     /// A model again: in so many pieces, of samples at most, with another input between samples. States begin
     /// where they were measured.
     fn again(
@@ -344,12 +385,7 @@ impl<'a> Search<'a> {
             &best.unknowns,
             &self.unknowns(&best.residual, &best.unknowns),
         );
-        let x = best.design.select_columns(&free);
-        let scale: Vec<f64> = (0..free.len())
-            .map(|i| 1.0 / x.column(i).norm().max(f64::MIN_POSITIVE))
-            .collect();
-        let x = DMatrix::from_fn(x.nrows(), free.len(), |i, j| x[(i, j)] * scale[j]);
-        let gram = x.tr_mul(&x) + DMatrix::identity(free.len(), free.len()) * 1e-13;
+        let (x, scale, gram) = scaled(&best, &free);
         let factor = gram.cholesky();
         for turn in 0..POLISH {
             let r = DVector::from_vec(fine.residual(&best.unknowns)?);
@@ -568,7 +604,6 @@ impl<'b> Absorbed<'b> {
 ///
 /// # Errors
 /// [`Error`] as [`super::calibrate_lines`], and where the motion cannot be run forward.
-#[allow(clippy::too_many_lines)]
 pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisMotion, Error> {
     let mut lines = lines.to_vec();
     hold(&mut lines, &request.line.fix)?;
@@ -585,88 +620,46 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
         linear,
         names,
     };
-    // what the input does between samples
-    let ways: Vec<Between> = request.between.map_or(Between::ALL.to_vec(), |b| vec![b]);
-    let found: Vec<Result<Best, Error>> = ways
-        .par_iter()
-        .map(|&w| search.begun(w, &state.beta, &state.eta))
-        .collect();
-    let mut compared = Vec::new();
-    let mut trouble = None;
-    let mut plain: Vec<Best> = Vec::new();
-    for (way, one) in ways.iter().zip(found) {
-        match one {
-            Ok(b) => {
-                compared.push((*way, b.mean_square()));
-                plain.push(b);
-            }
-            Err(e) => trouble = Some(e),
-        }
-    }
-    plain.sort_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
-    let mut evaluations: usize = plain.iter().map(|b| b.evaluations).sum();
+    let mut ways = search.ways(request.between, &state)?;
+    let mut evaluations: usize = ways.iter().map(|b| b.evaluations).sum();
+    let mut compared = compared(&ways);
     // causes join in pieces, and on a part of what is long: a strong one would run away at first
-    let Some(mut best) = plain.first().cloned() else {
-        return Err(trouble.unwrap_or_else(|| Error::NothingToFit("no search".into())));
-    };
+    ways.sort_by(by_mean_square);
+    let mut best = ways[0].clone();
     let mut tried = Vec::new();
-    let unit_square = unit_of_rows(&refs);
     match &request.causes {
         Causes::None => {}
         Causes::These(ids) => {
             for id in ids {
-                let cause = named(id)?;
-                // from every place where a scan would look: a wrong shape has minima of its own
-                let from = promises(&search, &best, &starts(&best, cause));
-                let fits: Vec<Best> = from
-                    .par_iter()
-                    .filter_map(|p| search.with(&best, p, ROUGHLY).ok())
-                    .collect();
-                evaluations += fits.iter().map(|b| b.evaluations).sum::<usize>();
-                let least = |a: &Best, b: &Best| a.mean_square().total_cmp(&b.mean_square());
-                best = fits.into_iter().min_by(least).ok_or_else(|| {
-                    Error::NothingToFit(format!("the cause `{id}` changes nothing of this motion"))
-                })?;
+                best = search.with_named(&best, id, &mut evaluations)?;
             }
         }
         Causes::Choose { without } => {
             let known = without.iter().map(|id| named(id).map(|e| e.id()));
             let without: Vec<&str> = known.collect::<Result<_, _>>()?;
+            let unit = unit_of_rows(&refs);
             for _ in 0..ROUNDS {
-                let taken = choose(
-                    &search,
-                    &best,
-                    &without,
-                    unit_square,
-                    &mut tried,
-                    &mut evaluations,
-                )?;
-                let Some(next) = taken else {
-                    break;
-                };
-                best = next;
+                let spent = &mut evaluations;
+                match choose(&search, &best, &without, unit, &mut tried, spent)? {
+                    Some(next) => best = next,
+                    None => break,
+                }
             }
         }
     }
     // the causes may have told what the input does between samples
     if request.between.is_none() && !best.residual.inverse().acting().is_empty() {
-        plain = Between::ALL
+        ways = Between::ALL
             .into_par_iter()
             .filter_map(|w| search.again(&best, w, PARTS[0], ROUGHLY).ok())
             .collect();
-        evaluations += plain.iter().map(|b| b.evaluations).sum::<usize>();
-        compared = plain
-            .iter()
-            .map(|b| (b.residual.between(), b.mean_square()))
-            .collect();
-        let least = plain
-            .iter()
-            .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()));
-        if let Some(least) = least {
+        evaluations += ways.iter().map(|b| b.evaluations).sum::<usize>();
+        compared = self::compared(&ways);
+        if let Some(least) = ways.iter().min_by(|a, b| by_mean_square(a, b)) {
             best = least.clone();
         }
     }
-    let others = others(&best, &plain);
+    let others = others(&best, &ways);
     for (cut, effort) in [(PARTS[1], ROUGHLY), (WHOLE, WELL)] {
         best = search.again(&best, best.residual.between(), cut, effort)?;
         evaluations += best.evaluations;
@@ -678,7 +671,31 @@ pub fn calibrate_motion(lines: &[Line], request: &MotionRequest) -> Result<AxisM
         best = search.polished(best, fine)?;
     }
     best.evaluations = evaluations;
-    outcome(&search, &best, &refs, tried, compared, &others)
+    let choice = Choice {
+        tried,
+        compared,
+        others,
+    };
+    outcome(&search, &best, &refs, choice)
+}
+
+fn by_mean_square(a: &Best, b: &Best) -> std::cmp::Ordering {
+    a.mean_square().total_cmp(&b.mean_square())
+}
+
+/// What ways of the input leave.
+fn compared(ways: &[Best]) -> Vec<(Between, f64)> {
+    let of = |b: &Best| (b.residual.between(), b.mean_square());
+    ways.iter().map(of).collect()
+}
+
+/// How causes and the way of the input were chosen.
+struct Choice {
+    tried: Vec<Tried>,
+    /// What each way of the input left.
+    compared: Vec<(Between, f64)>,
+    /// As [`others`] has them.
+    others: Vec<(Between, f64, DVector<f64>)>,
 }
 
 /// How likely other ways of the input are beside the one that was taken, and how far away in beta and eta
@@ -944,18 +961,25 @@ fn free(at: &[f64], unknowns: &[Unknown]) -> Vec<usize> {
     (0..at.len()).filter(inside).collect()
 }
 
-/// Covariance of the unknowns: the sandwich with the colour of what is left (see the top). Fixed ones have
-/// none.
-fn covariance(best: &Best, unknowns: &[Unknown]) -> DMatrix<f64> {
-    let width = best.design.ncols() - 1;
-    let free = free(&best.unknowns, unknowns);
-    let x = best.design.select_columns(&free);
-    let r = best.design.column(width);
+/// Derivatives by the free unknowns, each in a scale of its own that makes it one long; the scales, and their
+/// Gram matrix.
+fn scaled(best: &Best, free: &[usize]) -> (DMatrix<f64>, Vec<f64>, DMatrix<f64>) {
+    let x = best.design.select_columns(free);
     let scale: Vec<f64> = (0..free.len())
         .map(|i| 1.0 / x.column(i).norm().max(f64::MIN_POSITIVE))
         .collect();
     let x = DMatrix::from_fn(x.nrows(), free.len(), |i, j| x[(i, j)] * scale[j]);
     let gram = x.tr_mul(&x) + DMatrix::identity(free.len(), free.len()) * 1e-13;
+    (x, scale, gram)
+}
+
+/// Covariance of the unknowns: the sandwich with the colour of what is left (see the top). Fixed ones have
+/// none.
+fn covariance(best: &Best, unknowns: &[Unknown]) -> DMatrix<f64> {
+    let width = best.design.ncols() - 1;
+    let free = free(&best.unknowns, unknowns);
+    let r = best.design.column(width);
+    let (x, scale, gram) = scaled(best, &free);
     let mut out = DMatrix::zeros(width, width);
     let Some(factor) = gram.cholesky() else {
         out.fill(f64::NAN);
@@ -996,153 +1020,66 @@ fn covariance(best: &Best, unknowns: &[Unknown]) -> DMatrix<f64> {
     out
 }
 
-#[allow(clippy::too_many_lines)]
-fn outcome(
-    search: &Search,
-    best: &Best,
-    refs: &[&Line],
-    tried: Vec<Tried>,
-    compared: Vec<(Between, f64)>,
-    others: &[(Between, f64, DVector<f64>)],
-) -> Result<AxisMotion, Error> {
-    let residual = &best.residual;
-    let inverse = residual.inverse();
-    let linear = inverse.linear();
-    let (beta, eta) = residual.model(&best.unknowns);
-    let unknowns = search.unknowns(residual, &best.unknowns);
-    let mut own = covariance(best, &unknowns);
-    let offsets = inverse.free_offsets().len();
-    // as the balance has them: offsets, then beta
-    let unit = |i: usize| if i < linear { residual.unit()[i] } else { 1.0 };
-    for (_, likely, away) in others {
-        for i in 0..away.len() {
-            for j in 0..away.len() {
-                own[(i, j)] += likely * away[i] * away[j] / (unit(i) * unit(j));
-            }
-        }
+/// A cause at its values in the units of the recordings, number `e` of the model; `own` is the covariance of
+/// the unknowns.
+fn estimated(inverse: &LineResidual, e: usize, a: &Acting, own: &DMatrix<f64>) -> AxisCause {
+    let mut acting = a.clone();
+    let mut estimates = Vec::new();
+    for (v, q) in a.effect.parameters().iter().enumerate() {
+        let (factor, unit) = inverse.unit_of(q.unit);
+        acting.values[v] *= factor;
+        let value = acting.values[v];
+        let place = inverse.place_of(e, v).map(|p| inverse.linear() + p);
+        let sd = place.map_or(f64::NAN, |p| {
+            own[(p, p)].max(0.0).sqrt() * q.spread * factor.abs()
+        });
+        let off = if q.off.is_finite() {
+            q.off * factor
+        } else {
+            0.0
+        };
+        let told = sd > 0.0 && 1.96 * sd < (value - off).abs();
+        estimates.push(Estimate {
+            name: format!("{}.{}", a.effect.id(), q.name),
+            meaning: a.effect.says().to_owned(),
+            unit: unit.into(),
+            value,
+            std_error: if sd > 0.0 { sd } else { f64::NAN },
+            ci95: [value - 1.96 * sd, value + 1.96 * sd],
+            at_bound: None,
+            identifiable: told,
+            fixed: false,
+            says: if told {
+                "determined".into()
+            } else {
+                "not told from off by these recordings".into()
+            },
+        });
     }
-    let order: Vec<usize> = (linear..linear + offsets).chain(0..linear).collect();
-    let covariance = DMatrix::from_fn(order.len(), order.len(), |i, j| {
-        let (i, j) = (order[i], order[j]);
-        own[(i, j)] * unit(i) * unit(j)
-    });
-    let (_, coordinate, _) = inverse.symbols();
-    let symbol = if residual.velocity() {
-        format!("{coordinate}/s")
-    } else {
-        coordinate.to_owned()
-    };
-    let courses = residual.courses(&best.unknowns)?;
-    let recordings: Vec<LineFit> = refs
-        .iter()
-        .zip(courses)
-        .map(|(l, c)| held(l, &c, 0))
-        .collect();
-    let effects = inverse.effects(&eta);
-    let causes = effects.iter().enumerate().map(|(e, a)| {
-        let quantities = a.effect.parameters();
-        let mut acting = a.clone();
-        let mut estimates = Vec::new();
-        for (v, q) in quantities.iter().enumerate() {
-            let (factor, unit) = inverse.unit_of(q.unit);
-            acting.values[v] *= factor;
-            let value = acting.values[v];
-            let place = inverse.place_of(e, v).map(|p| linear + p);
-            let sd = place.map_or(f64::NAN, |p| {
-                own[(p, p)].max(0.0).sqrt() * q.spread * factor.abs()
-            });
-            let away = value
-                - if q.off.is_finite() {
-                    q.off * factor
-                } else {
-                    0.0
-                };
-            let told = sd > 0.0 && 1.96 * sd < away.abs();
-            estimates.push(Estimate {
-                name: format!("{}.{}", a.effect.id(), q.name),
-                meaning: a.effect.says().to_owned(),
-                unit: unit.into(),
-                value,
-                std_error: if sd > 0.0 { sd } else { f64::NAN },
-                ci95: [value - 1.96 * sd, value + 1.96 * sd],
-                at_bound: None,
-                identifiable: told,
-                fixed: false,
-                says: if told {
-                    "determined".into()
-                } else {
-                    "not told from off by these recordings".into()
-                },
-            });
-        }
-        AxisCause { acting, estimates }
-    });
-    let causes: Vec<AxisCause> = causes.collect();
-    let mut out = LineOutcome {
-        job: "axis",
-        kind: Kind::Axis,
-        verdict: String::new(),
-        driven: "motion",
-        unit: symbol,
-        causes,
-        estimates: Vec::new(),
-        recordings,
-        curve: None,
-        values: inverse.values(&eta, &beta),
-        converged: best.converged,
-        reason: best.reason.to_owned(),
-        evaluations: best.evaluations,
-        weighted_mean_square: best.mean_square(),
-        remarks: Vec::new(),
-    };
-    let place = Between::ALL.iter().position(|b| *b == residual.between());
-    out.values.push((BETWEEN.into(), place.unwrap_or(0) as f64));
-    judge(&mut out)?;
-    let free = vec![Unknown::free(0.0, -OFFSET_REACH_S, OFFSET_REACH_S); offsets];
-    let mut state = State::at(&eta[..offsets], &free, &[]);
-    (state.beta, state.evaluations) = (beta, best.evaluations);
-    say(
-        &mut out,
-        inverse,
-        &state,
-        &search.linear,
-        &search.names,
-        &covariance,
-    );
-    (out.converged, out.reason) = (best.converged, best.reason.to_owned());
-    let more = out.causes.iter().flat_map(|c| c.estimates.clone());
-    let more: Vec<Estimate> = more.collect();
-    out.estimates.extend(more);
-    for c in &out.causes {
-        let says = c.acting.effect.says();
-        out.remarks
-            .push(format!("{}: {says}.", c.acting.effect.id()));
-    }
-    let unit_square = unit_of_rows(refs);
-    let rms = |square: f64| (square * unit_square).sqrt();
-    let compared: Vec<(Between, f64)> = compared.into_iter().map(|(b, s)| (b, rms(s))).collect();
+    AxisCause { acting, estimates }
+}
+
+/// How the choice was made, in words.
+fn say_choice(out: &mut LineOutcome, residual: &MotionResidual, choice: &Choice) {
+    let others = (choice.compared.iter()).map(|(b, r)| format!("{} {r:.4e}", b.name()));
+    let list: Vec<String> = others.collect();
     out.remarks.push(format!(
         "The input {}{}; the motion is run forward in {} steps a sample.",
         residual.between().says(),
-        if compared.len() > 1 {
-            let others = compared
-                .iter()
-                .map(|(b, r)| format!("{} {r:.4e}", b.name()));
-            let list: Vec<String> = others.collect();
-            format!(" (what is left, {}: {})", out.unit, list.join(", "))
-        } else {
-            String::new()
+        match list.len() > 1 {
+            true => format!(" (what is left, {}: {})", out.unit, list.join(", ")),
+            false => String::new(),
         },
         residual.steps()
     ));
-    for (way, likely, _) in others.iter().filter(|o| o.1 > 0.05) {
+    for (way, likely, _) in choice.others.iter().filter(|o| o.1 > 0.05) {
         out.remarks.push(format!(
             "That the input is {} between samples is as likely as {:.0} %: the intervals count it.",
             way.name(),
             100.0 * likely
         ));
     }
-    for t in &tried {
+    for t in &choice.tried {
         out.remarks.push(format!(
             "{}: error on blocks that were left out {:.4e} to {:.4e} {} ({:.1} standard errors): {}.",
             t.id,
@@ -1153,7 +1090,11 @@ fn outcome(
             if t.taken { "taken" } else { "not taken" }
         ));
     }
-    let rows = residual.rows_of_recordings();
+}
+
+/// Recordings of which what is left follows from what came before it.
+fn say_colour(out: &mut LineOutcome, best: &Best, refs: &[&Line]) {
+    let rows = best.residual.rows_of_recordings();
     let r = best.design.column(best.design.ncols() - 1);
     let mut from = 0;
     for (line, n) in refs.iter().zip(rows) {
@@ -1173,11 +1114,87 @@ fn outcome(
             ));
         }
     }
+}
+
+fn outcome(
+    search: &Search,
+    best: &Best,
+    refs: &[&Line],
+    mut choice: Choice,
+) -> Result<AxisMotion, Error> {
+    let residual = &best.residual;
+    let inverse = residual.inverse();
+    let linear = inverse.linear();
+    let (beta, eta) = residual.model(&best.unknowns);
+    let unknowns = search.unknowns(residual, &best.unknowns);
+    let mut own = covariance(best, &unknowns);
+    let offsets = inverse.free_offsets().len();
+    // as the balance has them: offsets, then beta
+    let unit = |i: usize| if i < linear { residual.unit()[i] } else { 1.0 };
+    for (_, likely, away) in &choice.others {
+        for i in 0..away.len() {
+            for j in 0..away.len() {
+                own[(i, j)] += likely * away[i] * away[j] / (unit(i) * unit(j));
+            }
+        }
+    }
+    let order: Vec<usize> = (linear..linear + offsets).chain(0..linear).collect();
+    let covariance = DMatrix::from_fn(order.len(), order.len(), |i, j| {
+        let (i, j) = (order[i], order[j]);
+        own[(i, j)] * unit(i) * unit(j)
+    });
+    let (_, coordinate, _) = inverse.symbols();
+    let courses = residual.courses(&best.unknowns)?;
+    let recordings = refs.iter().zip(courses).map(|(l, c)| held(l, &c, 0));
+    let effects = inverse.effects(&eta);
+    let causes = effects.iter().enumerate();
+    let mut out = LineOutcome {
+        job: "axis",
+        kind: Kind::Axis,
+        verdict: String::new(),
+        driven: "motion",
+        unit: match residual.velocity() {
+            true => format!("{coordinate}/s"),
+            false => coordinate.to_owned(),
+        },
+        causes: causes
+            .map(|(e, a)| estimated(inverse, e, a, &own))
+            .collect(),
+        estimates: Vec::new(),
+        recordings: recordings.collect(),
+        curve: None,
+        values: inverse.values(&eta, &beta),
+        converged: best.converged,
+        reason: best.reason.to_owned(),
+        evaluations: best.evaluations,
+        weighted_mean_square: best.mean_square(),
+        remarks: Vec::new(),
+    };
+    let place = Between::ALL.iter().position(|b| *b == residual.between());
+    out.values.push((BETWEEN.into(), place.unwrap_or(0) as f64));
+    judge(&mut out)?;
+    let free = vec![Unknown::free(0.0, -OFFSET_REACH_S, OFFSET_REACH_S); offsets];
+    let mut state = State::at(&eta[..offsets], &free, &[]);
+    (state.beta, state.evaluations) = (beta, best.evaluations);
+    let (linear, names) = (&search.linear, &search.names);
+    say(&mut out, inverse, &state, linear, names, &covariance);
+    (out.converged, out.reason) = (best.converged, best.reason.to_owned());
+    for c in &out.causes {
+        out.estimates.extend(c.estimates.clone());
+        let (id, says) = (c.acting.effect.id(), c.acting.effect.says());
+        out.remarks.push(format!("{id}: {says}."));
+    }
+    let unit_square = unit_of_rows(refs);
+    for (_, left) in &mut choice.compared {
+        *left = (*left * unit_square).sqrt();
+    }
+    say_choice(&mut out, residual, &choice);
+    say_colour(&mut out, best, refs);
     Ok(AxisMotion {
         outcome: out,
         between: residual.between(),
-        compared,
-        tried,
+        compared: choice.compared,
+        tried: choice.tried,
         steps: residual.steps(),
     })
 }

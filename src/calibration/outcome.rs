@@ -105,6 +105,64 @@ pub struct ChainError {
     pub negative: usize,
 }
 
+/// Sums of errors of one chain, or of all.
+#[derive(Default, Clone, Copy)]
+pub(super) struct Sums {
+    pub squares: f64,
+    largest: f64,
+    pub count: usize,
+    all: f64,
+    count_all: usize,
+    pub floor: f64,
+    negative: usize,
+}
+
+impl Sums {
+    /// Adds a sample: its error, whether phi^2 < 0, and, where it is judged in volts, the square that noise
+    /// makes of it.
+    pub fn add(&mut self, error: f64, negative: bool, judged: Option<f64>) {
+        self.all += error * error;
+        self.count_all += 1;
+        self.negative += usize::from(negative);
+        if let Some(noise) = judged {
+            self.squares += error * error;
+            self.largest = self.largest.max(error.abs());
+            self.floor += noise;
+            self.count += 1;
+        }
+    }
+
+    pub fn merge(&mut self, other: &Sums) {
+        self.squares += other.squares;
+        self.largest = self.largest.max(other.largest);
+        self.count += other.count;
+        self.all += other.all;
+        self.count_all += other.count_all;
+        self.floor += other.floor;
+        self.negative += other.negative;
+    }
+
+    pub fn error(&self) -> ChainError {
+        ChainError {
+            rmse_v: root_mean(self.squares, self.count),
+            max_error_v: self.largest,
+            samples: self.count,
+            rmse_all_v: root_mean(self.all, self.count_all),
+            samples_all: self.count_all,
+            noise_floor_v: root_mean(self.floor, self.count),
+            negative: self.negative,
+        }
+    }
+}
+
+/// Root of a mean of `n` squares; NaN of none.
+pub(super) fn root_mean(sum: f64, n: usize) -> f64 {
+    match n {
+        0 => f64::NAN,
+        n => (sum / n as f64).sqrt(),
+    }
+}
+
 /// One recording against the model.
 #[derive(Debug, Clone)]
 pub struct RecordingOutcome {

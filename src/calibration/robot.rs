@@ -2,11 +2,12 @@
 
 use std::ops::ControlFlow;
 
+use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
-use rayon::prelude::*;
 
 use super::outcome::*;
+use super::solution::{Solution, Starts, gram, is_offset, precision, resting};
 use super::statistics::moved_by;
 use super::{Error, Uncertainty};
 use crate::dataset::{Dataset, OffsetSource, repeats};
@@ -96,8 +97,6 @@ const TORQUE_PRIOR_N_M: f64 = 5e-3;
 const ROUNDS: usize = 2;
 /// Pairs of tracks from which the pull of noise in the columns is told.
 const NOISE_PAIRS: usize = 8;
-/// Relative standard error up to which a parameter counts as determined.
-const IDENTIFIABLE: f64 = 0.33;
 /// Relative standard error of a relaxation time beyond which its modulus does not count as determined either.
 const HARDLY_KNOWN: f64 = 0.5;
 /// Relative standard errors at which a film parameter is profiled: below, the curvature suffices; above, it
@@ -106,22 +105,54 @@ const PROFILED: std::ops::Range<f64> = 0.05..0.35;
 /// Free clock offsets up to which each is profiled: more recordings know the film better, and each profile
 /// takes them all.
 const FEW_OFFSETS: usize = 3;
-/// Relative standard error up to which the locking constant counts as determined; it is searched by its
-/// reciprocal.
-const IDENTIFIABLE_LIMIT: f64 = 0.2;
-/// Standard error up to which a nodal torque counts as determined, N m.
-const IDENTIFIABLE_TORQUE_N_M: f64 = 2e-4;
-/// Relative standard deviation above which a combination of parameters is reported as open.
-const OPEN: f64 = 0.5;
 
-/// Default start of `branches` relaxation times, s: evenly spread in their logarithm.
-fn start_times(branches: usize) -> Vec<f64> {
-    let [a, b] = START_TIMES_S.map(f64::ln);
+/// A start of `branches` relaxation times, s: evenly spread between two logarithms.
+pub(super) fn spread_evenly(branches: usize, [low, high]: [f64; 2]) -> Vec<f64> {
     match branches {
-        1 => vec![((a + b) / 2.0).exp()],
+        1 => vec![(0.5 * (low + high)).exp()],
         n => (0..n)
-            .map(|i| (a + (b - a) * i as f64 / (n - 1) as f64).exp())
+            .map(|i| (low + (high - low) * i as f64 / (n - 1) as f64).exp())
             .collect(),
+    }
+}
+
+/// The relaxation time of branch `i`, s.
+pub(super) fn relaxation_time(
+    i: usize,
+    start: f64,
+    [lower, upper]: [f64; 2],
+    prior_sd: f64,
+) -> Parameter {
+    Parameter {
+        name: format!("T_{}", i + 1),
+        meaning: format!("relaxation time of branch {}", i + 1),
+        unit: "s",
+        transform: Transform::Log,
+        start,
+        lower,
+        upper,
+        prior_sd: Some(prior_sd),
+        fixed: false,
+    }
+}
+
+/// J, searched by its reciprocal or its logarithm.
+pub(super) fn locking(
+    transform: Transform,
+    start: f64,
+    [lower, upper]: [f64; 2],
+    prior_sd: Option<f64>,
+) -> Parameter {
+    Parameter {
+        name: "J".into(),
+        meaning: "locking constant of the Gent springs".into(),
+        unit: "1",
+        transform,
+        start,
+        lower,
+        upper,
+        prior_sd,
+        fixed: false,
     }
 }
 
@@ -158,34 +189,20 @@ pub(super) fn parameters(
         .fold(f64::INFINITY, f64::min)
         / 2.0;
     let times = start.map_or_else(
-        || start_times(branches),
+        || spread_evenly(branches, START_TIMES_S.map(f64::ln)),
         |p| p.film.relaxation_time_s.clone(),
     );
-    let mut out = Vec::new();
-    for (i, &t) in times.iter().enumerate() {
-        out.push(Parameter {
-            name: format!("T_{}", i + 1),
-            meaning: format!("relaxation time of branch {}", i + 1),
-            unit: "s",
-            transform: Transform::Log,
-            start: t,
-            lower: shortest,
-            upper: 3000.0,
-            prior_sd: Some(LOG_PRIOR_SD),
-            fixed: hold_film,
-        });
+    let mut out: Vec<Parameter> = times
+        .iter()
+        .enumerate()
+        .map(|(i, &t)| relaxation_time(i, t, [shortest, 3000.0], LOG_PRIOR_SD))
+        .collect();
+    let first = start.map_or(START_LOCKING, |p| p.film.locking);
+    let known = Some(RECIPROCAL_LOCKING_SD);
+    out.push(locking(Transform::Reciprocal, first, [0.05, 1e4], known));
+    for p in &mut out {
+        p.fixed = hold_film;
     }
-    out.push(Parameter {
-        name: "J".into(),
-        meaning: "locking constant of the Gent springs".into(),
-        unit: "1",
-        transform: Transform::Reciprocal,
-        start: start.map_or(START_LOCKING, |p| p.film.locking),
-        lower: 0.05,
-        upper: 1e4,
-        prior_sd: Some(RECIPROCAL_LOCKING_SD),
-        fixed: hold_film,
-    });
     for d in datasets
         .iter()
         .filter(|d| d.offset_source == OffsetSource::Free)
@@ -291,6 +308,167 @@ pub(super) fn unknown(p: &Parameter) -> Unknown {
     }
 }
 
+/// The fit of a robot under way.
+struct RobotFit<'a> {
+    residual: RobotResidual<'a>,
+    /// Parameters that are searched come first, `split` of them.
+    list: Vec<Parameter>,
+    split: usize,
+    unknowns: Vec<Unknown>,
+    branches: usize,
+    request: &'a Request,
+    watch: &'a (dyn Fn(&State) -> ControlFlow<()> + Sync),
+}
+
+/// How sure a fit is.
+struct Sureness {
+    gram: DMatrix<f64>,
+    precision: Vec<f64>,
+    uncertainty: Uncertainty,
+    /// How far a parameter's profile reaches to both sides.
+    reaches: Vec<Option<[f64; 2]>>,
+}
+
+impl<'a> RobotFit<'a> {
+    fn new(
+        robot: &'a Robot,
+        datasets: &[&'a Dataset],
+        request: &'a Request,
+        watch: &'a (dyn Fn(&State) -> ControlFlow<()> + Sync),
+    ) -> Result<Self, Error> {
+        if datasets.is_empty() {
+            return Err(Error::NothingToFit("no recording was given".into()));
+        }
+        let start = request.start.as_ref();
+        if request.stage == Stage::Forearm && start.is_none() {
+            let what = "fitting the forearm needs the film's parameters: give --params";
+            return Err(Error::NothingToFit(what.into()));
+        }
+        let (list, split) = parameters(request, datasets)?;
+        let unknowns: Vec<Unknown> = list.iter().map(unknown).collect();
+        let forearm = start.map_or_else(ForearmTorque::zero, |p| p.forearm.clone());
+        let branches = start.map_or(request.branches, |p| p.film.branches());
+        let residual = open(robot, datasets, branches, &forearm)?;
+        let free = unknowns.iter().filter(|u| !u.is_fixed()).count();
+        if residual.rows() < 2 * free {
+            let what = format!(
+                "the recordings give {} independent samples for {free} free parameters: record longer, or fix more",
+                residual.rows()
+            );
+            return Err(Error::NothingToFit(what));
+        }
+        Ok(RobotFit {
+            residual,
+            list,
+            split,
+            unknowns,
+            branches,
+            request,
+            watch,
+        })
+    }
+
+    fn search(&self, eta: &[f64]) -> State {
+        let (nonlinear, linear) = self.unknowns.split_at(self.split);
+        let (memory, options) = (&self.request.memory, Options::default());
+        memory.minimise(
+            "the fit",
+            &self.residual,
+            nonlinear,
+            linear,
+            eta,
+            &options,
+            self.watch,
+        )
+    }
+
+    /// On from `state` in rounds of weights that the noise makes at the film that was found.
+    fn weighed(&mut self, mut state: State, spent: &mut Starts) -> Result<State, Error> {
+        for round in 0..ROUNDS {
+            self.residual.weigh(&state.eta, &state.beta)?;
+            if let (Some(limit), true) = (self.request.robust, round > 0) {
+                self.residual.robustify(&state.eta, &state.beta, limit)?;
+            }
+            let next = self.search(&state.eta);
+            spent.evaluations += next.evaluations;
+            spent.failed += next.failed;
+            if !next.cost.is_finite() {
+                break;
+            }
+            state = next;
+            if state.ended == Some(Ended::Stopped) {
+                break;
+            }
+        }
+        Ok(state)
+    }
+
+    /// By the curvature, and by profiles where that may be wrong.
+    fn sureness(&self, state: &State, spent: &mut Starts) -> Result<Sureness, Error> {
+        let scores = self.residual.score_covariance(&state.eta, &state.beta)?;
+        let (gram, precision) = (gram(state), precision(&self.unknowns));
+        // What rests on a bound by chance moves the others all the same: it counts as free in the covariance.
+        let is_free: Vec<bool> = self.unknowns.iter().map(|u| !u.is_fixed()).collect();
+        let uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
+        let white = Uncertainty::new(&gram, &gram, &precision, &is_free);
+        let candidates = candidates(&self.list, state, &uncertainty, &white, self.split);
+        let (nonlinear, linear) = self.unknowns.split_at(self.split);
+        let (reach, evaluations) = profile(
+            &self.residual,
+            nonlinear,
+            linear,
+            state,
+            &candidates,
+            (&self.request.memory, "an interval"),
+        );
+        spent.evaluations += evaluations;
+        let mut reaches = vec![None; self.unknowns.len()];
+        for (candidate, reach) in candidates.iter().zip(reach) {
+            reaches[candidate.unknown] = Some(reach);
+        }
+        Ok(Sureness {
+            gram,
+            precision,
+            uncertainty,
+            reaches,
+        })
+    }
+
+    /// Takes back what noise in the columns pulls: where a clock offset is free the band is wide, and it
+    /// pulls at all that fast motion tells.
+    fn pull_back(
+        &self,
+        state: &mut State,
+        resting: &[Option<AtBound>],
+        sure: &mut Sureness,
+    ) -> Result<(), Error> {
+        if self.residual.layout().free_offsets.is_empty() {
+            return Ok(());
+        }
+        let score = (self.residual).expected_score(None, &state.eta, &state.beta, NOISE_PAIRS)?;
+        let Some(score) = score else {
+            return Ok(());
+        };
+        let free = sure.uncertainty.free.iter().zip(resting);
+        let moving: Vec<bool> = free.map(|(free, r)| *free && r.is_none()).collect();
+        let pulled = moved_by(&sure.gram, &sure.precision, &moving, &score.mean);
+        let (eta, beta) = (state.eta.iter_mut(), state.beta.iter_mut());
+        for ((x, u), by) in eta.chain(beta).zip(&self.unknowns).zip(&pulled) {
+            if *by != 0.0 {
+                *x = (*x - by).clamp(u.lower, u.upper);
+            }
+        }
+        // a correction of first order, and at the film that was pulled: as uncertain as it is large
+        sure.uncertainty.covariance += &pulled * pulled.transpose();
+        for (reach, by) in sure.reaches.iter_mut().zip(&pulled) {
+            if let Some(reach) = reach {
+                *reach = reach.map(|d| d.hypot(TWO_SIDED_95 * by));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Calibrates film and forearm on `datasets`. `watch` sees each evaluation and may stop the fit.
 ///
 /// Several starts (spread evenly, then at random within the priors) run in parallel with equal weights; the
@@ -305,182 +483,44 @@ pub fn calibrate_robot(
     request: &Request,
     watch: &(dyn Fn(&State) -> ControlFlow<()> + Sync),
 ) -> Result<Outcome, Error> {
-    if datasets.is_empty() {
-        return Err(Error::NothingToFit("no recording was given".into()));
-    }
-    if request.stage == Stage::Forearm && request.start.is_none() {
-        let what = "fitting the forearm needs the film's parameters: give --params";
-        return Err(Error::NothingToFit(what.into()));
-    }
-    let (list, split) = parameters(request, datasets)?;
-    let unknowns: Vec<Unknown> = list.iter().map(unknown).collect();
-    let (nonlinear, linear) = unknowns.split_at(split);
-    let forearm = request
-        .start
-        .as_ref()
-        .map_or_else(ForearmTorque::zero, |p| p.forearm.clone());
-    let branches = request
-        .start
-        .as_ref()
-        .map_or(request.branches, |p| p.film.branches());
-    let mut residual = open(robot, datasets, branches, &forearm)?;
-    let free = unknowns.iter().filter(|u| !u.is_fixed()).count();
-    if residual.rows() < 2 * free {
-        let what = format!(
-            "the recordings give {} independent samples for {free} free parameters: record longer, or fix more",
-            residual.rows()
-        );
-        return Err(Error::NothingToFit(what));
-    }
-    let options = Options::default();
+    let mut fit = RobotFit::new(robot, datasets, request, watch)?;
+    let (split, branches) = (fit.split, fit.branches);
     // Several starts, equal weights.
-    let starts = starts(nonlinear, request);
-    let search = |residual: &RobotResidual, eta: &[f64]| {
-        let memory = &request.memory;
-        memory.minimise("the fit", residual, nonlinear, linear, eta, &options, watch)
-    };
-    let mut states: Vec<(String, State)> = starts
-        .into_par_iter()
-        .map(|(origin, eta)| (origin, search(&residual, &eta)))
-        .collect();
-    states.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
-    let mut evaluations: usize = states.iter().map(|s| s.1.evaluations).sum();
-    let mut failed: usize = states.iter().map(|s| s.1.failed).sum();
-    let waterfall: Vec<StartOutcome> = states
-        .iter()
-        .map(|(origin, s)| StartOutcome {
-            origin: origin.clone(),
-            cost: s.cost / s.rows.max(1) as f64,
-            evaluations: s.evaluations,
-            failed: s.failed,
-            ended: s.ended.map_or("", Ended::words).into(),
-            reached: list[..=branches]
-                .iter()
-                .zip(&s.eta)
-                .map(|(p, x)| p.transform.to_model(*x))
-                .collect(),
-        })
-        .collect();
-    let mut state = states.swap_remove(0).1;
-    if !state.cost.is_finite() {
-        return Err(Error::AllStartsFailed {
-            tried: waterfall.len(),
-            last: state.failure.unwrap_or_default(),
-        });
-    }
-    // Weights from the noise, at the film that was found.
-    for round in 0..ROUNDS {
-        residual.weigh(&state.eta, &state.beta)?;
-        if let (Some(limit), true) = (request.robust, round > 0) {
-            residual.robustify(&state.eta, &state.beta, limit)?;
-        }
-        let next = search(&residual, &state.eta);
-        evaluations += next.evaluations;
-        failed += next.failed;
-        if !next.cost.is_finite() {
-            break;
-        }
-        state = next;
-        if state.ended == Some(Ended::Stopped) {
-            break;
-        }
-    }
-    let scores = residual.score_covariance(&state.eta, &state.beta)?;
-    let gram = state.gram();
-    let precision: Vec<f64> = unknowns
-        .iter()
-        .map(|u| {
-            u.prior
-                .filter(|_| !u.is_fixed())
-                .map_or(0.0, |p| p.sd.powi(-2))
-        })
-        .collect();
-    let resting: Vec<Option<AtBound>> = unknowns
-        .iter()
-        .zip(state.eta.iter().chain(&state.beta))
-        .map(|(u, &x)| {
-            let near = 1e-9 * (u.upper - u.lower).min(1.0);
-            match u {
-                u if u.is_fixed() => None,
-                u if x <= u.lower + near => Some(AtBound::Lower),
-                u if x >= u.upper - near => Some(AtBound::Upper),
-                _ => None,
-            }
-        })
-        .collect();
-    // What rests on a bound by chance moves the others all the same: it counts as free in the covariance.
-    let is_free: Vec<bool> = unknowns.iter().map(|u| !u.is_fixed()).collect();
-    let size = unknowns.len();
-    let gram = gram.view((0, 0), (size, size)).into_owned();
-    let mut uncertainty = Uncertainty::new(&gram, &scores, &precision, &is_free);
-    let white = Uncertainty::new(&gram, &gram, &precision, &is_free);
-    let candidates = candidates(&list, &state, &uncertainty, &white, split);
-    let (reach, spent) = profile(
-        &residual,
-        nonlinear,
-        linear,
-        &state,
-        &candidates,
-        (&request.memory, "an interval"),
-    );
-    evaluations += spent;
-    let mut ends: Vec<Option<[f64; 2]>> = vec![None; size];
-    for (candidate, reach) in candidates.iter().zip(reach) {
-        ends[candidate.unknown] = Some(reach);
-    }
-    // Where a clock offset is free the band is wide, and noise in the columns pulls at all that fast motion
-    // tells.
-    if !residual.layout().free_offsets.is_empty()
-        && let Some(score) = residual.expected_score(None, &state.eta, &state.beta, NOISE_PAIRS)?
-    {
-        let moving: Vec<bool> = (0..size)
-            .map(|i| is_free[i] && resting[i].is_none())
-            .collect();
-        let pulled = moved_by(&gram, &precision, &moving, &score.mean);
-        let (eta, beta) = (state.eta.iter_mut(), state.beta.iter_mut());
-        for ((x, u), by) in eta.chain(beta).zip(&unknowns).zip(&pulled) {
-            if *by != 0.0 {
-                *x = (*x - by).clamp(u.lower, u.upper);
-            }
-        }
-        // a correction of first order, and at the film that was pulled: as uncertain as it is large
-        uncertainty.covariance += &pulled * pulled.transpose();
-        for (reach, by) in ends.iter_mut().zip(&pulled) {
-            if let Some(reach) = reach {
-                *reach = reach.map(|d| d.hypot(TWO_SIDED_95 * by));
-            }
-        }
-    }
-    let order = rising(&state.eta[..branches], &list, split);
-    let mut estimates = estimates(&list, &state, &uncertainty, &ends, &resting, &order, split);
+    let begins = starts(&fit.unknowns[..split], request);
+    let mut starts = Starts::run(begins, (&fit.list, branches), |eta| fit.search(eta));
+    let first = starts.take(0)?;
+    let mut state = fit.weighed(first, &mut starts)?;
+    let mut sure = fit.sureness(&state, &mut starts)?;
+    let resting = resting(&fit.unknowns, &state);
+    fit.pull_back(&mut state, &resting, &mut sure)?;
+    let (residual, uncertainty) = (&fit.residual, &sure.uncertainty);
+    let solution = Solution::new(&fit.list, split, branches, &state, &resting);
+    let mut estimates = solution.estimates(uncertainty, &sure.reaches);
     let longest_s = datasets.iter().map(|d| d.length_s()).fold(0.0, f64::max);
     doubt_slow_branches(&mut estimates, longest_s);
-    let parameters = sorted_parameters(&residual, &state, &order[..branches]);
-    let stage = request.stage;
-    let mut outcome = assemble(stage.name(), &residual, &state.eta, &state.beta, parameters)?;
+    let mut parameters = residual.parameters(&state.eta, &state.beta);
+    parameters.film = solution.sorted(&parameters.film);
+    let job = request.stage.name();
+    let mut outcome = assemble(job, residual, &state.eta, &state.beta, parameters)?;
     outcome.eps_r = robot.eps_r;
-    outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
-    outcome.correlation = correlation(&list, &uncertainty, &order);
+    outcome.weak_directions = solution.weak_directions(uncertainty);
+    outcome.correlation = solution.correlation(uncertainty);
     outcome.estimates = estimates;
-    outcome.starts = waterfall;
     let ended = state.ended.unwrap_or(Ended::EvaluationLimit);
     outcome.converged = ended.converged();
     outcome.reason = ended.words().into();
-    outcome.evaluations = evaluations;
-    outcome.failed_evaluations = failed;
+    outcome.evaluations = starts.evaluations;
+    outcome.failed_evaluations = starts.failed;
     outcome.weighted_mean_square = state.data_cost / state.rows.max(1) as f64;
     outcome.noise_mean_square = residual.noise_mean_square();
-    torque_band(&mut outcome, &uncertainty, split + branches + 1);
+    torque_band(&mut outcome, uncertainty, split + branches + 1);
     say_open_level(&mut outcome);
     for (place, number) in residual.layout().free_offsets.iter().enumerate() {
         let error = outcome.estimates[branches + 1 + place].std_error;
         outcome.recordings[*number].offset_std_error_s = Some(error);
     }
-    if failed > 0 {
-        outcome.remarks.push(format!(
-            "{failed} of {evaluations} evaluations failed and were stepped back from."
-        ));
-    }
+    outcome.remarks.extend(starts.remark());
+    outcome.starts = starts.waterfall;
     Ok(outcome)
 }
 
@@ -554,9 +594,7 @@ pub fn validate_robot_with(
         eta = state.eta.clone();
         let scores = residual.score_covariance(&eta, &beta)?;
         let free: Vec<bool> = unknowns.iter().map(|u| !u.is_fixed()).collect();
-        let size = free.len();
-        let gram = state.gram().view((0, 0), (size, size)).into_owned();
-        let uncertainty = Uncertainty::new(&gram, &scores, &vec![0.0; size], &free);
+        let uncertainty = Uncertainty::new(&gram(&state), &scores, &vec![0.0; free.len()], &free);
         let first = parameters.film.branches() + 1;
         errors = (0..residual.layout().free_offsets.len())
             .map(|i| uncertainty.std_error(first + i))
@@ -615,30 +653,6 @@ pub(super) fn starts(nonlinear: &[Unknown], request: &Request) -> Vec<(String, V
     out
 }
 
-/// Numbers of all parameters with the branches in the order of rising relaxation time; moduli follow their
-/// branch.
-pub(super) fn rising(log_times: &[f64], list: &[Parameter], split: usize) -> Vec<usize> {
-    let branches = log_times.len();
-    let mut by_time: Vec<usize> = (0..branches).collect();
-    by_time.sort_by(|&a, &b| log_times[a].total_cmp(&log_times[b]));
-    let mut order: Vec<usize> = (0..list.len()).collect();
-    for (place, &branch) in by_time.iter().enumerate() {
-        order[place] = branch;
-        order[split + 1 + place] = split + 1 + branch;
-    }
-    order
-}
-
-fn sorted_parameters(residual: &RobotResidual, state: &State, by_time: &[usize]) -> Parameters {
-    let mut p = residual.parameters(&state.eta, &state.beta);
-    let film = p.film.clone();
-    for (place, &branch) in by_time.iter().enumerate() {
-        p.film.relaxation_time_s[place] = film.relaxation_time_s[branch];
-        p.film.mu_pa[place + 1] = film.mu_pa[branch + 1];
-    }
-    p
-}
-
 /// A branch whose relaxation time is longer than half the longest recording, or hardly known, is not called
 /// determined, whatever the curvature says: it shows only its beginning, which the equilibrium spring and its
 /// neighbours can imitate.
@@ -675,11 +689,6 @@ fn doubt_slow_branches(estimates: &mut [Estimate], longest_s: f64) {
     }
 }
 
-/// Whether it is a clock offset: a time that may be negative.
-fn is_offset(p: &Parameter) -> bool {
-    p.unit == "s" && p.transform == Transform::Linear
-}
-
 /// Clock offsets, with which the fastest branch goes along, where there are few, and film parameters of
 /// middling certainty: those whose interval the curvature alone may get wrong, and that may still be called
 /// determined.
@@ -707,204 +716,6 @@ fn candidates(
                 std_error,
                 inflation: (std_error * std_error / own).max(1.0),
             })
-        })
-        .collect()
-}
-
-pub(super) fn estimates(
-    list: &[Parameter],
-    state: &State,
-    uncertainty: &Uncertainty,
-    profiled: &[Option<[f64; 2]>],
-    resting: &[Option<AtBound>],
-    order: &[usize],
-    split: usize,
-) -> Vec<Estimate> {
-    let value_of = |i: usize| {
-        let search = if i < split {
-            state.eta[i]
-        } else {
-            state.beta[i - split]
-        };
-        (search, list[i].transform.to_model(search))
-    };
-    order
-        .iter()
-        .enumerate()
-        .map(|(place, &i)| {
-            let p = &list[i];
-            let (search, value) = value_of(i);
-            let local = uncertainty.std_error(i);
-            // Never surer than the curvature says, nor than the profile does.
-            let reach = profiled[i]
-                .unwrap_or([0.0; 2])
-                .map(|d| d.max(TWO_SIDED_95 * local));
-            // `max` alone would make 0 of the NaN of a parameter that was fixed or rests on a bound.
-            let search_error = match local.is_nan() {
-                true => f64::NAN,
-                false => local.max((reach[0] + reach[1]) / (2.0 * TWO_SIDED_95)),
-            };
-            let std_error = p.transform.std_error(value, search_error);
-            let ends = if p.fixed {
-                [value, value]
-            } else if resting[i].is_some() || !search_error.is_finite() {
-                [p.lower, p.upper]
-            } else {
-                let ends = [search - reach[0], search + reach[1]].map(|x| {
-                    let positive = p.transform == Transform::Reciprocal && x <= 0.0;
-                    if positive {
-                        p.upper
-                    } else {
-                        p.transform.to_model(x).clamp(p.lower, p.upper)
-                    }
-                });
-                [ends[0].min(ends[1]), ends[0].max(ends[1])]
-            };
-            let torque = p.unit == "N m";
-            let relative = std_error / value.abs();
-            let limit = match p.transform {
-                _ if torque => std_error <= IDENTIFIABLE_TORQUE_N_M,
-                // A far limit that chance brings near looks better known than it is.
-                Transform::Reciprocal => relative <= IDENTIFIABLE_LIMIT,
-                _ => relative <= IDENTIFIABLE,
-            };
-            let offset = is_offset(p);
-            // an offset is a place on a clock: near 0 its relative error says nothing, far from it as little
-            let limit = if offset { std_error < 0.01 } else { limit };
-            let identifiable = !p.fixed && resting[i].is_none() && limit;
-            let says = match (p.fixed, resting[i]) {
-                (true, _) => "held".to_string(),
-                (_, Some(AtBound::Lower)) if p.unit == "Pa" => {
-                    "at zero: the recordings ask for no such branch".into()
-                }
-                (_, Some(AtBound::Lower)) => {
-                    format!("rests on its lower bound {}: do not trust", p.lower)
-                }
-                (_, Some(AtBound::Upper)) => {
-                    format!("rests on its upper bound {}: do not trust", p.upper)
-                }
-                _ if torque && identifiable => format!("determined to {:.1} uN m", std_error * 1e6),
-                _ if torque => "not determined: no recording swings a forearm there".into(),
-                _ if offset && identifiable => {
-                    format!("determined to {:.2} ms", std_error * 1e3)
-                }
-                _ if !std_error.is_finite() => {
-                    "not determined: these recordings say nothing about it".into()
-                }
-                _ if offset => format!(
-                    "not determined by these recordings (standard error {:.0} ms)",
-                    std_error * 1e3
-                ),
-                _ if identifiable => format!("determined to {:.1} %", 100.0 * relative),
-                _ => format!(
-                    "not determined by these recordings (standard error {:.0} % of the value)",
-                    100.0 * relative
-                ),
-            };
-            // Branches are numbered by rising time, whatever number they had in the search.
-            let named = &list[place];
-            Estimate {
-                name: named.name.clone(),
-                meaning: named.meaning.clone(),
-                unit: p.unit.into(),
-                value,
-                std_error,
-                ci95: ends,
-                at_bound: resting[i],
-                identifiable,
-                fixed: p.fixed,
-                says,
-            }
-        })
-        .collect()
-}
-
-pub(super) fn correlation(
-    list: &[Parameter],
-    uncertainty: &Uncertainty,
-    order: &[usize],
-) -> (Vec<String>, Vec<Vec<f64>>) {
-    let free: Vec<usize> = (0..order.len())
-        .filter(|&place| uncertainty.free[order[place]])
-        .collect();
-    let names = free.iter().map(|&place| list[place].name.clone()).collect();
-    let rows = free
-        .iter()
-        .map(|&a| {
-            free.iter()
-                .map(|&b| uncertainty.correlation(order[a], order[b]))
-                .collect()
-        })
-        .collect();
-    (names, rows)
-}
-
-pub(super) fn weak_directions(
-    list: &[Parameter],
-    state: &State,
-    uncertainty: &Uncertainty,
-    order: &[usize],
-    split: usize,
-) -> Vec<WeakDirection> {
-    let largest_torque = state
-        .beta
-        .iter()
-        .zip(&list[split..])
-        .filter(|(_, p)| p.unit == "N m");
-    let torque_size = largest_torque.map(|(b, _)| b.abs()).fold(1e-3, f64::max);
-    let size: Vec<f64> = list
-        .iter()
-        .enumerate()
-        .map(|(i, p)| match (p.transform, p.unit) {
-            (Transform::Log, _) => 1.0,
-            (Transform::Reciprocal, _) => 0.05,
-            (_, "N m") => torque_size,
-            (_, "s") => 0.01,
-            _ => state.beta[i - split].abs().max(1.0),
-        })
-        .collect();
-    let mut place_of = vec![0; order.len()];
-    for (place, &i) in order.iter().enumerate() {
-        place_of[i] = place;
-    }
-    uncertainty
-        .weak_directions(&size, OPEN)
-        .into_iter()
-        .map(|(relative_sd, direction)| {
-            let mut parts: Vec<(String, f64)> = direction
-                .iter()
-                .enumerate()
-                .filter(|(_, share)| share.abs() > 0.25)
-                .map(|(i, share)| (list[place_of[i]].name.clone(), *share))
-                .collect();
-            parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-            let sign = parts.first().map_or(1.0, |p| p.1.signum());
-            let list = |up: bool| {
-                parts
-                    .iter()
-                    .filter(|p| (p.1 * sign > 0.0) == up)
-                    .map(|p| p.0.clone())
-                    .collect::<Vec<_>>()
-                    .join(", ")
-            };
-            let (up, down) = (list(true), list(false));
-            let how = if parts.len() == 1 {
-                up
-            } else if down.is_empty() {
-                format!("{up} together")
-            } else {
-                format!("{up} up while {down} down")
-            };
-            let says = if relative_sd > 10.0 {
-                format!("{how}: these recordings say nothing about it")
-            } else {
-                format!("{how}: open to about {:.0} %", 100.0 * relative_sd)
-            };
-            WeakDirection {
-                relative_sd,
-                parts,
-                says,
-            }
         })
         .collect()
 }
@@ -963,59 +774,102 @@ fn torque_band(outcome: &mut Outcome, uncertainty: &Uncertainty, first_node: usi
         .collect();
 }
 
-/// Sums of one chain, or of all.
-#[derive(Default, Clone, Copy)]
-struct Sums {
-    squares: f64,
-    largest: f64,
-    count: usize,
-    all: f64,
-    count_all: usize,
-    floor: f64,
-    negative: usize,
+/// Adds the error of chain `k` at frame `i`.
+fn add(sums: &mut Sums, e: &VoltageError, i: usize, k: usize) {
+    let (squared, command) = (e.predicted_squared_v2[i][k], e.command_v[i][k]);
+    let noise = e.sd_v[i][k] * e.sd_v[i][k];
+    let judged = command.abs() > JUDGED_ABOVE_V;
+    sums.add(
+        root_v(squared) - command,
+        squared < 0.0,
+        judged.then_some(noise),
+    );
 }
 
-impl Sums {
-    fn add(&mut self, predicted_squared: f64, command: f64, sd: f64) {
-        let error = root_v(predicted_squared) - command;
-        self.all += error * error;
-        self.count_all += 1;
-        self.negative += usize::from(predicted_squared < 0.0);
-        if command.abs() > JUDGED_ABOVE_V {
-            self.squares += error * error;
-            self.largest = self.largest.max(error.abs());
-            self.floor += sd * sd;
-            self.count += 1;
-        }
-    }
+/// A recording against the model, without the sums of its errors.
+fn recording(
+    residual: &RobotResidual,
+    number: usize,
+    d: &Dataset,
+    (eta, parameters): (&[f64], &Parameters),
+    e: VoltageError,
+) -> Result<RecordingOutcome, Error> {
+    let mechanics = residual.mechanics(number);
+    let n = d.samples();
+    let needed = mechanics.needed_torque_n_m(parameters)?;
+    let contributions = Contribution::ALL.iter().enumerate().map(|(c, name)| {
+        let rms =
+            |k: usize| (needed[k].iter().map(|row| row[c] * row[c]).sum::<f64>() / n as f64).sqrt();
+        (name.name().to_string(), [rms(0), rms(1), rms(2)])
+    });
+    let offset_s = residual.offset_s(number, eta);
+    let position = d.track().position_m;
+    let volts = |v: f64| if v.is_nan() { v } else { root_v(v) };
+    let monitor = d.monitor.as_ref();
+    Ok(RecordingOutcome {
+        id: d.id.clone(),
+        chains: Default::default(),
+        total: Default::default(),
+        offset_s,
+        offset_std_error_s: None,
+        plan: d.plan.clone(),
+        time_s: (0..n).map(|i| d.time_s(i)).collect(),
+        position_mm: position.iter().map(|p| p.map(|v| v * 1e3)).collect(),
+        predicted_v: (e.predicted_squared_v2.iter())
+            .map(|p| p.map(volts))
+            .collect(),
+        predicted_squared_v2: e.predicted_squared_v2,
+        command_v: e.command_v,
+        sd_v: e.sd_v,
+        monitor_v: monitor.map(|m| {
+            (0..n)
+                .map(|i| [0, 1, 2].map(|k| m.at(k, d.time_s(i) + offset_s)))
+                .collect()
+        }),
+        counts: e.counts,
+        gap: (0..n).map(|i| !d.captured(i)).collect(),
+        unreachable: (mechanics.unreachable.iter())
+            .map(|(i, why)| (*i, why.to_string()))
+            .collect(),
+        contributions_n_m: contributions.collect(),
+        swing_deg: (0..n)
+            .map(|i| [0, 1, 2].map(|k| mechanics.chains[k].theta_fa_rad[i].to_degrees()))
+            .collect(),
+        gaps: d.gaps(),
+        cycles_s: repeats(
+            &d.voltage,
+            offset_s,
+            d.time_s(0),
+            d.time_s(n.saturating_sub(1)),
+        ),
+        notes: d.notes.clone(),
+    })
+}
 
-    fn merge(&mut self, other: &Sums) {
-        self.squares += other.squares;
-        self.largest = self.largest.max(other.largest);
-        self.count += other.count;
-        self.all += other.all;
-        self.count_all += other.count_all;
-        self.floor += other.floor;
-        self.negative += other.negative;
+/// Whether the model fits, in one sentence.
+fn verdict(total: &ChainError) -> String {
+    let (rmse_v, floor_v) = (total.rmse_v, total.noise_floor_v);
+    let ratio = rmse_v / floor_v;
+    if total.samples == 0 {
+        return "No sample has a command above 1 kV: the fit cannot be judged in volts."
+            .to_string();
     }
-
-    fn error(&self) -> ChainError {
-        let root = |sum: f64, n: usize| {
-            if n == 0 {
-                f64::NAN
-            } else {
-                (sum / n as f64).sqrt()
-            }
-        };
-        ChainError {
-            rmse_v: root(self.squares, self.count),
-            max_error_v: self.largest,
-            samples: self.count,
-            rmse_all_v: root(self.all, self.count_all),
-            samples_all: self.count_all,
-            noise_floor_v: root(self.floor, self.count),
-            negative: self.negative,
-        }
+    if !floor_v.is_finite() {
+        return "The fit cannot be judged: with these parameters the motion's noise moves the voltages beyond all numbers; check the parameters."
+            .to_string();
+    }
+    match Standing::of(ratio) {
+        Standing::CannotBeJudged => "The fit cannot be judged: at the poses of the motion its noise moves no voltage at all; check the rig's lengths and angles."
+            .to_string(),
+        Standing::Fits => format!(
+            "The model fits to the noise: {rmse_v:.1} V rms above 1 kV, where the noise of the capture alone makes {floor_v:.1} V."
+        ),
+        Standing::NearlyFits => format!(
+            "The model nearly fits: {rmse_v:.1} V rms above 1 kV, {ratio:.1} times the {floor_v:.1} V that the noise of the capture makes."
+        ),
+        Standing::DoesNotFit => format!(
+            "The model does not fit: {rmse_v:.1} V rms above 1 kV, {ratio:.1} times the {floor_v:.1} V that the noise of the capture makes. Something is left out."
+        ),
     }
 }
 
@@ -1032,114 +886,32 @@ fn assemble(
     let mut places = Places::default();
     let mut remarks = Vec::new();
     for (number, d) in residual.datasets().enumerate() {
-        let mechanics = residual.mechanics(number);
         let e: VoltageError = residual.voltage_error(number, eta, beta)?;
         let mut chains = [Sums::default(); 3];
-        let n = d.samples();
-        for i in (0..n).filter(|&i| e.counts[i]) {
-            for k in 0..3 {
-                chains[k].add(
-                    e.predicted_squared_v2[i][k],
-                    e.command_v[i][k],
-                    e.sd_v[i][k],
-                );
-                let swing = mechanics.chains[k].theta_fa_rad[i].to_degrees();
-                swing_range_deg = [swing_range_deg[0].min(swing), swing_range_deg[1].max(swing)];
+        for i in (0..d.samples()).filter(|&i| e.counts[i]) {
+            for (k, chain) in chains.iter_mut().enumerate() {
+                add(chain, &e, i, k);
             }
         }
         places.add(&d.id, d, &e);
         let mut own = Sums::default();
         chains.iter().for_each(|c| own.merge(c));
         total.merge(&own);
-        let needed = mechanics.needed_torque_n_m(&parameters)?;
-        let contributions_n_m = Contribution::ALL
-            .iter()
-            .enumerate()
-            .map(|(c, name)| {
-                let rms = |k: usize| {
-                    (needed[k].iter().map(|row| row[c] * row[c]).sum::<f64>() / n as f64).sqrt()
-                };
-                (name.name().to_string(), [rms(0), rms(1), rms(2)])
-            })
-            .collect();
-        if own.negative > 0 {
+        let mut r = recording(residual, number, d, (eta, &parameters), e)?;
+        (r.chains, r.total) = (chains.map(|c| c.error()), own.error());
+        let counted = r.swing_deg.iter().zip(&r.counts).filter(|(_, c)| **c);
+        for swing in counted.flat_map(|(swing, _)| *swing) {
+            swing_range_deg = [swing_range_deg[0].min(swing), swing_range_deg[1].max(swing)];
+        }
+        if r.total.negative > 0 {
             remarks.push(format!(
                 "{}: at {} of {} samples phi^2 < 0: no voltage holds that pose; they count as 0 V.",
-                d.id, own.negative, own.count_all
+                d.id, r.total.negative, r.total.samples_all
             ));
         }
-        let offset_s = residual.offset_s(number, eta);
-        let position = d.track().position_m;
-        recordings.push(RecordingOutcome {
-            id: d.id.clone(),
-            chains: chains.map(|c| c.error()),
-            total: own.error(),
-            offset_s,
-            offset_std_error_s: None,
-            plan: d.plan.clone(),
-            time_s: (0..n).map(|i| d.time_s(i)).collect(),
-            position_mm: position.iter().map(|p| p.map(|v| v * 1e3)).collect(),
-            predicted_v: e
-                .predicted_squared_v2
-                .iter()
-                .map(|p| p.map(|v| if v.is_nan() { v } else { root_v(v) }))
-                .collect(),
-            predicted_squared_v2: e.predicted_squared_v2,
-            command_v: e.command_v,
-            sd_v: e.sd_v,
-            monitor_v: d.monitor.as_ref().map(|m| {
-                (0..n)
-                    .map(|i| [0, 1, 2].map(|k| m.at(k, d.time_s(i) + offset_s)))
-                    .collect()
-            }),
-            counts: e.counts,
-            gap: (0..n).map(|i| !d.captured(i)).collect(),
-            unreachable: mechanics
-                .unreachable
-                .iter()
-                .map(|(i, why)| (*i, why.to_string()))
-                .collect(),
-            contributions_n_m,
-            swing_deg: (0..n)
-                .map(|i| [0, 1, 2].map(|k| mechanics.chains[k].theta_fa_rad[i].to_degrees()))
-                .collect(),
-            gaps: d.gaps(),
-            cycles_s: repeats(
-                &d.voltage,
-                offset_s,
-                d.time_s(0),
-                d.time_s(n.saturating_sub(1)),
-            ),
-            notes: d.notes.clone(),
-        });
+        recordings.push(r);
     }
     let total = total.error();
-    let ratio = total.rmse_v / total.noise_floor_v;
-    let standing = Standing::of(ratio);
-    let verdict = if total.samples == 0 {
-        "No sample has a command above 1 kV: the fit cannot be judged in volts.".to_string()
-    } else if !total.noise_floor_v.is_finite() {
-        "The fit cannot be judged: with these parameters the motion's noise moves the voltages beyond all numbers; check the parameters."
-            .to_string()
-    } else if !ratio.is_finite() {
-        "The fit cannot be judged: at the poses of the motion its noise moves no voltage at all; check the rig's lengths and angles."
-            .to_string()
-    } else if standing == Standing::Fits {
-        format!(
-            "The model fits to the noise: {:.1} V rms above 1 kV, where the noise of the capture alone makes {:.1} V.",
-            total.rmse_v, total.noise_floor_v
-        )
-    } else if standing == Standing::NearlyFits {
-        format!(
-            "The model nearly fits: {:.1} V rms above 1 kV, {ratio:.1} times the {:.1} V that the noise of the capture makes.",
-            total.rmse_v, total.noise_floor_v
-        )
-    } else {
-        format!(
-            "The model does not fit: {:.1} V rms above 1 kV, {ratio:.1} times the {:.1} V that the noise of the capture makes. Something is left out.",
-            total.rmse_v, total.noise_floor_v
-        )
-    };
     Ok(Outcome {
         job,
         parameters,
@@ -1148,6 +920,7 @@ fn assemble(
         correlation: Default::default(),
         weak_directions: Vec::new(),
         recordings,
+        verdict: verdict(&total),
         total,
         starts: Vec::new(),
         converged: false,
@@ -1159,7 +932,6 @@ fn assemble(
         torque_band: Vec::new(),
         swing_range_deg,
         worst: places.worst(),
-        verdict,
         remarks,
     })
 }
@@ -1188,19 +960,13 @@ impl Places {
                 } else {
                     "held"
                 };
-                let add = |bins: &mut std::collections::BTreeMap<String, Sums>, place: String| {
-                    bins.entry(place).or_default().add(
-                        e.predicted_squared_v2[i][k],
-                        command,
-                        e.sd_v[i][k],
-                    );
-                };
-                add(&mut bins, format!("actuator {} of {id}", k + 1));
-                add(
-                    &mut bins,
+                for place in [
+                    format!("actuator {} of {id}", k + 1),
                     format!("{:.1} to {:.1} kV in {id}", band, band + 1.5),
-                );
-                add(&mut bins, format!("voltage {direction} in {id}"));
+                    format!("voltage {direction} in {id}"),
+                ] {
+                    add(bins.entry(place).or_default(), e, i, k);
+                }
             }
         }
         self.bins.extend(bins);

@@ -21,13 +21,14 @@ use rayon::prelude::*;
 use super::aged::Slot;
 use super::coupon::correlation_rows;
 use super::outcome::*;
-use super::robot::{apply, correlation, estimates, modulus, rising, unknown, weak_directions};
+use super::robot::{apply, locking, modulus, relaxation_time, spread_evenly, unknown};
 use super::sample_problem::{
     Hung, Prior, SampleProblem, errors_m, fits, hang, hang_at_first, hang_within, most_left_m,
     room_of,
 };
+use super::solution::Solution;
 use super::{Error, Request, Stage, Uncertainty};
-use crate::dataset::{HangingDataset, OffsetSource, Plan, repeats};
+use crate::dataset::{HangingDataset, OffsetSource, Plan, SmoothedAxis, repeats};
 use crate::film::Film;
 use crate::fit::levenberg_marquardt::{self as lm, Resting, StopReason};
 use crate::fit::memory::Memory;
@@ -35,8 +36,8 @@ use crate::fit::separable;
 use crate::model::{Electrode, HangingSample};
 use crate::parameter::{Parameter, Transform};
 use crate::residual::{
-    MOST_BRANCHES, OFFSET_REACH_S, SampleKnob, SampleTrouble, film_voltage_v, inverse_sample,
-    root_v, run_sample,
+    MOST_BRANCHES, OFFSET_REACH_S, SampleInverse, SampleKnob, SampleTrouble, film_voltage_v,
+    inverse_sample, root_v, run_sample,
 };
 
 /// What is known of a relaxation time beforehand: its order of magnitude (half a decade).
@@ -255,13 +256,7 @@ pub(super) fn spread_times(branches: usize, datasets: &[&HangingDataset]) -> Vec
         .iter()
         .map(|d| d.step_s * (d.samples() - 1) as f64)
         .fold(0.0, f64::max);
-    let (low, high) = ((3.0 * finest).ln(), (2.0 * longest).ln());
-    match branches {
-        1 => vec![(0.5 * (low + high)).exp()],
-        n => (0..n)
-            .map(|i| (low + (high - low) * i as f64 / (n - 1) as f64).exp())
-            .collect(),
-    }
+    spread_evenly(branches, [(3.0 * finest).ln(), (2.0 * longest).ln()])
 }
 
 /// A film of the right order: what the branches carry spread evenly.
@@ -293,28 +288,14 @@ fn parameters(
         .relaxation_time_s
         .iter()
         .enumerate()
-        .map(|(i, &start)| Parameter {
-            name: format!("T_{}", i + 1),
-            meaning: format!("relaxation time of branch {}", i + 1),
-            unit: "s",
-            transform: Transform::Log,
-            start,
-            lower: (0.5 * finest).min(start),
-            upper: 3000_f64.max(start),
-            prior_sd: Some(LOG_PRIOR_SD),
-            fixed: false,
+        .map(|(i, &start)| {
+            let bounds = [(0.5 * finest).min(start), 3000_f64.max(start)];
+            relaxation_time(i, start, bounds, LOG_PRIOR_SD)
         })
         .collect();
     out.push(Parameter {
-        name: "J".into(),
-        meaning: "locking constant of the Gent springs".into(),
-        unit: "1",
-        transform: Transform::Log,
-        start: film.locking,
-        lower: 1e-3,
-        upper: 1e9,
-        prior_sd: None,
         fixed: true,
+        ..locking(Transform::Log, film.locking, [1e-3, 1e9], None)
     });
     let split = out.len();
     let longest = datasets
@@ -355,6 +336,26 @@ fn parameters(
     Ok((out, split))
 }
 
+/// What can be said of the starts, best first.
+fn waterfall(ends: &[Runner], rows: f64, branches: usize) -> Vec<StartOutcome> {
+    let times = |e: &Runner| {
+        e.outcome.parameters[..branches]
+            .iter()
+            .map(|v| v.exp())
+            .collect()
+    };
+    ends.iter()
+        .map(|e| StartOutcome {
+            origin: e.origin.clone(),
+            cost: 2.0 * e.outcome.cost / rows,
+            evaluations: e.evaluations,
+            failed: e.failed,
+            ended: e.words().into(),
+            reached: times(e),
+        })
+        .collect()
+}
+
 /// Finds the film from recordings of hanging samples, all at once; `samples` states each one's geometry, mass
 /// and electrode. `watch` is shown every step and may stop the work.
 ///
@@ -366,118 +367,15 @@ pub fn calibrate_samples(
     request: &SampleRequest,
     watch: &(dyn Fn(f64) -> ControlFlow<()> + Sync),
 ) -> Result<SampleOutcome, Error> {
-    let branches = request
-        .start
-        .as_ref()
-        .map_or(request.branches, Film::branches);
+    let given = request.start.as_ref();
+    let branches = given.map_or(request.branches, Film::branches);
     check(datasets, samples, branches)?;
-    let first = request
-        .start
-        .clone()
+    let first = given
+        .cloned()
         .unwrap_or_else(|| start_film(spread_times(branches, datasets), HELD_LOCKING));
-    let (list, split) = parameters(request, datasets, &first)?;
-
-    // Slots in the order of the list, J left out, then the shifts.
-    let mut slots = Vec::new();
-    let mut place = Vec::new();
-    let mut free_offsets =
-        (0..datasets.len()).filter(|&r| datasets[r].offset_source == OffsetSource::Free);
-    for (i, p) in list.iter().enumerate() {
-        let slot = if p.name == "J" {
-            continue;
-        } else if i < split {
-            Slot::LogTime(i)
-        } else if i <= split + branches {
-            Slot::Modulus(i - split)
-        } else {
-            match free_offsets.next() {
-                Some(r) => Slot::Offset(r),
-                None => continue,
-            }
-        };
-        slots.push(slot);
-        place.push(i);
-    }
-    let known = slots.len();
-    slots.extend((0..datasets.len()).map(Slot::Shift));
-    let mut priors: Vec<Prior> = place
-        .iter()
-        .map(|&i| {
-            let sd = list[i].prior_sd.filter(|_| !list[i].fixed)?;
-            Some((list[i].transform.to_search(list[i].start), sd))
-        })
-        .collect();
-    priors.extend(datasets.iter().map(|_| Some((0.0, SHIFT_PRIOR_M))));
-    let mut bounds: Vec<[f64; 2]> = place
-        .iter()
-        .map(|&i| {
-            let p = &list[i];
-            if p.fixed {
-                [p.transform.to_search(p.start); 2]
-            } else {
-                [p.lower, p.upper].map(|v| p.transform.to_search(v))
-            }
-        })
-        .collect();
-    bounds.extend(datasets.iter().map(|_| [f64::NEG_INFINITY, f64::INFINITY]));
-    let begin: Vec<f64> = place
-        .iter()
-        .map(|&i| list[i].transform.to_search(list[i].start))
-        .chain(datasets.iter().map(|_| 0.0))
-        .collect();
-    let mut generator = ChaCha12Rng::seed_from_u64(request.seed);
-    let starts: Vec<(String, Vec<f64>)> = (0..request.starts.max(1))
-        .map(|s| {
-            let mut p = begin.clone();
-            if s == 0 {
-                let name = match request.start {
-                    Some(_) => "given film",
-                    None => "evenly spread",
-                };
-                return (name.to_string(), p);
-            }
-            for (j, slot) in slots.iter().enumerate() {
-                let [low, high] = bounds[j];
-                match slot {
-                    Slot::LogTime(_) => {
-                        p[j] = (p[j] + generator.random_range(-1.5..1.5)).clamp(low, high);
-                    }
-                    Slot::Modulus(_) => {
-                        let factor: f64 = generator.random_range(-0.7_f64..0.7);
-                        p[j] = (p[j] * factor.exp()).clamp(low, high);
-                    }
-                    _ => {}
-                }
-            }
-            (format!("random {s}"), p)
-        })
-        .collect();
-    let search = Search {
-        film: &first,
-        slots: &slots,
-        priors: &priors,
-        bounds: &bounds,
-        memory: &request.memory,
-        watch,
-    };
-    let (hung, mut ends) = search.race(datasets, samples, starts)?;
-    let rows = rows_of(&hung);
-    let waterfall: Vec<StartOutcome> = ends
-        .iter()
-        .map(|e| StartOutcome {
-            origin: e.origin.clone(),
-            cost: 2.0 * e.outcome.cost / rows,
-            evaluations: e.evaluations,
-            failed: e.failed,
-            ended: e.words().into(),
-            reached: e.outcome.parameters[..branches]
-                .iter()
-                .map(|v| v.exp())
-                .collect(),
-        })
-        .collect();
-    let evaluations = waterfall.iter().map(|s| s.evaluations).sum();
-    let failed = waterfall.iter().map(|s| s.failed).sum();
+    let search = Search::new(datasets, request, &first, watch)?;
+    let (hung, mut ends) = search.race(datasets, samples, search.starts(request))?;
+    let waterfall = waterfall(&ends, rows_of(&hung), branches);
     let best = ends.swap_remove(0).outcome;
     if !best.cost.is_finite() {
         return Err(Error::AllStartsFailed {
@@ -489,94 +387,50 @@ pub fn calibrate_samples(
     // Where it ended, as the estimates want it.
     let p = &best.parameters;
     let problem = search.problem(&hung);
-    let film = problem.setting(0, p).film;
-    let nonlinear: Vec<_> = list[..split].iter().map(unknown).collect();
-    let linear: Vec<_> = list[split..].iter().map(unknown).collect();
-    let mut values: Vec<f64> = list
-        .iter()
-        .map(|q| q.transform.to_search(q.start))
-        .collect();
-    let mut resting = vec![None; list.len()];
-    let mut free = vec![false; list.len()];
-    for (j, &i) in place.iter().enumerate() {
-        values[i] = p[j];
-        resting[i] = match best.resting[j] {
-            Resting::Lower => Some(AtBound::Lower),
-            Resting::Upper => Some(AtBound::Upper),
-            Resting::Free | Resting::Fixed => None,
-        };
-        free[i] = best.resting[j] == Resting::Free && !list[i].fixed;
-    }
-    let mut state = separable::State::at(&values[..split], &nonlinear, &linear);
-    state.beta = values[split..].to_vec();
-    let order = rising(&state.eta[..branches], &list, split);
-
+    let (state, resting, free) = search.ended(&best);
+    let solution = Solution::new(&search.list, search.split, branches, &state, &resting);
     // What the noise leaves open: the shifts are solved for along with the rest.
     let ended = problem.evaluate(p, false)?;
     let (square, inflation) = noise_of(ended.iter().map(|r| r.residuals.as_slice()), free.len());
-    let gram = marginal(&problem.gram(p)?, known);
-    let mut wide = DMatrix::zeros(list.len(), list.len());
-    for (a, &i) in place.iter().enumerate() {
-        for (b, &k) in place.iter().enumerate() {
-            wide[(i, k)] = gram[(a, b)];
-        }
-    }
-    let precision: Vec<f64> = list
-        .iter()
-        .map(|q| q.prior_sd.map_or(0.0, |sd| sd.powi(-2)))
-        .collect();
-    let uncertainty = Uncertainty::new(&wide, &(&wide * inflation), &precision, &free);
-    let profiled = vec![None; list.len()];
-    let found = estimates(
-        &list,
-        &state,
-        &uncertainty,
-        &profiled,
-        &resting,
-        &order,
-        split,
-    );
-    let mut sorted = film.clone();
-    for (at, &branch) in order[..branches].iter().enumerate() {
-        sorted.relaxation_time_s[at] = film.relaxation_time_s[branch];
-        sorted.mu_pa[at + 1] = film.mu_pa[branch + 1];
-    }
-    let offset_errors: Vec<Option<f64>> = (0..datasets.len())
+    let gram = marginal(&problem.gram(p)?, search.place.len());
+    let uncertainty = search.uncertainty(&gram, inflation, &free);
+    let film = solution.sorted(&problem.setting(0, p).film);
+    let taken: Vec<Taken> = (0..datasets.len())
         .map(|r| {
-            let j = slots.iter().position(|s| *s == Slot::Offset(r))?;
-            Some(uncertainty.std_error(place[j]))
+            let setting = problem.setting(r, p);
+            let offset = search.slots.iter().position(|s| *s == Slot::Offset(r));
+            Taken {
+                sample: setting.sample,
+                shift_m: setting.shift_m,
+                offset_s: setting.offset_s,
+                offset_std_error_s: offset.map(|j| uncertainty.std_error(search.place[j])),
+            }
         })
         .collect();
-    let settings: Vec<_> = (0..datasets.len()).map(|r| problem.setting(r, p)).collect();
-    let mut outcome = assemble(
-        "sample",
-        &hung,
-        &sorted,
-        &settings.iter().map(|s| s.sample).collect::<Vec<_>>(),
-        &settings
-            .iter()
-            .map(|s| [s.shift_m, s.offset_s])
-            .collect::<Vec<_>>(),
-        &offset_errors,
-    )
-    .map_err(|why| {
+    let mut outcome = assemble("sample", &hung, &film, &taken).map_err(|why| {
         Error::NothingToFit(format!(
             "nothing fits: the film that comes nearest leaves {:.0} um rms of x, and no voltage moves it as captured ({why}); look at the \
              voltage, its clock and the stated numbers of the rig",
             1e6 * most_left_m(&hung, &ended)
         ))
     })?;
-    outcome.weak_directions = weak_directions(&list, &state, &uncertainty, &order, split);
-    outcome.correlation = correlation(&list, &uncertainty, &order);
-    outcome.estimates = found;
-    outcome.scale = scale(&problem, p, &gram, &place, &list, known);
+    outcome.weak_directions = solution.weak_directions(&uncertainty);
+    outcome.correlation = solution.correlation(&uncertainty);
+    outcome.estimates = solution.estimates(&uncertainty, &vec![None; search.list.len()]);
+    outcome.scale = scale(&search, &problem, p, &gram);
+    outcome.evaluations = waterfall.iter().map(|s| s.evaluations).sum();
+    outcome.failed_evaluations = waterfall.iter().map(|s| s.failed).sum();
     outcome.starts = waterfall;
     outcome.converged = best.reason.converged();
     outcome.reason = best.reason.words().into();
-    outcome.evaluations = evaluations;
-    outcome.failed_evaluations = failed;
     outcome.weighted_mean_square = square;
     outcome.verdict = verdict(&outcome);
+    say_what_is_open(&mut outcome, inflation);
+    Ok(outcome)
+}
+
+/// What the stated numbers, the held J and the correlation of what is left mean for the moduli.
+fn say_what_is_open(outcome: &mut SampleOutcome, inflation: f64) {
     if let Some(scale) = outcome.scale {
         outcome.remarks.push(format!(
             "One mass fixes only combinations: were the permittivity 1 % larger than stated, all moduli would come out {:.2} % larger; were the mass 1 % larger, {:.2} %.",
@@ -587,13 +441,13 @@ pub fn calibrate_samples(
         "J is held at {}: at the stretches of a hanging sample it does nothing that could be seen. Take it from a coupon.",
         outcome.film.locking
     ));
+    let square = outcome.weighted_mean_square;
     if inflation > 1.5 * square.max(1.0) {
         outcome.remarks.push(format!(
             "What the model leaves of x is correlated over {:.1} rows: the intervals are widened for it.",
             inflation / square
         ));
     }
-    Ok(outcome)
 }
 
 /// Rows of all recordings.
@@ -609,9 +463,14 @@ fn best_first(runners: &mut [Runner]) {
 /// What all starts of a calibration share.
 struct Search<'s> {
     film: &'s Film,
-    slots: &'s [Slot],
-    priors: &'s [Prior],
-    bounds: &'s [[f64; 2]],
+    list: Vec<Parameter>,
+    /// Relaxation times and J, which come first in the list.
+    split: usize,
+    /// Number in the list of each slot; the shifts, which come last, are not in it.
+    place: Vec<usize>,
+    slots: Vec<Slot>,
+    priors: Vec<Prior>,
+    bounds: Vec<[f64; 2]>,
     memory: &'s Memory,
     watch: &'s (dyn Fn(f64) -> ControlFlow<()> + Sync),
 }
@@ -665,11 +524,134 @@ impl Runner {
     }
 }
 
-impl Search<'_> {
+impl<'s> Search<'s> {
+    /// Slots in the order of the list, J left out, then the shifts.
+    fn new(
+        datasets: &[&HangingDataset],
+        request: &'s SampleRequest,
+        film: &'s Film,
+        watch: &'s (dyn Fn(f64) -> ControlFlow<()> + Sync),
+    ) -> Result<Self, Error> {
+        let (list, split) = parameters(request, datasets, film)?;
+        let (mut slots, mut place) = (Vec::new(), Vec::new());
+        let mut free_offsets =
+            (0..datasets.len()).filter(|&r| datasets[r].offset_source == OffsetSource::Free);
+        for (i, p) in list.iter().enumerate() {
+            let slot = if p.name == "J" {
+                continue;
+            } else if i < split {
+                Slot::LogTime(i)
+            } else if i <= split + film.branches() {
+                Slot::Modulus(i - split)
+            } else {
+                match free_offsets.next() {
+                    Some(r) => Slot::Offset(r),
+                    None => continue,
+                }
+            };
+            slots.push(slot);
+            place.push(i);
+        }
+        slots.extend((0..datasets.len()).map(Slot::Shift));
+        let prior = |p: &Parameter| {
+            let sd = p.prior_sd.filter(|_| !p.fixed)?;
+            Some((p.transform.to_search(p.start), sd))
+        };
+        let bound = |p: &Parameter| match p.fixed {
+            true => [p.transform.to_search(p.start); 2],
+            false => [p.lower, p.upper].map(|v| p.transform.to_search(v)),
+        };
+        let mut priors: Vec<Prior> = place.iter().map(|&i| prior(&list[i])).collect();
+        priors.extend(datasets.iter().map(|_| Some((0.0, SHIFT_PRIOR_M))));
+        let mut bounds: Vec<[f64; 2]> = place.iter().map(|&i| bound(&list[i])).collect();
+        bounds.extend(datasets.iter().map(|_| [f64::NEG_INFINITY, f64::INFINITY]));
+        Ok(Search {
+            film,
+            list,
+            split,
+            place,
+            slots,
+            priors,
+            bounds,
+            memory: &request.memory,
+            watch,
+        })
+    }
+
+    /// The given or evenly spread start, then random ones about it.
+    fn starts(&self, request: &SampleRequest) -> Vec<(String, Vec<f64>)> {
+        let own = self.place.iter().map(|&i| &self.list[i]);
+        let mut begin: Vec<f64> = own.map(|p| p.transform.to_search(p.start)).collect();
+        begin.resize(self.slots.len(), 0.0);
+        let mut generator = ChaCha12Rng::seed_from_u64(request.seed);
+        let mut random = |s: usize| {
+            let mut p = begin.clone();
+            for (j, slot) in self.slots.iter().enumerate() {
+                let [low, high] = self.bounds[j];
+                match slot {
+                    Slot::LogTime(_) => {
+                        p[j] = (p[j] + generator.random_range(-1.5..1.5)).clamp(low, high);
+                    }
+                    Slot::Modulus(_) => {
+                        let factor: f64 = generator.random_range(-0.7_f64..0.7);
+                        p[j] = (p[j] * factor.exp()).clamp(low, high);
+                    }
+                    _ => {}
+                }
+            }
+            (format!("random {s}"), p)
+        };
+        let name = match request.start {
+            Some(_) => "given film",
+            None => "evenly spread",
+        };
+        let mut out = vec![(name.to_string(), begin.clone())];
+        out.extend((1..request.starts.max(1)).map(&mut random));
+        out
+    }
+
+    /// Values of the list where a search ended, which of them rest on a bound, and which are free.
+    fn ended(&self, best: &lm::Outcome) -> (separable::State, Vec<Option<AtBound>>, Vec<bool>) {
+        let searched = |p: &Parameter| p.transform.to_search(p.start);
+        let mut values: Vec<f64> = self.list.iter().map(searched).collect();
+        let mut resting = vec![None; self.list.len()];
+        let mut free = vec![false; self.list.len()];
+        for (j, &i) in self.place.iter().enumerate() {
+            values[i] = best.parameters[j];
+            resting[i] = match best.resting[j] {
+                Resting::Lower => Some(AtBound::Lower),
+                Resting::Upper => Some(AtBound::Upper),
+                Resting::Free | Resting::Fixed => None,
+            };
+            free[i] = best.resting[j] == Resting::Free && !self.list[i].fixed;
+        }
+        let unknowns: Vec<_> = self.list.iter().map(unknown).collect();
+        let (nonlinear, linear) = unknowns.split_at(self.split);
+        let mut state = separable::State::at(&values[..self.split], nonlinear, linear);
+        state.beta = values[self.split..].to_vec();
+        (state, resting, free)
+    }
+
+    /// How sure the list is, from the Gram matrix of its slots and the factor on what noise makes of it.
+    fn uncertainty(&self, gram: &DMatrix<f64>, inflation: f64, free: &[bool]) -> Uncertainty {
+        let n = self.list.len();
+        let mut wide = DMatrix::zeros(n, n);
+        for (a, &i) in self.place.iter().enumerate() {
+            for (b, &k) in self.place.iter().enumerate() {
+                wide[(i, k)] = gram[(a, b)];
+            }
+        }
+        let priors = self.list.iter().map(|q| q.prior_sd);
+        let precision: Vec<f64> = priors
+            .map(|prior| prior.map_or(0.0, |sd| sd.powi(-2)))
+            .collect();
+        Uncertainty::new(&wide, &(&wide * inflation), &precision, free)
+    }
+
     fn problem<'h>(&self, hung: &'h [Hung<'h>]) -> SampleProblem<'h> {
         let levels = vec![[0; 5]; hung.len()];
-        let (film, slots) = (self.film.clone(), self.slots.to_vec());
-        SampleProblem::new(hung, film, slots, self.priors.to_vec(), levels)
+        let (film, slots) = (self.film.clone(), self.slots.clone());
+        SampleProblem::new(hung, film, slots, self.priors.clone(), levels)
     }
 
     fn leg(
@@ -689,13 +671,26 @@ impl Search<'_> {
     fn loose(&self, hung: &[Hung]) -> lm::Options {
         let rows = rows_of(hung);
         lm::Options {
-            bounds: self.bounds.to_vec(),
+            bounds: self.bounds.clone(),
             iteration_limit: RACE_LIMIT,
             // the square of this times the cost is what a step would still save
             gradient_tolerance: (LITTLE / rows).sqrt().min(0.1),
             step_tolerance: 1e-9,
             cost_tolerance: (LITTLE / rows).min(0.01),
             polish_limit: 0,
+            ..lm::Options::default()
+        }
+    }
+
+    /// To the end.
+    fn tight(&self) -> lm::Options {
+        lm::Options {
+            bounds: self.bounds.clone(),
+            iteration_limit: 200,
+            gradient_tolerance: 1e-7,
+            step_tolerance: 1e-9,
+            cost_tolerance: 1e-11,
+            polish_limit: 3,
             ..lm::Options::default()
         }
     }
@@ -761,15 +756,7 @@ impl Search<'_> {
                 best_first(&mut runners);
             }
         }
-        let tight = lm::Options {
-            bounds: self.bounds.to_vec(),
-            iteration_limit: 200,
-            gradient_tolerance: 1e-7,
-            step_tolerance: 1e-9,
-            cost_tolerance: 1e-11,
-            polish_limit: 3,
-            ..lm::Options::default()
-        };
+        let tight = self.tight();
         let go_on = |r: Runner| -> Result<Runner, Error> {
             let outcome = self.leg("the fit", &hung, &r.outcome.parameters, &tight)?;
             Ok(Runner {
@@ -832,15 +819,15 @@ pub(super) fn marginal(gram: &DMatrix<f64>, known: usize) -> DMatrix<f64> {
 
 /// How the sum of the moduli answers to the stated permittivity and mass.
 fn scale(
+    search: &Search,
     problem: &SampleProblem,
     p: &[f64],
     gram: &DMatrix<f64>,
-    place: &[usize],
-    list: &[Parameter],
-    known: usize,
 ) -> Option<Scale> {
+    let known = search.place.len();
+    let free = |j: usize| !search.list[search.place[j]].fixed;
     let moduli: Vec<usize> = (0..known)
-        .filter(|&j| matches!(problem.slots[j], Slot::Modulus(_)) && !list[place[j]].fixed)
+        .filter(|&j| matches!(problem.slots[j], Slot::Modulus(_)) && free(j))
         .filter(|&j| p[j] > 0.0)
         .collect();
     let sum: f64 = moduli.iter().map(|&j| p[j]).sum();
@@ -912,9 +899,13 @@ pub fn validate_samples(
 ) -> Result<SampleOutcome, Error> {
     check(datasets, samples, film.branches())?;
     let hung = hang(datasets, samples, film)?;
-    let measured: Vec<[f64; 2]> = datasets.iter().map(|d| [0.0, d.offset_s]).collect();
-    let stated = vec![None; datasets.len()];
-    let mut outcome = assemble("validate", &hung, film, samples, &measured, &stated)?;
+    let taken = datasets.iter().zip(samples).map(|(d, sample)| Taken {
+        sample: *sample,
+        shift_m: 0.0,
+        offset_s: d.offset_s,
+        offset_std_error_s: None,
+    });
+    let mut outcome = assemble("validate", &hung, film, &taken.collect::<Vec<_>>())?;
     outcome.converged = true;
     outcome.reason = "nothing was fitted".into();
     outcome.verdict = verdict(&outcome);
@@ -964,18 +955,24 @@ fn motion(
     Ok(((0..d.samples()).map(at).collect(), run.rest_length_m))
 }
 
+/// A recording of a sample as it is held against a film.
+struct Taken {
+    sample: HangingSample,
+    shift_m: f64,
+    offset_s: f64,
+    offset_std_error_s: Option<f64>,
+}
+
 fn assemble(
     job: &'static str,
     hung: &[Hung],
     film: &Film,
-    samples: &[HangingSample],
-    measured: &[[f64; 2]],
-    offset_errors: &[Option<f64>],
+    taken: &[Taken],
 ) -> Result<SampleOutcome, Error> {
     let recordings = hung
         .par_iter()
-        .enumerate()
-        .map(|(i, h)| one(h, film, &samples[i], measured[i], offset_errors[i]))
+        .zip(taken)
+        .map(|(h, taken)| one(h, film, taken))
         .collect::<Result<Vec<_>, Error>>()?;
     let total = total(recordings.iter().map(|r| &r.error));
     let rows = |f: fn(&SampleFit) -> f64| -> f64 {
@@ -995,7 +992,7 @@ fn assemble(
     Ok(SampleOutcome {
         job,
         film: film.clone(),
-        eps_r: samples[0].eps_r,
+        eps_r: taken[0].sample.eps_r,
         estimates: Vec::new(),
         correlation: Default::default(),
         weak_directions: Vec::new(),
@@ -1029,13 +1026,9 @@ fn total<'e>(errors: impl Iterator<Item = &'e ChainError>) -> ChainError {
         t.samples_all += e.samples_all;
         t.negative += e.negative;
     }
-    let root = |sum: f64, n: usize| match n {
-        0 => f64::NAN,
-        n => (sum / n as f64).sqrt(),
-    };
-    t.rmse_v = root(high, t.samples);
-    t.noise_floor_v = root(floor, t.samples);
-    t.rmse_all_v = root(all, t.samples_all);
+    t.rmse_v = root_mean(high, t.samples);
+    t.noise_floor_v = root_mean(floor, t.samples);
+    t.rmse_all_v = root_mean(all, t.samples_all);
     t
 }
 
@@ -1079,14 +1072,96 @@ fn bridge(x: &mut [f64], model: &[f64], gaps: &[(usize, usize)]) {
     }
 }
 
-fn one(
-    hung: &Hung,
-    film: &Film,
-    sample: &HangingSample,
-    [shift_m, offset_s]: [f64; 2],
-    offset_std_error_s: Option<f64>,
-) -> Result<SampleFit, Error> {
+/// The motion as captured and smoothed, its long gaps bridged.
+struct Track {
+    x_m: Vec<f64>,
+    acceleration: Vec<f64>,
+    bridged: Vec<bool>,
+}
+
+impl Track {
+    fn new(d: &HangingDataset, axis: &SmoothedAxis, shift_m: f64, predicted_m: &[f64]) -> Self {
+        let mut x_m: Vec<f64> = axis.position.iter().map(|x| x - shift_m).collect();
+        let gaps = long_gaps(d, &axis.position_sd);
+        bridge(&mut x_m, predicted_m, &gaps);
+        let mut bridged = vec![false; x_m.len()];
+        let mut acceleration = axis.acceleration.clone();
+        for &(start, length) in &gaps {
+            bridged[start..start + length].fill(true);
+            acceleration[start..start + length].fill(0.0);
+        }
+        Track {
+            x_m,
+            acceleration,
+            bridged,
+        }
+    }
+
+    /// Another that the capture may as well have been of: x, acceleration.
+    fn drawn(&self, axis: &SmoothedAxis, seed: u64) -> [Vec<f64>; 2] {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let (mut x, mut a) = (self.x_m.clone(), self.acceleration.clone());
+        axis.draw_deviation(&mut generator, |i, d| {
+            if !self.bridged[i] {
+                x[i] += d[0];
+                a[i] += d[2];
+            }
+        });
+        [x, a]
+    }
+}
+
+/// What the motion needs on the film, with what drawn motions need, and what is there.
+struct Voltages {
+    needed: Vec<f64>,
+    draws: Vec<Vec<f64>>,
+    film_v: Vec<f64>,
+    /// Command; NaN where the log has none.
+    command_v: Vec<f64>,
+}
+
+impl Voltages {
+    /// Standard deviation of the needed voltage, V.
+    fn sd_v(&self) -> Vec<f64> {
+        let draws = &self.draws;
+        let sd = |(i, needed): (usize, &f64)| {
+            let square: f64 = draws.iter().map(|q| (q[i] - needed).powi(2)).sum();
+            let sd = (square / draws.len().max(1) as f64).sqrt();
+            sd / (2.0 * root_v(*needed).max(0.5 * sd.sqrt()))
+        };
+        self.needed.iter().enumerate().map(sd).collect()
+    }
+
+    /// Error over the frames that count.
+    fn error(&self, counts: &[bool]) -> ChainError {
+        let (needed, draws) = (&self.needed, &self.draws);
+        let mut sums = Sums::default();
+        for i in (0..needed.len()).filter(|&i| counts[i]) {
+            let judged = self.command_v[i].abs() > JUDGED_ABOVE_V;
+            let noise = || {
+                let drawn = draws
+                    .iter()
+                    .map(|q| (root_v(q[i]) - root_v(needed[i])).powi(2));
+                drawn.sum::<f64>() / draws.len().max(1) as f64
+            };
+            sums.add(
+                root_v(needed[i]) - self.film_v[i].abs(),
+                needed[i] < 0.0,
+                judged.then(noise),
+            );
+        }
+        sums.error()
+    }
+}
+
+fn one(hung: &Hung, film: &Film, taken: &Taken) -> Result<SampleFit, Error> {
     let d = hung.residual.dataset();
+    let &Taken {
+        ref sample,
+        shift_m,
+        offset_s,
+        ..
+    } = taken;
     let too_short = |e: crate::dataset::Error| Error::NothingToFit(e.to_string());
     let rows = hung
         .residual
@@ -1098,112 +1173,61 @@ fn one(
     };
     let (predicted_m, rest_length_m) = motion(hung, sample, film, offset_s)?;
     let axis = d.smoothed(None).map_err(too_short)?;
-    let n = d.samples();
-    let h = d.step_s;
-    let (first, last) = d.voltage.span_s();
-    let slack = 0.5 * h;
-    let command_v: Vec<f64> = (0..n)
-        .map(|i| {
-            let t = d.time_s(i) + offset_s;
-            match (first - slack..=last + slack).contains(&t) {
-                true => d.voltage.at(0, t),
-                false => f64::NAN,
-            }
-        })
-        .collect();
+    let (n, h) = (d.samples(), d.step_s);
     let applied: Vec<f64> = (0..n)
         .map(|i| d.voltage.at(0, d.time_s(i) + offset_s))
         .collect();
-    let mut smoothed_m: Vec<f64> = axis.position.iter().map(|x| x - shift_m).collect();
-    let gaps = long_gaps(d, &axis.position_sd);
-    bridge(&mut smoothed_m, &predicted_m, &gaps);
-    let mut in_gap = vec![false; n];
-    let mut acceleration = axis.acceleration.clone();
-    for &(start, length) in &gaps {
-        in_gap[start..start + length].fill(true);
-        acceleration[start..start + length].fill(0.0);
-    }
-    let inverse = inverse_sample(sample, film, &smoothed_m, &acceleration, h, applied[0])?;
-    let film_v = film_voltage_v(sample, &applied, &inverse.area, h);
-    let draws: Vec<Vec<f64>> = (0..DRAWS)
-        .into_par_iter()
-        .filter_map(|seed| {
-            let mut generator = ChaCha12Rng::seed_from_u64(seed);
-            let (mut x, mut a) = (smoothed_m.clone(), acceleration.clone());
-            axis.draw_deviation(&mut generator, |i, d| {
-                if !in_gap[i] {
-                    x[i] += d[0];
-                    a[i] += d[2];
-                }
-            });
-            // A drawn track that the model cannot follow says nothing of the noise.
-            let drawn = inverse_sample(sample, film, &x, &a, h, applied[0]).ok()?;
-            Some(drawn.squared_v2)
-        })
-        .collect();
-    let needed = &inverse.squared_v2;
-    let sd_v: Vec<f64> = (0..n)
-        .map(|i| {
-            let square: f64 = draws.iter().map(|q| (q[i] - needed[i]).powi(2)).sum();
-            let sd = (square / draws.len().max(1) as f64).sqrt();
-            sd / (2.0 * root_v(needed[i]).max(0.5 * sd.sqrt()))
-        })
-        .collect();
+    let (first, last) = d.voltage.span_s();
+    let logged = first - 0.5 * h..=last + 0.5 * h;
+    let command = |i: usize| match logged.contains(&(d.time_s(i) + offset_s)) {
+        true => applied[i],
+        false => f64::NAN,
+    };
+    let track = Track::new(d, &axis, shift_m, &predicted_m);
+    let inverse = |x: &[f64], a: &[f64]| inverse_sample(sample, film, x, a, h, applied[0]);
+    let SampleInverse { squared_v2, area } = inverse(&track.x_m, &track.acceleration)?;
+    let draws = (0..DRAWS).into_par_iter().filter_map(|seed| {
+        let [x, a] = track.drawn(&axis, seed);
+        // A drawn track that the model cannot follow says nothing of the noise.
+        Some(inverse(&x, &a).ok()?.squared_v2)
+    });
+    let voltages = Voltages {
+        draws: draws.collect(),
+        film_v: film_voltage_v(sample, &applied, &area, h),
+        command_v: (0..n).map(command).collect(),
+        needed: squared_v2,
+    };
     let edge = (EDGE_S / h).round() as usize;
     let counts: Vec<bool> = (0..n)
-        .map(|i| i >= edge && i + edge < n && d.captured(i) && command_v[i].is_finite())
+        .map(|i| i >= edge && i + edge < n && d.captured(i) && voltages.command_v[i].is_finite())
         .collect();
-    let mut error = ChainError::default();
-    let (mut high, mut all, mut floor) = (0.0, 0.0, 0.0);
-    for i in (0..n).filter(|&i| counts[i]) {
-        let e = root_v(needed[i]) - film_v[i].abs();
-        all += e * e;
-        error.samples_all += 1;
-        error.negative += usize::from(needed[i] < 0.0);
-        if command_v[i].abs() > JUDGED_ABOVE_V {
-            high += e * e;
-            error.samples += 1;
-            error.max_error_v = error.max_error_v.max(e.abs());
-            let drawn = draws
-                .iter()
-                .map(|q| (root_v(q[i]) - root_v(needed[i])).powi(2));
-            floor += drawn.sum::<f64>() / draws.len().max(1) as f64;
-        }
-    }
-    let root = |sum: f64, n: usize| match n {
-        0 => f64::NAN,
-        n => (sum / n as f64).sqrt(),
-    };
-    error.rmse_v = root(high, error.samples);
-    error.noise_floor_v = root(floor, error.samples);
-    error.rmse_all_v = root(all, error.samples_all);
     let range = |v: &[f64]| {
         let low = v.iter().copied().fold(f64::INFINITY, f64::min);
         v.iter().copied().fold(f64::NEG_INFINITY, f64::max) - low
     };
     Ok(SampleFit {
         id: d.id.clone(),
-        error,
+        error: voltages.error(&counts),
         rmse_m: mean(&|i| rows.residuals[i] * noise[i]),
         noise_rmse_m: mean(&|i| noise[i]),
         max_error_m: (0..noise.len()).fold(0.0, |m, i| m.max((rows.residuals[i] * noise[i]).abs())),
         noise_m: d.noise_m,
-        stroke_m: [range(&smoothed_m), range(&predicted_m)],
+        stroke_m: [range(&track.x_m), range(&predicted_m)],
         rest_length_m,
         step_s: hung.residual.step_s(),
         offset_s,
-        offset_std_error_s,
+        offset_std_error_s: taken.offset_std_error_s,
         electrode: sample.electrode,
         plan: d.plan(&axis),
         time_s: (0..n).map(|i| d.time_s(i)).collect(),
         captured_m: d.x_m.iter().map(|x| x - shift_m).collect(),
-        smoothed_m,
+        smoothed_m: track.x_m,
         predicted_m,
-        command_v,
-        film_v,
-        needed_squared_v2: inverse.squared_v2,
-        area: inverse.area,
-        sd_v,
+        sd_v: voltages.sd_v(),
+        command_v: voltages.command_v,
+        film_v: voltages.film_v,
+        needed_squared_v2: voltages.needed,
+        area,
         counts,
         gaps: d.gaps(),
         cycles_s: repeats(

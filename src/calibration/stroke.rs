@@ -139,8 +139,16 @@ fn basis_slopes(place: f64, harmonics: usize) -> [DVector<f64>; 2] {
     [first, second]
 }
 
+impl Window {
+    /// Frames within the cycle.
+    fn inside(&self) -> impl Iterator<Item = &(usize, f64)> {
+        self.frames.iter().filter(|f| (0.0..=1.0).contains(&f.1))
+    }
+}
+
 /// A window's fit.
 struct Curve {
+    harmonics: usize,
     coefficients: DVector<f64>,
     inverse: DMatrix<f64>,
     design: DMatrix<f64>,
@@ -161,6 +169,7 @@ fn fit(window: &Window, harmonics: usize) -> Option<Curve> {
     let coefficients = &inverse * design.tr_mul(&window.values);
     let residual = &window.values - &design * &coefficients;
     Some(Curve {
+        harmonics,
         coefficients,
         inverse,
         design,
@@ -195,24 +204,41 @@ fn extremum(c: &DVector<f64>, harmonics: usize, sign: f64) -> (f64, bool) {
     (place, true)
 }
 
-/// Strokes of the first `most` whole cycles of x (m, NaN in gaps, frame i at `start_s` + i `step_s`).
-///
-/// # Errors
-/// A sentence, where no cycle can be measured.
-pub fn strokes(
+impl Curve {
+    fn degrees(&self) -> usize {
+        self.residual.len() - self.coefficients.len()
+    }
+
+    /// Largest minus smallest value less what noise of so much `variance` raises it by, and its derivative by
+    /// the coefficients.
+    fn stroke(&self, variance: f64) -> (f64, DVector<f64>) {
+        let (top, top_inside) = extremum(&self.coefficients, self.harmonics, 1.0);
+        let (bottom, bottom_inside) = extremum(&self.coefficients, self.harmonics, -1.0);
+        let g = basis(top, self.harmonics) - basis(bottom, self.harmonics);
+        let lift = |place: f64, inside: bool| {
+            if !inside {
+                return 0.0;
+            }
+            let [first, second] = basis_slopes(place, self.harmonics);
+            let slope = variance * (first.transpose() * &self.inverse * &first)[(0, 0)];
+            let bend = second.dot(&self.coefficients).abs();
+            let error = (variance * (g.transpose() * &self.inverse * &g)[(0, 0)]).sqrt();
+            (slope / (2.0 * bend)).min(3.0 * error)
+        };
+        let raised = lift(top, top_inside) + lift(bottom, bottom_inside);
+        (g.dot(&self.coefficients) - raised, g)
+    }
+}
+
+/// Windows of the whole cycles that were captured, and of others why they are left out.
+fn windows(
     x_m: &[f64],
     start_s: f64,
     step_s: f64,
     cycles: &Cycles,
-    most: usize,
-) -> Result<Strokes, String> {
+    notes: &mut Vec<String>,
+) -> Vec<Window> {
     let period = cycles.period_s;
-    let mut notes = Vec::new();
-    if let Some(at) = cycles.broken_s {
-        notes.push(format!(
-            "the drive is no longer periodic from {at:.1} s on: later cycles are left out"
-        ));
-    }
     let end_s = start_s + step_s * x_m.len().saturating_sub(1) as f64;
     let mut windows = Vec::new();
     for (i, &begin) in cycles.starts_s.iter().enumerate() {
@@ -228,13 +254,15 @@ pub fn strokes(
             .filter(|&j| !x_m[j].is_nan())
             .map(|j| (j, place(j)))
             .collect();
+        let values = DVector::from_iterator(frames.len(), frames.iter().map(|f| x_m[f.0]));
+        let window = Window {
+            number: i + 1,
+            start_s: begin,
+            frames,
+            values,
+        };
         let inside: Vec<f64> = std::iter::once(0.0)
-            .chain(
-                frames
-                    .iter()
-                    .map(|f| f.1)
-                    .filter(|p| (0.0..=1.0).contains(p)),
-            )
+            .chain(window.inside().map(|f| f.1))
             .chain(std::iter::once(1.0))
             .collect();
         let gap = inside.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
@@ -248,18 +276,14 @@ pub fn strokes(
             ));
             continue;
         }
-        let values = DVector::from_iterator(frames.len(), frames.iter().map(|f| x_m[f.0]));
-        windows.push(Window {
-            number: i + 1,
-            start_s: begin,
-            frames,
-            values,
-        });
+        windows.push(window);
     }
-    if windows.is_empty() {
-        return Err("no whole cycle was captured".into());
-    }
-    // Of all harmonics those of smallest AIC over the recording.
+    windows
+}
+
+/// Of all harmonics those of smallest AIC over the recording, and two more where the frames carry them: AIC
+/// weighs the error of the whole curve; what it truncates would bias every cycle alike.
+fn harmonics_of(windows: &[Window]) -> Result<usize, String> {
     let rows: usize = windows.iter().map(|w| w.frames.len()).sum();
     let aic = |k: usize| -> Option<f64> {
         let sum: f64 = windows
@@ -281,44 +305,28 @@ pub fn strokes(
             _ => best = Some((k, value)),
         }
     }
-    let chosen = best
-        .ok_or("a cycle has too few frames for a curve through it")?
-        .0;
-    // AIC weighs the error of the whole curve; what it truncates would bias every cycle alike, so two more.
+    let (chosen, _) = best.ok_or("a cycle has too few frames for a curve through it")?;
     let more = windows.iter().all(|w| fit(w, chosen + 2).is_some());
-    let harmonics = if more { chosen + 2 } else { chosen };
-    let curves: Vec<Curve> = windows.iter().filter_map(|w| fit(w, harmonics)).collect();
-    let mean_square =
-        |c: &Curve| c.residual.norm_squared() / (c.residual.len() - c.coefficients.len()) as f64;
-    let read = |c: &Curve, variance: f64| {
-        let (top, top_inside) = extremum(&c.coefficients, harmonics, 1.0);
-        let (bottom, bottom_inside) = extremum(&c.coefficients, harmonics, -1.0);
-        let g = basis(top, harmonics) - basis(bottom, harmonics);
-        let lift = |place: f64, inside: bool| {
-            if !inside {
-                return 0.0;
-            }
-            let [first, second] = basis_slopes(place, harmonics);
-            let slope = variance * (first.transpose() * &c.inverse * &first)[(0, 0)];
-            let bend = second.dot(&c.coefficients).abs();
-            let error = (variance * (g.transpose() * &c.inverse * &g)[(0, 0)]).sqrt();
-            (slope / (2.0 * bend)).min(3.0 * error)
-        };
-        let raised = lift(top, top_inside) + lift(bottom, bottom_inside);
-        (g.dot(&c.coefficients) - raised, g)
-    };
-    let median = |values: &[f64]| {
-        let mut v = values.to_vec();
-        v.sort_by(f64::total_cmp);
-        v[v.len() / 2]
-    };
-    let squares: Vec<f64> = curves.iter().map(mean_square).collect();
+    Ok(if more { chosen + 2 } else { chosen })
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut v = values.to_vec();
+    v.sort_by(f64::total_cmp);
+    v[v.len() / 2]
+}
+
+/// Cycles before the first that is not like those before it: of a sample that fails half-way nothing counts
+/// from there on.
+fn intact(windows: &[Window], curves: &[Curve], notes: &mut Vec<String>) -> usize {
+    let squares: Vec<f64> = curves
+        .iter()
+        .map(|c| c.residual.norm_squared() / c.degrees() as f64)
+        .collect();
     let typical = median(&squares);
-    // A sample that fails half-way: from the first cycle that is not like those before it, nothing counts.
-    let mut good = curves.len();
     let mut sizes: Vec<f64> = Vec::new();
     for (i, c) in curves.iter().enumerate() {
-        let size = read(c, squares[i]).0;
+        let size = c.stroke(squares[i]).0;
         let unlike = !sizes.is_empty() && {
             let before = median(&sizes);
             size < FAILED * before || size > before / FAILED
@@ -327,64 +335,80 @@ pub fn strokes(
             && squares[i] > BROKEN * BROKEN * typical
             && squares[i].sqrt() > TORN * size;
         if unlike || torn {
-            good = i;
+            let why = match unlike {
+                true => format!(
+                    "its stroke is {:.3} mm after {:.3} mm",
+                    size * 1e3,
+                    median(&sizes) * 1e3
+                ),
+                false => "its motion is not that of a cycle".to_string(),
+            };
             notes.push(format!(
-                "the sample fails in cycle {} (at {:.1} s): {}; it and later cycles are left out",
-                windows[i].number,
-                windows[i].start_s,
-                if unlike {
-                    format!(
-                        "its stroke is {:.3} mm after {:.3} mm",
-                        size * 1e3,
-                        median(&sizes) * 1e3
-                    )
-                } else {
-                    "its motion is not that of a cycle".to_string()
-                }
+                "the sample fails in cycle {} (at {:.1} s): {why}; it and later cycles are left out",
+                windows[i].number, windows[i].start_s,
             ));
-            break;
+            return i;
         }
         sizes.push(size);
     }
-    let count = good.min(most);
+    curves.len()
+}
+
+/// Variance of a frame about the curves, and by how much variances grow because coloured noise says the same
+/// thing over several frames.
+fn noise_of(curves: &[Curve]) -> (f64, f64) {
+    let squares = curves.iter().map(|c| c.residual.norm_squared());
+    let degrees: usize = curves.iter().map(Curve::degrees).sum();
+    let lengths = curves
+        .iter()
+        .map(|c| correlation_rows(c.residual.as_slice()));
+    let length = lengths.sum::<f64>() / curves.len() as f64;
+    let colour = if length > WHITE { length } else { 1.0 };
+    (squares.sum::<f64>() / degrees as f64, colour)
+}
+
+/// Strokes of the first `most` whole cycles of x (m, NaN in gaps, frame i at `start_s` + i `step_s`).
+///
+/// # Errors
+/// A sentence, where no cycle can be measured.
+pub fn strokes(
+    x_m: &[f64],
+    start_s: f64,
+    step_s: f64,
+    cycles: &Cycles,
+    most: usize,
+) -> Result<Strokes, String> {
+    let mut notes = Vec::new();
+    if let Some(at) = cycles.broken_s {
+        notes.push(format!(
+            "the drive is no longer periodic from {at:.1} s on: later cycles are left out"
+        ));
+    }
+    let windows = windows(x_m, start_s, step_s, cycles, &mut notes);
+    if windows.is_empty() {
+        return Err("no whole cycle was captured".into());
+    }
+    let harmonics = harmonics_of(&windows)?;
+    let curves: Vec<Curve> = windows.iter().filter_map(|w| fit(w, harmonics)).collect();
+    let count = intact(&windows, &curves, &mut notes).min(most);
     if count == 0 {
         return Err("the sample fails in its first cycle".into());
     }
     let (windows, curves) = (&windows[..count], &curves[..count]);
-    let degrees: usize = curves
-        .iter()
-        .map(|c| c.residual.len() - c.coefficients.len())
-        .sum();
-    let variance = curves
-        .iter()
-        .map(|c| c.residual.norm_squared())
-        .sum::<f64>()
-        / degrees as f64;
-    // Coloured noise says the same thing over several frames.
-    let length = curves
-        .iter()
-        .map(|c| correlation_rows(c.residual.as_slice()))
-        .sum::<f64>()
-        / count as f64;
-    let colour = if length > WHITE { length } else { 1.0 };
+    let (variance, colour) = noise_of(curves);
     let mut weights = vec![0.0; x_m.len()];
-    let mut out = Vec::with_capacity(count);
     let mut trend_weights = vec![0.0; x_m.len()];
+    let mut out = Vec::with_capacity(count);
     let middle = (count as f64 - 1.0) / 2.0;
     let spread: f64 = (0..count).map(|i| (i as f64 - middle).powi(2)).sum();
     for (i, (w, c)) in windows.iter().zip(curves).enumerate() {
-        let (stroke, g) = read(c, variance);
+        let (stroke, g) = c.stroke(variance);
         let linear = &c.design * (&c.inverse * &g);
         for (row, (frame, _)) in w.frames.iter().enumerate() {
             weights[*frame] += linear[row] / count as f64;
             trend_weights[*frame] += linear[row] * (i as f64 - middle) / spread.max(1e-300);
         }
-        let inside = || {
-            w.frames
-                .iter()
-                .filter(|f| (0.0..=1.0).contains(&f.1))
-                .map(|f| x_m[f.0])
-        };
+        let inside = || w.inside().map(|f| x_m[f.0]);
         out.push(CycleStroke {
             number: w.number,
             start_s: w.start_s,
@@ -396,35 +420,27 @@ pub fn strokes(
                 - inside().fold(f64::INFINITY, f64::min),
         });
     }
-    let error = |weights: &[f64]| -> f64 {
-        (variance * colour * weights.iter().map(|w| w * w).sum::<f64>()).sqrt()
+    let of = |value: f64, weights: &[f64]| Value {
+        value,
+        std_error: (variance * colour * weights.iter().map(|w| w * w).sum::<f64>()).sqrt(),
     };
-    let mean = Value {
-        value: out.iter().map(|c| c.stroke.value).sum::<f64>() / count as f64,
-        std_error: error(&weights),
-    };
-    let drift = if count < 3 {
-        Value {
+    let mean = out.iter().map(|c| c.stroke.value).sum::<f64>() / count as f64;
+    let ahead = out.iter().enumerate();
+    let trend = ahead.map(|(i, c)| (i as f64 - middle) * c.stroke.value);
+    let drift = match count < 3 {
+        true => Value {
             value: f64::NAN,
             std_error: f64::NAN,
-        }
-    } else {
-        let strokes = out.iter().enumerate();
-        Value {
-            value: strokes
-                .map(|(i, c)| (i as f64 - middle) * c.stroke.value)
-                .sum::<f64>()
-                / spread,
-            std_error: error(&trend_weights),
-        }
+        },
+        false => of(trend.sum::<f64>() / spread, &trend_weights),
     };
     Ok(Strokes {
+        mean: of(mean, &weights),
         cycles: out,
-        mean,
         drift,
         noise_m: variance.sqrt(),
         harmonics,
-        period_s: period,
+        period_s: cycles.period_s,
         notes,
     })
 }

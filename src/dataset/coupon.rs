@@ -279,6 +279,37 @@ impl CouponParts {
             stress_pa,
         }
     }
+
+    /// Columns of one length, and no number too large to work with.
+    fn check(&self) -> Result<(), CouponError> {
+        let (time_s, rows) = (self.time_s.as_deref(), self.stretch.len());
+        let times = time_s.map_or(rows, <[f64]>::len);
+        if times != rows || self.stress_pa.len() != rows {
+            return Err(CouponError::Lengths {
+                id: self.id.clone(),
+                time: times,
+                stretch: rows,
+                stress: self.stress_pa.len(),
+            });
+        }
+        for (what, values, largest) in [
+            ("time", time_s.unwrap_or_default(), LARGEST),
+            ("stretch", &self.stretch, LARGEST_STRETCH),
+            ("stress", &self.stress_pa, LARGEST),
+        ] {
+            let beyond = |v: &f64| v.is_finite() && v.abs() > largest;
+            if let Some(row) = values.iter().position(beyond) {
+                return Err(CouponError::Beyond {
+                    id: self.id.clone(),
+                    what,
+                    row,
+                    value: values[row],
+                    largest,
+                });
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Coupon {
@@ -298,6 +329,7 @@ impl Coupon {
     /// # Errors
     /// [`CouponError`] when columns differ in length, fewer than four rows count, or nothing changes.
     pub fn new(parts: CouponParts, choice: &GridChoice) -> Result<Self, CouponError> {
+        parts.check()?;
         let CouponParts {
             id,
             mode,
@@ -309,33 +341,6 @@ impl Coupon {
         let rows = stretch.len();
         let timed = time_s.is_some();
         let time_s = time_s.unwrap_or_else(|| (0..rows).map(|i| i as f64).collect());
-        if time_s.len() != rows || stress_pa.len() != rows {
-            return Err(CouponError::Lengths {
-                id,
-                time: time_s.len(),
-                stretch: rows,
-                stress: stress_pa.len(),
-            });
-        }
-        for (what, values, largest) in [
-            ("time", &time_s, LARGEST),
-            ("stretch", &stretch, LARGEST_STRETCH),
-            ("stress", &stress_pa, LARGEST),
-        ] {
-            if let Some(row) = values
-                .iter()
-                .position(|v| v.is_finite() && v.abs() > largest)
-            {
-                let value = values[row];
-                return Err(CouponError::Beyond {
-                    id,
-                    what,
-                    row,
-                    value,
-                    largest,
-                });
-            }
-        }
         let mut notes = Vec::new();
         let (carries, usable) = mask(&time_s, &stretch, &stress_pa, &mut notes);
         let path: Vec<usize> = (0..rows).filter(|&i| carries[i]).collect();

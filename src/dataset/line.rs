@@ -13,7 +13,8 @@ use super::coupon::LARGEST;
 use super::noise::white;
 use super::{Coupon, CouponError};
 use crate::recording::{
-    AxisInertia, CouponMode, NumberOrEstimate, RawBench, RawCoordinate, Recording,
+    AxisInertia, AxisManifest, CouponMode, NumberOrEstimate, RawAxis, RawBench, RawColumn,
+    RawCoordinate, Recording,
 };
 
 /// What was measured along the coordinate.
@@ -394,10 +395,6 @@ fn range(values: &[f64]) -> f64 {
 }
 
 fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineError> {
-    let si = |c: &crate::recording::RawColumn| -> Vec<f64> {
-        let factor = c.unit.map_or(1.0, |u| u.to_si);
-        c.values.iter().map(|v| v * factor).collect()
-    };
     let (x, torque) = (si(&raw.angle), si(&raw.torque));
     possible(id, &[("angle", &x), ("torque", &torque)])?;
     let n = x.len().min(torque.len());
@@ -487,83 +484,86 @@ fn after(time_s: &[f64], values: &[f64], i: usize, t: f64) -> f64 {
     values[i - 1] + f * (values[i] - values[i - 1])
 }
 
-fn axis(recording: &Recording) -> Result<Line, LineError> {
-    let id = recording.manifest.id.as_str();
-    let (Some(raw), Some(m)) = (&recording.axis, &recording.manifest.axis) else {
-        return Err(LineError::Kind(id.into()));
-    };
-    let mut notes = Vec::new();
-    let (column, velocity) = match &raw.coordinate {
-        RawCoordinate::Position(c) => (c, false),
-        RawCoordinate::Velocity(c) => (c, true),
-    };
+/// The samples of an axis as the instruments wrote them, in SI.
+struct AxisSamples {
+    time_s: Vec<f64>,
+    x: Vec<f64>,
+    load: Vec<f64>,
+    input_time_s: Vec<f64>,
+    input: Vec<f64>,
+    /// Whether the input is on the clock of the motion.
+    one_clock: bool,
+    velocity: bool,
+    turns: bool,
+}
+
+fn si(column: &RawColumn) -> Vec<f64> {
     let factor = column.unit.map_or(1.0, |u| u.to_si);
-    let turns = matches!(m.inertia, AxisInertia::InertiaKgM2(_));
-    let mut times = raw.time_s.clone();
-    let mut x: Vec<f64> = column.values.iter().map(|v| v * factor).collect();
-    let load_factor = raw
-        .load
-        .as_ref()
-        .and_then(|l| l.unit)
-        .map_or(1.0, |u| u.to_si);
-    let mut load: Vec<f64> = raw
-        .load
-        .iter()
-        .flat_map(|l| l.values.iter().map(|v| v * load_factor))
-        .collect();
-    let mut input_time_s = raw.input_time_s.clone().unwrap_or_else(|| times.clone());
-    let power = m.input_power;
-    let mut input: Vec<f64> = raw
-        .input
-        .values
-        .iter()
-        .map(|u| match power {
+    column.values.iter().map(|v| v * factor).collect()
+}
+
+impl AxisSamples {
+    fn new(id: &str, raw: &RawAxis, m: &AxisManifest) -> Result<Self, LineError> {
+        let (column, velocity) = match &raw.coordinate {
+            RawCoordinate::Position(c) => (c, false),
+            RawCoordinate::Velocity(c) => (c, true),
+        };
+        let own_clock = raw.input_time_s.clone();
+        let input = raw.input.values.iter().map(|u| match m.input_power {
             1.0 => *u,
             // an even power has no sign
             p if p % 2.0 == 0.0 => u.abs().powf(p),
             p => u.signum() * u.abs().powf(p),
-        })
-        .collect();
-    let unit = if power == 1.0 {
-        raw.input_unit.clone()
-    } else {
-        format!("{}^{power}", raw.input_unit)
-    };
-    possible(
-        id,
-        &[
-            ("coordinate", &x),
-            ("load", &load),
-            ("input", &input),
-            ("time", &times),
-            ("input's time", &input_time_s),
-        ],
-    )?;
-    let rest = if raw.input_time_s.is_none() {
-        noise_at_rest(&x, &input)
-    } else {
-        None
-    };
-    // what is used
-    if let Some([a, b]) = m.span_s {
-        let from = times.partition_point(|t| *t < a);
-        let to = times.partition_point(|t| *t <= b);
-        times = times[from..to].to_vec();
-        x = x[from..to].to_vec();
-        if !load.is_empty() {
-            load = load[from..to].to_vec();
+        });
+        let out = AxisSamples {
+            x: si(column),
+            load: raw.load.as_ref().map_or_else(Vec::new, si),
+            input: input.collect(),
+            one_clock: own_clock.is_none(),
+            input_time_s: own_clock.unwrap_or_else(|| raw.time_s.clone()),
+            time_s: raw.time_s.clone(),
+            velocity,
+            turns: matches!(m.inertia, AxisInertia::InertiaKgM2(_)),
+        };
+        possible(
+            id,
+            &[
+                ("coordinate", &out.x),
+                ("load", &out.load),
+                ("input", &out.input),
+                ("time", &out.time_s),
+                ("input's time", &out.input_time_s),
+            ],
+        )?;
+        Ok(out)
+    }
+
+    fn unit(&self) -> &'static str {
+        if self.turns { "rad" } else { "m" }
+    }
+
+    /// Only what lies in a span of time.
+    fn keep(&mut self, [a, b]: [f64; 2]) {
+        let from = self.time_s.partition_point(|t| *t < a);
+        let to = self.time_s.partition_point(|t| *t <= b);
+        self.time_s = self.time_s[from..to].to_vec();
+        self.x = self.x[from..to].to_vec();
+        if !self.load.is_empty() {
+            self.load = self.load[from..to].to_vec();
         }
-        if raw.input_time_s.is_none() {
-            input_time_s.clone_from(&times);
-            input = input[from..to].to_vec();
+        if self.one_clock {
+            self.input_time_s.clone_from(&self.time_s);
+            self.input = self.input[from..to].to_vec();
         }
     }
-    // what the input did at a sample is known where both are on one clock
-    if raw.input_time_s.is_none() {
-        let mut rail = at_rail(&x, &input, white(&input, 3));
+
+    /// Leaves out where the coordinate stands at a rail while the input goes on.
+    fn leave_stuck(&mut self, notes: &mut Vec<String>) {
+        let x = &mut self.x;
+        let mut rail = at_rail(x, &self.input, white(&self.input, 3));
         let slow = rail.iter().filter(|r| **r).count() <= x.len() / MANY;
         if slow {
-            keep_jumps(&x, &mut rail);
+            keep_jumps(x, &mut rail);
         }
         let stuck: Vec<usize> = (0..x.len()).filter(|&i| rail[i]).collect();
         if let Some(&first) = stuck.first() {
@@ -571,158 +571,206 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
                 "the coordinate stands at the end of its range in {} of {} samples, first at {:.3} s, while the input goes on changing: its sensor is at its rail, or something holds it; these samples are left out",
                 stuck.len(),
                 x.len(),
-                times[first]
+                self.time_s[first]
             ));
         }
         for i in stuck {
             x[i] = f64::NAN;
         }
     }
-    let lost = torn_away(&x);
-    if let Some(first) = lost.iter().position(|l| *l) {
+
+    /// Leaves out where a sensor lost its target.
+    fn leave_torn(&mut self, notes: &mut Vec<String>) {
+        let lost = torn_away(&self.x);
+        let Some(first) = lost.iter().position(|l| *l) else {
+            return;
+        };
         notes.push(format!(
             "the coordinate leaps to {:.6} {} and back in {} of {} samples, first at {:.3} s: a sensor that loses its target; these samples are left out",
-            x[first],
-            if turns { "rad" } else { "m" },
+            self.x[first],
+            self.unit(),
             lost.iter().filter(|l| **l).count(),
-            x.len(),
-            times[first]
+            self.x.len(),
+            self.time_s[first]
         ));
-        for (x, lost) in x.iter_mut().zip(lost) {
+        for (x, lost) in self.x.iter_mut().zip(lost) {
             if lost {
                 *x = f64::NAN;
             }
         }
     }
-    notes.extend(unlikely(
-        if turns { "angle" } else { "position" },
-        if velocity { 0.0 } else { range(&x) },
-        if turns { [1e-6, 1e3] } else { [1e-8, 10.0] },
-        if turns { "rad" } else { "m" },
-    ));
-    // an even clock
-    let step_s = median_step(&times);
+
+    /// On an even clock; what is missing is interpolated, and not usable.
+    fn even(&self, id: &str, notes: &mut Vec<String>) -> Result<EvenAxis, LineError> {
+        let (times, x) = (&self.time_s, &self.x);
+        let (known_t, known_x) = finite_pairs(times, x);
+        if known_t.len() < FEWEST {
+            return Err(LineError::TooShort {
+                id: id.into(),
+                usable: known_t.len(),
+                samples: times.len(),
+            });
+        }
+        let (grid, step_s, regular) = even_clock(id, times, notes)?;
+        let usable = |t: &f64| {
+            let i = known_t.partition_point(|k| k < t);
+            let near = |i: usize| known_t.get(i).is_some_and(|k| (k - t).abs() < 1.5 * step_s);
+            near(i) || (i > 0 && near(i - 1))
+        };
+        let at = |(i, t): (usize, &f64)| match regular && x[i].is_finite() {
+            true => x[i],
+            false => interpolate(&known_t, &known_x, *t),
+        };
+        let (load_t, load) = finite_pairs(times, &self.load);
+        Ok(EvenAxis {
+            usable: grid.iter().map(usable).collect(),
+            x: grid.iter().enumerate().map(at).collect(),
+            load: match load.is_empty() {
+                true => Vec::new(),
+                false => interpolate_rising(&load_t, &load, grid.iter().copied()).collect(),
+            },
+            time_s: grid,
+            step_s,
+        })
+    }
+}
+
+/// Samples whose value is a number.
+fn finite_pairs(times: &[f64], values: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let all = times.iter().zip(values);
+    all.filter(|(_, v)| v.is_finite())
+        .map(|(t, v)| (*t, *v))
+        .unzip()
+}
+
+/// Even times over those of the samples, their step, and whether the samples lie at them.
+fn even_clock(
+    id: &str,
+    times: &[f64],
+    notes: &mut Vec<String>,
+) -> Result<(Vec<f64>, f64, bool), LineError> {
+    let step_s = median_step(times);
     let n = times.len();
     let even = |i: usize| times[0] + (times[n - 1] - times[0]) * i as f64 / (n.max(2) - 1) as f64;
     let worst = (0..n)
         .map(|i| (times[i] - even(i)).abs())
         .fold(0.0, f64::max);
-    let known: Vec<usize> = (0..n).filter(|&i| x[i].is_finite()).collect();
-    if known.len() < FEWEST {
-        return Err(LineError::TooShort {
+    if worst < JITTER * step_s {
+        let step_s = (even(n - 1) - even(0)) / (n - 1) as f64;
+        let grid = (0..n).map(even).collect();
+        return Ok((grid, step_s, worst < JITTER * step_s));
+    }
+    let missing = (times[n - 1] - times[0]) / step_s - n as f64;
+    if missing.is_nan() || missing > SPARSE * n as f64 + SPARSE_AND {
+        return Err(LineError::Sparse {
             id: id.into(),
-            usable: known.len(),
-            samples: n,
+            first_s: times[0],
+            last_s: times[n - 1],
+            step_s,
+            missing,
         });
     }
-    let known_t: Vec<f64> = known.iter().map(|&i| times[i]).collect();
-    let known_x: Vec<f64> = known.iter().map(|&i| x[i]).collect();
-    let (grid, step_s) = if worst < JITTER * step_s {
-        (
-            (0..n).map(even).collect::<Vec<f64>>(),
-            (even(n - 1) - even(0)) / (n - 1) as f64,
-        )
-    } else {
-        let missing = (times[n - 1] - times[0]) / step_s - n as f64;
-        if missing.is_nan() || missing > SPARSE * n as f64 + SPARSE_AND {
-            return Err(LineError::Sparse {
-                id: id.into(),
-                first_s: times[0],
-                last_s: times[n - 1],
-                step_s,
-                missing,
-            });
-        }
-        let count = ((times[n - 1] - times[0]) / step_s).floor() as usize + 1;
-        notes.push(format!(
-            "the samples are not evenly spaced (up to {worst:.3e} s off): values were interpolated every {step_s:.6} s"
-        ));
-        (
-            (0..count).map(|i| times[0] + step_s * i as f64).collect(),
-            step_s,
-        )
-    };
-    let regular = grid.len() == n && worst < JITTER * step_s;
-    let at = |values: &[f64], i: usize| {
-        if regular && values[i].is_finite() {
-            values[i]
-        } else {
-            interpolate(&known_t, &known_x, grid[i])
-        }
-    };
-    let mut gaps: Vec<bool> = grid
-        .iter()
-        .map(|t| {
-            let i = known_t.partition_point(|k| k < t);
-            let near = |i: usize| known_t.get(i).is_some_and(|k| (k - t).abs() < 1.5 * step_s);
-            near(i) || (i > 0 && near(i - 1))
-        })
-        .collect();
-    let x: Vec<f64> = (0..grid.len()).map(|i| at(&x, i)).collect();
-    let finite_pairs = |values: &[f64]| -> (Vec<f64>, Vec<f64>) {
-        times
-            .iter()
-            .zip(values)
-            .filter(|(_, v)| v.is_finite())
-            .map(|(t, v)| (*t, *v))
-            .unzip()
-    };
-    if !load.is_empty() {
-        let (t, v) = finite_pairs(&load);
-        load = if v.is_empty() {
-            Vec::new()
-        } else {
-            interpolate_rising(&t, &v, grid.iter().copied()).collect()
+    let count = ((times[n - 1] - times[0]) / step_s).floor() as usize + 1;
+    notes.push(format!(
+        "the samples are not evenly spaced (up to {worst:.3e} s off): values were interpolated every {step_s:.6} s"
+    ));
+    let grid = (0..count).map(|i| times[0] + step_s * i as f64).collect();
+    Ok((grid, step_s, false))
+}
+
+/// The motion of an axis on an even clock.
+struct EvenAxis {
+    time_s: Vec<f64>,
+    step_s: f64,
+    x: Vec<f64>,
+    usable: Vec<bool>,
+    load: Vec<f64>,
+}
+
+impl EvenAxis {
+    /// A recording that begins and ends at rest is known before and after: the low-pass of a band then loses
+    /// nothing at its ends. Where what was captured lies.
+    fn with_rests(&mut self, band_hz: f64, velocity: bool) -> std::ops::Range<usize> {
+        let (grid, x, step_s) = (&mut self.time_s, &mut self.x, self.step_s);
+        let still = |part: &[f64]| {
+            let still = range(part) < STILL * range(x);
+            still && (!velocity || part.iter().all(|v| v.abs() < STILL * range(x)))
         };
-    }
-    let (input_time_s, input): (Vec<f64>, Vec<f64>) = input_time_s
-        .iter()
-        .zip(&input)
-        .filter(|(_, v)| v.is_finite())
-        .map(|(t, v)| (*t, *v))
-        .unzip();
-    check(id, &gaps, &[("coordinate", &x), ("input", &input)])?;
-    let (floor, band_hz) = band(&x, step_s, if velocity { 1 } else { 2 });
-    // A recording that begins and ends at rest is known before and after: the low-pass then loses nothing at
-    // its ends.
-    let (mut grid, mut x) = (grid, x);
-    let still = |part: &[f64]| {
-        let still = range(part) < STILL * range(&x);
-        still && (!velocity || part.iter().all(|v| v.abs() < STILL * range(&x)))
-    };
-    let few = (x.len() / 100).max(4);
-    let more = ((22.0 / (band_hz * step_s)) as usize).min(3 * x.len());
-    let (before, after) = (still(&x[..few]), still(&x[x.len() - few..]));
-    let first = if before { more } else { 0 };
-    let captured = first..first + x.len();
-    if after {
-        let (last, end) = (grid[grid.len() - 1], x[x.len() - 1]);
-        grid.extend((1..=more).map(|i| last + step_s * i as f64));
-        x.extend(std::iter::repeat_n(end, more));
-        gaps.extend(std::iter::repeat_n(true, more));
-        let held = load.last().copied();
-        load.extend(held.into_iter().flat_map(|l| std::iter::repeat_n(l, more)));
-    }
-    if before {
-        let (first, start) = (grid[0], x[0]);
-        grid.splice(0..0, (1..=more).rev().map(|i| first - step_s * i as f64));
-        x.splice(0..0, std::iter::repeat_n(start, more));
-        gaps.splice(0..0, std::iter::repeat_n(true, more));
-        if let Some(held) = load.first().copied() {
-            load.splice(0..0, std::iter::repeat_n(held, more));
+        let few = (x.len() / 100).max(4);
+        let more = ((22.0 / (band_hz * step_s)) as usize).min(3 * x.len());
+        let (before, after) = (still(&x[..few]), still(&x[x.len() - few..]));
+        let first = if before { more } else { 0 };
+        let captured = first..first + x.len();
+        if after {
+            let (last, end) = (grid[grid.len() - 1], x[x.len() - 1]);
+            grid.extend((1..=more).map(|i| last + step_s * i as f64));
+            x.extend(std::iter::repeat_n(end, more));
+            self.usable.extend(std::iter::repeat_n(true, more));
+            if let Some(held) = self.load.last().copied() {
+                self.load.extend(std::iter::repeat_n(held, more));
+            }
         }
+        if before {
+            let (first, start) = (grid[0], x[0]);
+            grid.splice(0..0, (1..=more).rev().map(|i| first - step_s * i as f64));
+            x.splice(0..0, std::iter::repeat_n(start, more));
+            self.usable.splice(0..0, std::iter::repeat_n(true, more));
+            if let Some(held) = self.load.first().copied() {
+                self.load.splice(0..0, std::iter::repeat_n(held, more));
+            }
+        }
+        captured
     }
+}
+
+fn axis(recording: &Recording) -> Result<Line, LineError> {
+    let id = recording.manifest.id.as_str();
+    let (Some(raw), Some(m)) = (&recording.axis, &recording.manifest.axis) else {
+        return Err(LineError::Kind(id.into()));
+    };
+    let mut notes = Vec::new();
+    let mut samples = AxisSamples::new(id, raw, m)?;
+    let one_clock = samples.one_clock;
+    let rest = if one_clock {
+        noise_at_rest(&samples.x, &samples.input)
+    } else {
+        None
+    };
+    if let Some(span_s) = m.span_s {
+        samples.keep(span_s);
+    }
+    // what the input did at a sample is known where both are on one clock
+    if one_clock {
+        samples.leave_stuck(&mut notes);
+    }
+    samples.leave_torn(&mut notes);
+    let (velocity, turns) = (samples.velocity, samples.turns);
+    notes.extend(unlikely(
+        if turns { "angle" } else { "position" },
+        if velocity { 0.0 } else { range(&samples.x) },
+        if turns { [1e-6, 1e3] } else { [1e-8, 10.0] },
+        samples.unit(),
+    ));
+    let mut even = samples.even(id, &mut notes)?;
+    let (input_time_s, input) = finite_pairs(&samples.input_time_s, &samples.input);
+    check(
+        id,
+        &even.usable,
+        &[("coordinate", &even.x), ("input", &input)],
+    )?;
+    let (floor, band_hz) = band(&even.x, even.step_s, if velocity { 1 } else { 2 });
+    let captured = even.with_rests(band_hz, velocity);
     let (input_floor, _) = band(&input, median_step(&input_time_s), 0);
     let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
     Ok(Line {
         id: id.into(),
         captured,
-        time_s: grid,
+        time_s: even.time_s,
         timed: true,
-        step_s,
-        x_noise: floor.sqrt().max(rest_x).max(1e-12 * range(&x)),
-        x,
-        usable: gaps,
+        step_s: even.step_s,
+        x_noise: floor.sqrt().max(rest_x).max(1e-12 * range(&even.x)),
+        x: even.x,
+        usable: even.usable,
         noise: 0.0,
         notes,
         measured: Measured::Axis(AxisLine {
@@ -731,8 +779,11 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
             input_noise: input_floor.sqrt().max(rest_input).max(1e-9 * range(&input)),
             input_time_s,
             input,
-            unit,
-            load,
+            unit: match m.input_power {
+                1.0 => raw.input_unit.clone(),
+                power => format!("{}^{power}", raw.input_unit),
+            },
+            load: even.load,
             offset_s: Constant::of(recording.manifest.offset_s),
             gain: Constant::of(m.input_gain),
             mass: match m.inertia {

@@ -33,7 +33,8 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
 use gap::Bridges;
-use smoother::{SmoothedAxis, smooth_axis};
+pub(crate) use smoother::SmoothedAxis;
+use smoother::smooth_axis;
 use stretches::Part;
 
 /// Motion of the end effector's centre at equal distances in time, SI, world axes.

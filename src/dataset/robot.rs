@@ -10,7 +10,7 @@ use super::{Clocks, Dataset, Error, Event, OffsetSource, Parts, Plan, SyncPlan, 
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
 use crate::recording::{
-    FilmState, MotionManifest, NumberOrEstimate, RawMotion, RawVoltage, Recording,
+    FilmState, Manifest, MotionManifest, NumberOrEstimate, RawMotion, RawVoltage, Recording,
 };
 
 /// Seed of the noise that is put back where a filter took it.
@@ -42,124 +42,32 @@ impl Dataset {
             id: manifest.id.clone(),
             what,
         };
-        let (Some(motion), Some(voltage), Some(stated)) =
-            (&recording.motion, &recording.voltage, &manifest.motion)
-        else {
-            let what = format!(
-                "kind \"{}\" has no robot motion and voltage",
-                manifest.kind.name()
-            );
-            return Err(unsuitable(what));
-        };
-        if voltage.channels.len() != 3 {
-            let what = format!("{} voltage channels, a robot has 3", voltage.channels.len());
-            return Err(unsuitable(what));
-        }
+        let (motion, voltage, stated) = of_robot(recording).map_err(unsuitable)?;
         let mut notes = Vec::new();
         let world = world_frame(motion, stated, &mut notes);
         let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
         let mut measured_m: Vec<Vec3> = seen.into_iter().map(|p| world(&p)).collect();
         possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
-        // a base marker on a clock of its own says nothing of the noise at these frames
-        let base = motion
-            .base
-            .as_ref()
-            .filter(|b| b.xyz.len() == motion.end_effector.xyz.len());
-        let mut still = base.map_or_else(Cow::default, |b| Cow::Borrowed(&b.xyz[..]));
-        if let Some(filter) = super::colour::filtered(&super::about_the_mean(&still), step_s) {
-            // Nothing of the motion is above the corner that the filter left; what it took of the noise would
-            // be missed by every weight.
-            let mut generator = ChaCha12Rng::seed_from_u64(UNFILTERED);
-            let (unit, frames) = (motion.unit.to_si, measured_m.len());
-            for k in 0..3 {
-                let mut missing = || filter.missing(frames, step_s, &mut generator);
-                for (m, n) in measured_m.iter_mut().zip(missing()) {
-                    m[k] += unit * n;
-                }
-                for (b, n) in still.to_mut().iter_mut().zip(missing()) {
-                    b[k] += n;
-                }
-            }
-            notes.push(format!(
-                "the capture was filtered before it was exported, at about {:.0} Hz: its noise ends there. White noise of {:.3} mm is put back above, so that weights and floors are right; export it unfiltered",
-                filter.corner_hz,
-                1e3 * unit * filter.noise
-            ));
-        }
-        let payload_kg = (0..measured_m.len())
-            .map(|i| manifest.payload.mass_g(start_s + step_s * i as f64) * 1e-3)
-            .collect();
-        let initial = match manifest.film_state {
-            Some(FilmState::Virgin) => InitialState::Virgin,
-            Some(FilmState::Relaxed) => InitialState::Relaxed,
-            None => {
-                notes.push(
-                    "film_state is not stated: every branch is taken as relaxed at the first frame"
-                        .into(),
-                );
-                InitialState::Relaxed
-            }
-        };
-        let scale = voltage.unit.to_si * voltage.scale.unwrap_or(1.0);
-        let monitor = recording
-            .monitor
-            .as_ref()
-            .filter(|m| m.channels.len() == 3)
-            .map(|m| {
-                let scale = m.unit.to_si * m.scale.unwrap_or(1.0);
-                volts(&m.time_s, &m.channels, scale, false, "monitor", &mut notes)
-            })
-            .transpose()
-            .map_err(unsuitable)?;
-        let RawVoltage {
-            time_s,
-            channels,
-            hold_previous,
-            ..
-        } = voltage;
-        let parts = Parts {
+        let still = still_marker(motion, step_s, &mut measured_m, &mut notes);
+        let payload_g = |i: usize| manifest.payload.mass_g(start_s + step_s * i as f64);
+        let mut parts = Parts {
             id: manifest.id.clone(),
             step_s,
             start_s,
+            payload_kg: (0..measured_m.len()).map(|i| payload_g(i) * 1e-3).collect(),
             measured_m,
-            payload_kg,
-            voltage: volts(
-                time_s,
-                channels,
-                scale,
-                *hold_previous,
-                "voltage",
-                &mut notes,
-            )
-            .map_err(unsuitable)?
-            .ok_or_else(|| unsuitable("no voltage sample has all three channels".into()))?,
-            monitor: monitor.flatten(),
+            initial: initial(manifest, &mut notes),
+            monitor: monitor(recording, &mut notes).map_err(unsuitable)?,
+            voltage: command(voltage, &mut notes).map_err(unsuitable)?,
             offset_s: match manifest.offset_s {
                 NumberOrEstimate::Number(stated) => Some(stated),
                 NumberOrEstimate::Estimate => None,
             },
-            initial,
         };
-        let mut parts = parts;
         notes.extend(signs(&parts.voltage));
         // a plan says what was found before; else events or a shared channel may tell
         let found = match plan {
-            Some(plan) => plan
-                .sync
-                .clone()
-                .zip(plan.offset_s)
-                .map(|(sync, offset_s)| {
-                    let clocks = Clocks {
-                        offset_s,
-                        offset_std_error_s: sync.offset_std_error_s,
-                        skew: sync.skew_ppm * 1e-6,
-                        skew_std_error: sync.skew_std_error_ppm.map(|e| e * 1e-6),
-                        middle_s: sync.middle_s,
-                        events: 0,
-                        quantile: f64::NAN,
-                    };
-                    (sync, clocks)
-                }),
+            Some(plan) => planned(plan),
             None => clocks(recording, &parts, &mut notes).map_err(unsuitable)?,
         };
         if let Some((_, clocks)) = &found {
@@ -187,6 +95,108 @@ impl Dataset {
         dataset.notes.splice(0..0, notes);
         Ok(dataset)
     }
+}
+
+/// Motion and voltage of a robot, and what the manifest says of the motion.
+fn of_robot(recording: &Recording) -> Result<(&RawMotion, &RawVoltage, &MotionManifest), String> {
+    let manifest = &recording.manifest;
+    let (Some(motion), Some(voltage), Some(stated)) =
+        (&recording.motion, &recording.voltage, &manifest.motion)
+    else {
+        return Err(format!(
+            "kind \"{}\" has no robot motion and voltage",
+            manifest.kind.name()
+        ));
+    };
+    match voltage.channels.len() {
+        3 => Ok((motion, voltage, stated)),
+        n => Err(format!("{n} voltage channels, a robot has 3")),
+    }
+}
+
+/// The base marker, where it tells of the noise. What a filter took of that before the export is put back,
+/// there and in `measured_m`.
+fn still_marker<'m>(
+    motion: &'m RawMotion,
+    step_s: f64,
+    measured_m: &mut [Vec3],
+    notes: &mut Vec<String>,
+) -> Cow<'m, [Vec3]> {
+    // a base marker on a clock of its own says nothing of the noise at these frames
+    let base = motion
+        .base
+        .as_ref()
+        .filter(|b| b.xyz.len() == motion.end_effector.xyz.len());
+    let mut still = base.map_or_else(Cow::default, |b| Cow::Borrowed(&b.xyz[..]));
+    let Some(filter) = super::colour::filtered(&super::about_the_mean(&still), step_s) else {
+        return still;
+    };
+    // Nothing of the motion is above the corner that the filter left; what it took of the noise would be
+    // missed by every weight.
+    let mut generator = ChaCha12Rng::seed_from_u64(UNFILTERED);
+    let (unit, frames) = (motion.unit.to_si, measured_m.len());
+    for k in 0..3 {
+        let mut missing = || filter.missing(frames, step_s, &mut generator);
+        for (m, n) in measured_m.iter_mut().zip(missing()) {
+            m[k] += unit * n;
+        }
+        for (b, n) in still.to_mut().iter_mut().zip(missing()) {
+            b[k] += n;
+        }
+    }
+    notes.push(format!(
+        "the capture was filtered before it was exported, at about {:.0} Hz: its noise ends there. White noise of {:.3} mm is put back above, so that weights and floors are right; export it unfiltered",
+        filter.corner_hz,
+        1e3 * unit * filter.noise
+    ));
+    still
+}
+
+/// State of the film at the first frame.
+fn initial(manifest: &Manifest, notes: &mut Vec<String>) -> InitialState {
+    match manifest.film_state {
+        Some(FilmState::Virgin) => InitialState::Virgin,
+        Some(FilmState::Relaxed) => InitialState::Relaxed,
+        None => {
+            notes.push(
+                "film_state is not stated: every branch is taken as relaxed at the first frame"
+                    .into(),
+            );
+            InitialState::Relaxed
+        }
+    }
+}
+
+/// The amplifier's own measurement, where all three channels have one.
+fn monitor(recording: &Recording, notes: &mut Vec<String>) -> Result<Option<Voltage>, String> {
+    let Some(m) = recording.monitor.as_ref().filter(|m| m.channels.len() == 3) else {
+        return Ok(None);
+    };
+    let scale = m.unit.to_si * m.scale.unwrap_or(1.0);
+    volts(&m.time_s, &m.channels, scale, false, "monitor", notes)
+}
+
+/// The commanded voltage.
+fn command(v: &RawVoltage, notes: &mut Vec<String>) -> Result<Voltage, String> {
+    let scale = v.unit.to_si * v.scale.unwrap_or(1.0);
+    let hold = v.hold_previous;
+    volts(&v.time_s, &v.channels, scale, hold, "voltage", notes)?
+        .ok_or_else(|| "no voltage sample has all three channels".into())
+}
+
+/// The clocks as a plan has them.
+fn planned(plan: &Plan) -> Option<(SyncPlan, Clocks)> {
+    let (sync, offset_s) = plan.sync.clone().zip(plan.offset_s)?;
+    let clocks = Clocks {
+        offset_s,
+        offset_std_error_s: sync.offset_std_error_s,
+        skew: sync.skew_ppm * 1e-6,
+        skew_std_error: sync.skew_std_error_ppm.map(|e| e * 1e-6),
+        middle_s: sync.middle_s,
+        events: 0,
+        quantile: f64::NAN,
+    };
+    Some((sync, clocks))
 }
 
 /// Offset and skew from events or a shared channel, where the recording has them.

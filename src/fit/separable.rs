@@ -293,6 +293,82 @@ fn accept(state: &mut State, eta: Vec<f64>, solved: Solved) {
     state.gram = solved.gram.transpose().as_slice().to_vec();
 }
 
+/// A step that is proposed; lengths are in natural units of the unknowns.
+struct Proposal {
+    eta: Vec<f64>,
+    length: f64,
+    /// Largest part of it.
+    largest: f64,
+    /// Change of the cost by its slope alone.
+    slope: f64,
+    /// Fall of the cost that it promises.
+    promised: f64,
+    /// Whether the trusted radius did not matter.
+    whole: bool,
+}
+
+/// The step to the least cost within the trusted radius; `None` where nothing can move.
+fn proposed(
+    state: &State,
+    nonlinear: &[Unknown],
+    reduced: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+) -> Option<Proposal> {
+    // An unknown at a bound that wants to go further out stays there.
+    let moving: Vec<usize> = (0..nonlinear.len())
+        .filter(|&i| {
+            let u = &nonlinear[i];
+            let outwards = (state.eta[i] <= u.lower && gradient[i] > 0.0)
+                || (state.eta[i] >= u.upper && gradient[i] < 0.0);
+            !u.is_fixed() && !outwards
+        })
+        .collect();
+    let k = moving.len();
+    if k == 0 {
+        return None;
+    }
+    let natural: Vec<f64> = moving
+        .iter()
+        .map(|&i| nonlinear[i].natural_step())
+        .collect();
+    let h = DMatrix::from_fn(k, k, |i, j| {
+        natural[i] * natural[j] * reduced[(moving[i], moving[j])]
+    });
+    let g = DVector::from_fn(k, |i, _| natural[i] * gradient[moving[i]]);
+    let (step, whole) = trusted_step(&h, &g, state.radius);
+    let mut eta = state.eta.clone();
+    let mut taken = DVector::zeros(k);
+    for (j, &i) in moving.iter().enumerate() {
+        eta[i] = (eta[i] + natural[j] * step[j]).clamp(nonlinear[i].lower, nonlinear[i].upper);
+        taken[j] = (eta[i] - state.eta[i]) / natural[j];
+    }
+    let slope = 2.0 * g.dot(&taken);
+    Some(Proposal {
+        eta,
+        length: taken.norm(),
+        largest: taken.amax(),
+        slope,
+        promised: -(slope + (taken.transpose() * &h * &taken)[(0, 0)]),
+        whole,
+    })
+}
+
+/// Why a fit ends with a proposal that is not tried.
+fn ending(step: &Proposal, options: &Options, state: &State) -> Option<Ended> {
+    // A short step promises little anywhere: only a whole or a long one tells that the minimum is here.
+    let little = step.promised <= options.cost_tolerance * state.cost;
+    if little && (step.whole || state.radius > 0.1) {
+        return Some(Ended::Converged);
+    }
+    if step.largest <= options.step_tolerance {
+        return Some(match step.whole {
+            true => Ended::StepTooSmall,
+            false => Ended::Stalled,
+        });
+    }
+    (state.evaluations >= options.evaluations).then_some(Ended::EvaluationLimit)
+}
+
 /// One step: one evaluation, accepted or not. Sets [`State::ended`] when there is nothing left to do.
 pub fn advance<P: SeparableResidual>(
     problem: &P,
@@ -312,8 +388,7 @@ pub fn advance<P: SeparableResidual>(
         }
         return;
     }
-    let n = nonlinear.len();
-    if n == 0 {
+    if nonlinear.is_empty() {
         // All is linear: the first evaluation solved it.
         state.ended = Some(Ended::Converged);
         return;
@@ -325,78 +400,37 @@ pub fn advance<P: SeparableResidual>(
         state.ended = Some(Ended::Stalled);
         return;
     };
-    // An unknown at a bound that wants to go further out stays there.
-    let moving: Vec<usize> = (0..n)
-        .filter(|&i| {
-            let u = &nonlinear[i];
-            let outwards = (state.eta[i] <= u.lower && gradient[i] > 0.0)
-                || (state.eta[i] >= u.upper && gradient[i] < 0.0);
-            !u.is_fixed() && !outwards
-        })
-        .collect();
-    if moving.is_empty() {
+    let Some(step) = proposed(state, nonlinear, &reduced, &gradient) else {
         state.ended = Some(Ended::Converged);
         return;
-    }
-    let k = moving.len();
-    let natural: Vec<f64> = moving
-        .iter()
-        .map(|&i| nonlinear[i].natural_step())
-        .collect();
-    let h = DMatrix::from_fn(k, k, |i, j| {
-        natural[i] * natural[j] * reduced[(moving[i], moving[j])]
-    });
-    let g = DVector::from_fn(k, |i, _| natural[i] * gradient[moving[i]]);
-    let (step, whole) = trusted_step(&h, &g, state.radius);
-    let mut eta = state.eta.clone();
-    let mut taken = DVector::zeros(k);
-    for (j, &i) in moving.iter().enumerate() {
-        eta[i] = (eta[i] + natural[j] * step[j]).clamp(nonlinear[i].lower, nonlinear[i].upper);
-        taken[j] = (eta[i] - state.eta[i]) / natural[j];
-    }
-    let promised = -(2.0 * g.dot(&taken) + (taken.transpose() * &h * &taken)[(0, 0)]);
-    // A short step promises little anywhere: only a whole or a long one tells that the minimum is here.
-    if promised <= options.cost_tolerance * state.cost && (whole || state.radius > 0.1) {
-        state.ended = Some(Ended::Converged);
+    };
+    state.ended = ending(&step, options, state);
+    if state.ended.is_some() {
         return;
     }
-    if taken.amax() <= options.step_tolerance {
-        state.ended = Some(if whole {
-            Ended::StepTooSmall
-        } else {
-            Ended::Stalled
-        });
-        return;
-    }
-    if state.evaluations >= options.evaluations {
-        state.ended = Some(Ended::EvaluationLimit);
-        return;
-    }
-    let length = taken.norm();
-    match evaluate(problem, &eta, state, nonlinear, linear) {
+    match evaluate(problem, &step.eta, state, nonlinear, linear) {
         Some(solved) if solved.cost < state.cost => {
-            let kept = (state.cost - solved.cost) / promised.max(f64::MIN_POSITIVE);
+            let kept = (state.cost - solved.cost) / step.promised.max(f64::MIN_POSITIVE);
             if kept > 0.7 {
-                state.radius = state.radius.max(2.5 * length).min(20.0);
+                state.radius = state.radius.max(2.5 * step.length).min(20.0);
             } else if kept < 0.25 {
-                state.radius = 0.5 * length;
+                state.radius = 0.5 * step.length;
             }
             state.iterations += 1;
-            accept(state, eta, solved);
+            accept(state, step.eta, solved);
         }
         Some(solved) => {
             // The parabola through the cost here, its slope, and the cost there: where along the step its
             // lowest point lies.
-            let slope = 2.0 * g.dot(&taken);
             let rise = solved.cost - state.cost;
-            let lowest = if rise > slope {
-                -slope / (2.0 * (rise - slope))
+            let lowest = if rise > step.slope {
+                -step.slope / (2.0 * (rise - step.slope))
             } else {
                 0.5
             };
-            state.radius = length * lowest.clamp(0.1, 0.5);
+            state.radius = step.length * lowest.clamp(0.1, 0.5);
         }
-        None => state.radius = 0.25 * length,
+        None => state.radius = 0.25 * step.length,
     }
 }
 

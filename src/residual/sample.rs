@@ -44,8 +44,8 @@ type Lanes = [f64; LANES];
 /// Elastic log stretches: active 1 and 2, side strips, end strips.
 const KINDS: usize = 4;
 type Strains = [Lanes; KINDS];
-/// Which of u, v, w drives each kind.
-const DRIVEN_BY: [usize; KINDS] = [0, 1, 0, 2];
+/// Each kind, and which of u, v, w drives it.
+const DRIVEN_BY: [(usize, usize); KINDS] = [(0, 0), (1, 1), (2, 0), (3, 2)];
 
 /// Shortest R C of the scheme, s; below it R acts as if it were this. 2 ns on a film that answers in
 /// milliseconds.
@@ -614,7 +614,7 @@ fn carried(c: &Constants, e: &Lanes, n: &Lanes, before: &Lanes) -> Lanes {
 /// Lets elastic strains follow log stretches that move.
 #[inline(always)]
 fn follow(strains: &mut Strains, beta: &Lanes, moved: [f64; 3]) {
-    for (k, from) in DRIVEN_BY.into_iter().enumerate() {
+    for (k, from) in DRIVEN_BY {
         for l in 0..LANES {
             strains[k][l] += beta[l] * moved[from];
         }
@@ -869,7 +869,7 @@ impl Run<'_> {
             sections: c.true_sections(&end.y),
             maxwell: c.maxwell * end.phi * end.phi * area,
             by_phi: 2.0 * c.maxwell * end.phi * area,
-            moved: DRIVEN_BY.map(|from| end.y[from] - state.y[from]),
+            moved: DRIVEN_BY.map(|(_, from)| end.y[from] - state.y[from]),
             acceleration: self.inertia / c.mass
                 * (0.5 * (2.0 * end.x - 5.0 * x[0] + 4.0 * x[1] - x[2])),
         }
@@ -1011,7 +1011,7 @@ impl Derivative {
     #[inline(always)]
     fn carried(&self, c: &Constants) -> Strains {
         let mut p: Strains = [[0.0; LANES]; KINDS];
-        for (k, from) in DRIVEN_BY.into_iter().enumerate() {
+        for (k, from) in DRIVEN_BY {
             let (de, dn, db) = (&self.e[k], &self.nonlinear[k], &self.nonlinear_before[k]);
             let dy = self.y[from];
             for l in 0..LANES {

@@ -120,7 +120,7 @@ struct Piece {
     samples: std::ops::Range<usize>,
 }
 
-/// The plant in one kind of number, in the unit of the inverse model's balance, and the causes that act on it.
+/// The plant and its causes in one kind of number, in the unit of the inverse model's balance.
 struct Driven<'b, R> {
     mass: R,
     damping: R,
@@ -195,8 +195,8 @@ where
         }
     }
 
-    /// What pushes, less c x' where it is not among the unknowns of the moment (its time, and how long ago the
-    /// memory was left).
+    /// What pushes, less c x' where it is not among the unknowns. A moment: its time, and how long ago the
+    /// memory was left.
     #[inline(always)]
     fn push(&self, x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]) -> R {
         let xi = (x - self.rest).times(self.to_xi);

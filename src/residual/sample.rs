@@ -489,14 +489,13 @@ fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), Sampl
     let mut y = [0.0; 3];
     const RAMP: usize = 16;
     let none: Strains = [[0.0; LANES]; KINDS];
-    let flat = [0.0; LANES];
     let full = if phi == 0.0 { RAMP } else { 2 * RAMP };
     for stage in 1..=full {
         let load = c.weight * (stage as f64 / RAMP as f64).min(1.0);
         let square = phi * phi * (stage as f64 / RAMP as f64 - 1.0).max(0.0);
         let mut done = false;
         for _ in 0..2 * NEWTON_ITERATIONS {
-            let b = balance(c, &y, &none, &flat, square, 0.0, load, 0.0);
+            let b = balance(c, &y, &none, square, load);
             let Some((b, least)) = b else {
                 return Err(SampleTrouble::GivesWay { at_s });
             };
@@ -529,22 +528,37 @@ fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), Sampl
     Err(SampleTrouble::GivesWay { at_s })
 }
 
-/// The balances at `y` with strains `e` that follow with `beta`; `square` is phi^2 and `square_by_area` its
-/// derivative by c; the tension is `load`, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn balance(
-    c: &Constants,
-    y: &[f64; 3],
-    e: &Strains,
-    beta: &Lanes,
+/// phi^2 and its derivative by c; the tension, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
+struct Loads {
     square: f64,
     square_by_area: f64,
     load: f64,
     inertia: f64,
+}
+
+impl Loads {
+    #[inline(always)]
+    fn still(square: f64, load: f64) -> Self {
+        Loads {
+            square,
+            square_by_area: 0.0,
+            load,
+            inertia: 0.0,
+        }
+    }
+}
+
+/// The balances of the sample at rest: strains `e` stay, and nothing accelerates.
+#[inline(always)]
+fn balance(
+    c: &Constants,
+    y: &[f64; 3],
+    e: &Strains,
+    square: f64,
+    load: f64,
 ) -> Option<(Balance, f64)> {
     let s = c.springs(y, e);
-    let (b, _) = linearise(c, y, &s, beta, square, square_by_area, load, inertia);
+    let (b, _) = linearise(c, y, &s, &[0.0; LANES], &Loads::still(square, load));
     let least = s.rest[0][5]
         .min(s.rest[1][5])
         .min(s.rest[2][5])
@@ -554,18 +568,21 @@ fn balance(
     b.g.iter().all(|g| g.is_finite()).then_some((b, least))
 }
 
+/// The balances at `y`, where strains follow with `beta`, and c there.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
 fn linearise(
     c: &Constants,
     y: &[f64; 3],
     s: &Springs,
     beta: &Lanes,
-    square: f64,
-    square_by_area: f64,
-    load: f64,
-    inertia: f64,
+    loads: &Loads,
 ) -> (Balance, f64) {
+    let Loads {
+        square,
+        square_by_area,
+        load,
+        inertia,
+    } = *loads;
     let sigma = c.stresses(s);
     let t = c.tangents(s, beta);
     let (to_active, to_end) = ((-y[0]).exp(), (-y[2]).exp());
@@ -680,7 +697,8 @@ struct State {
     guess: [[f64; 3]; 3],
 }
 
-/// The end of a step: springs, balance and charge at Newton's last iterate, the rest after its last increment.
+/// The end of a step: springs, balance and charge at Newton's last iterate, the rest after the increment
+/// `last`.
 struct End {
     s: Springs,
     b: Balance,
@@ -819,10 +837,14 @@ impl Run<'_> {
             let area = area_of(&next);
             let areas = [area_before, area];
             let q = charge(c.time_constant, self.h, state.phi, areas, commands);
-            let load = c.weight - history - inertia * (c.length(&next) - self.rest_length);
+            let loads = Loads {
+                square: q.phi * q.phi,
+                square_by_area: 2.0 * q.phi * q.by_area,
+                load: c.weight - history - inertia * (c.length(&next) - self.rest_length),
+                inertia,
+            };
             let s = c.springs(&next, &e);
-            let (square, by_area) = (q.phi * q.phi, 2.0 * q.phi * q.by_area);
-            let (b, _) = linearise(c, &next, &s, &c.beta, square, by_area, load, inertia);
+            let (b, _) = linearise(c, &next, &s, &c.beta, &loads);
             let least = s.rest[0][5]
                 .min(s.rest[2][5])
                 .min(s.active.least)
@@ -983,8 +1005,8 @@ impl State {
         [0, 1, 2, 3].map(|k| carried(c, &self.e[k], &self.n[k], &self.n_before[k]))
     }
 
-    /// Goes on to the end of a step. The stresses stand at the last iterate; N at the solution to second order
-    /// of the last increment.
+    /// Goes on to the end of a step. The stresses stand at the last iterate; N at the solution to second
+    /// order of the last increment.
     #[inline(always)]
     fn advance(&mut self, c: &Constants, end: End) {
         let (f, last) = (&end.f, &end.last);
@@ -1321,7 +1343,7 @@ pub fn inverse_sample(
             follow(&mut strains, &beta, [0, 1, 2].map(|k| next[k] - y[k]));
             let s = c.springs(&next, &strains);
             // phi^2 = 0 leaves sigma_2 itself in the third balance.
-            let (b, area) = linearise(&c, &next, &s, &beta, 0.0, 0.0, tension, 0.0);
+            let (b, area) = linearise(&c, &next, &s, &beta, &Loads::still(0.0, tension));
             let least = s.rest[0][5].min(s.rest[2][5]).min(s.active.least);
             if least.is_nan() || least <= 0.0 {
                 return Err(c.locked(&next, &strains, at_s));

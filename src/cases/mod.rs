@@ -491,6 +491,7 @@ fn planted_effects(
     Ok(out)
 }
 
+/// What the answer says of one recording.
 fn recording_truth(slot: &Slot, planned: &Planned, motion: &Motion) -> RecordingTruth {
     let heights = motion.position_m.iter().map(|u| u[2] * 1e3);
     let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), z| {

@@ -228,6 +228,7 @@ impl<'a> Course<'a> {
         (y.len() >= 30).then_some((columns, y))
     }
 
+    /// The regression in steps of `step`, the input `lag` further ahead.
     fn regress(&self, step: f64, lag: f64) -> Option<Regression> {
         let (columns, y) = self.rows(step, lag)?;
         let variance = about_mean(&y);

@@ -59,6 +59,7 @@ struct Hanging {
 }
 
 impl Hanging {
+    /// From what the capture wrote, turned as stated.
     fn new(m: &RawMotion, stated: &MotionManifest, voltage: Voltage) -> Self {
         let [a, b, c] = stated.rotation_deg.map(f64::to_radians);
         let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), a)

@@ -402,6 +402,7 @@ fn load<S: Simd>(lanes: &[f64; LANES], at: usize) -> S::f64s {
     S::as_simd_f64s(&lanes[at..at + S::F64_LANES]).0[0]
 }
 
+/// Three rows of lanes.
 #[inline(always)]
 fn load_three<S: Simd>(lanes: &[[f64; LANES]; 3], at: usize) -> [S::f64s; 3] {
     [
@@ -429,6 +430,7 @@ fn tangent<S: Simd>(state: &State, at: usize, group: usize) -> Tangent<S::f64s> 
     }
 }
 
+/// The other way round than [`tangent`].
 #[inline(always)]
 fn store_tangent<S: Simd>(state: &mut State, at: usize, group: usize, v: &Tangent<S::f64s>) {
     for (part, v) in [v.value, v.d_t, v.d_j].into_iter().enumerate() {

@@ -393,10 +393,12 @@ impl<'a> Sorted<'a> {
     }
 }
 
+/// Those of which `f` is true.
 fn chosen<'a>(trials: &[&'a Trial], f: &dyn Fn(&Trial) -> bool) -> Vec<&'a Trial> {
     trials.iter().copied().filter(|t| f(t)).collect()
 }
 
+/// Whether there is one cause, of the catalogue.
 fn single(t: &Trial) -> bool {
     kind(t) == "single"
 }
@@ -409,10 +411,12 @@ fn stands_for(t: &Trial, name: &str, i: usize) -> bool {
             .is_some_and(|s| s.alike.iter().any(|g| g.0 == name))
 }
 
+/// Whether the first name stands for the first cause, by the prover's group.
 fn first_stands_for_it(t: &Trial) -> bool {
     t.named.first().is_some_and(|n| stands_for(t, n, 0))
 }
 
+/// Whether all that is true is named.
 fn both_named(t: &Trial) -> bool {
     t.truth.iter().all(|e| t.named.contains(e))
 }

@@ -124,10 +124,12 @@ impl Part<'_> {
         self.kept.iter().map(at).collect()
     }
 
+    /// Largest rate; never 0.
     fn largest_rate(&self) -> f64 {
         largest(self.rate.iter().copied()).max(f64::MIN_POSITIVE)
     }
 
+    /// From the first place to the last, s; never 0.
     fn span_s(&self) -> f64 {
         (self.time_s[self.time_s.len() - 1] - self.time_s[0]).max(f64::MIN_POSITIVE)
     }
@@ -253,6 +255,7 @@ fn hats(values: &[f64], low: f64, high: f64, count: usize) -> Vec<Vec<f64>> {
         .collect()
 }
 
+/// Products, value by value.
 fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
@@ -1141,6 +1144,7 @@ impl<'a> LineResidual<'a> {
         }
     }
 
+    /// Columns and constant side before anything is put in.
     fn no_rows(&self, p: &Part) -> Rows {
         let rows = p.kept.len();
         (
@@ -1150,6 +1154,7 @@ impl<'a> LineResidual<'a> {
         )
     }
 
+    /// Of a bench, with the torque curve as a basis.
     fn bench_rows(&self, p: &Part, curve: &ForearmTorque, terms: &Terms) -> Rows {
         let s = &self.scales;
         let (mut b, mut d, mut rest) = self.no_rows(p);
@@ -1207,6 +1212,7 @@ impl<'a> LineResidual<'a> {
         Some([input, stiffness, force])
     }
 
+    /// Of an axis, from its input, stiffness and force through the low-pass.
     fn axis_rows(
         &self,
         p: &Part,
@@ -1964,6 +1970,7 @@ fn slopes(t: &[f64], x: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// Rows of a bench in which angle and torque are known.
 fn laid_out_bench(line: &Line, torque: &[f64], s: &Scales) -> LaidOut {
     let rows: Vec<usize> = (0..line.samples())
         .filter(|&i| line.x[i].is_finite() && torque[i].is_finite())
@@ -1989,6 +1996,7 @@ fn laid_out_bench(line: &Line, torque: &[f64], s: &Scales) -> LaidOut {
     }
 }
 
+/// All samples of an axis; kept are every one, or those that are nearly independent after the low-pass.
 fn laid_out_axis(line: &Line, axis: &AxisLine, s: &Scales, every: bool) -> LaidOut {
     let k = Kernel::new(axis.band_hz, line.step_s, line.samples());
     let position = excursion(line, axis);
@@ -2053,6 +2061,7 @@ impl Base {
     }
 }
 
+/// Nodes of a coupon's grid; kept are those that are nearest to some row.
 fn laid_out_coupon(coupon: &Coupon, s: &Scales) -> LaidOut {
     let grid = &coupon.grid;
     let xi: Vec<f64> = grid

@@ -164,6 +164,7 @@ impl<R: Real> Driven<'_, R>
 where
     dyn Forward: At<R>,
 {
+    /// The first sample, with memories as a course begins.
     fn begin(&self, states: &[R], velocity: bool, massless: bool) -> Going<R> {
         let mut states = states.iter();
         let mut next = || states.next().copied().unwrap_or(R::of(0.0));

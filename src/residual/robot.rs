@@ -792,6 +792,7 @@ impl<'a> RobotResidual<'a> {
         Ok(())
     }
 
+    /// Where the columns of a recording's rows stand at `eta`.
     fn laying<'b>(
         &'b self,
         recording: usize,

@@ -334,6 +334,7 @@ impl Constants {
         [self.lengths[0] * y[0].exp(), self.lengths[1] * y[2].exp()]
     }
 
+    /// Length of the sample, m.
     #[inline(always)]
     fn length(&self, y: &[f64; 3]) -> f64 {
         let [active, end] = self.lengths_at(y);
@@ -537,6 +538,7 @@ struct Loads {
 }
 
 impl Loads {
+    /// At rest: c does not feed back, and nothing accelerates.
     #[inline(always)]
     fn still(square: f64, load: f64) -> Self {
         Loads {
@@ -881,6 +883,7 @@ impl Run<'_> {
         Err(SampleTrouble::GivesWay { at_s })
     }
 
+    /// What the derivatives share where a step from `state` has come to its end.
     #[inline(always)]
     fn shared(&self, state: &State, end: &End) -> Shared {
         let (c, x) = (&self.c, &state.x);
@@ -986,6 +989,7 @@ impl Run<'_> {
 }
 
 impl State {
+    /// Hanging at rest, branches relaxed.
     fn at_rest(y: [f64; 3], phi: f64) -> Self {
         let none: Strains = [[0.0; LANES]; KINDS];
         State {

@@ -447,6 +447,7 @@ impl EffectAddition {
             })
     }
 
+    /// What acts on a chain at one site.
     fn at_site(&self, k: usize, site: Site) -> impl Iterator<Item = (&Part, Range<usize>)> {
         self.here(k)
             .filter(move |(part, _)| part.acting.effect.site() == site)
@@ -626,6 +627,7 @@ impl Chain<'_> {
         }
     }
 
+    /// Adds a torque on the bicep, or else on the lozenge.
     fn turn(&self, on_bicep: bool, torque: f64, action: &mut Action) {
         if on_bicep {
             action.torque_b_n_m[self.k] += torque;

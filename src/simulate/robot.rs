@@ -275,6 +275,7 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// No sample yet, and room for as many as are wanted.
     fn with_room(options: &Options, samples: usize, initial: InitialState) -> Self {
         Motion {
             start_s: options.start_s,

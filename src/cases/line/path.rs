@@ -135,10 +135,12 @@ fn mean(values: &[f64], h: usize) -> Vec<f64> {
 /// A course in time.
 type Course = Box<dyn Fn(f64) -> f64>;
 
+/// One wave after the other, as drawn.
 fn in_waves(list: Vec<(f64, f64, f64)>, wave: fn(f64) -> f64) -> Course {
     Box::new(move |t| waves(&list, wave, t))
 }
 
+/// Triangles at four rates, all as large or not.
 fn triangles(f: f64, total: f64, dice: &mut Dice) -> Course {
     let order = [0.3, 1.0, 2.0, 0.6].map(|r| r * f);
     let equal = dice.chance(0.5);
@@ -147,6 +149,7 @@ fn triangles(f: f64, total: f64, dice: &mut Dice) -> Course {
     in_waves(list, triangle)
 }
 
+/// Sines of other amplitude and frequency every three periods.
 fn sines(f: f64, total: f64, dice: &Dice) -> Course {
     let mut own = dice.clone();
     let list = fill(total, |i| {
@@ -156,6 +159,7 @@ fn sines(f: f64, total: f64, dice: &Dice) -> Course {
     in_waves(list, sine)
 }
 
+/// Five to twelve sines at once.
 fn multisine(f: f64, dice: &mut Dice) -> Course {
     let count = 5 + dice.below(8);
     let lines: Vec<[f64; 3]> = (0..count)
@@ -167,6 +171,7 @@ fn multisine(f: f64, dice: &mut Dice) -> Course {
     Box::new(move |t| lines.iter().map(|l| l[2] * sine(l[0] * t + l[1])).sum())
 }
 
+/// A sine that gets faster or slower.
 fn chirp(f: f64, total: f64, dice: &mut Dice) -> Course {
     let (low, high) = (0.2 * f, f * dice.range(2.0, 3.5));
     let falling = dice.chance(0.3);
@@ -177,6 +182,7 @@ fn chirp(f: f64, total: f64, dice: &mut Dice) -> Course {
     })
 }
 
+/// Levels and holds as they come.
 fn steps(f: f64, total: f64, dice: &Dice) -> Course {
     let mut own = dice.clone();
     let list = levels(total, |i| {
@@ -187,6 +193,7 @@ fn steps(f: f64, total: f64, dice: &Dice) -> Course {
     Box::new(move |t| held(&list, t))
 }
 
+/// Even steps up, down, below and back.
 fn staircase(f: f64, total: f64, dice: &mut Dice) -> Course {
     let count = 4 + dice.below(4);
     let hold = (0.5 / f).max(total / (4.2 * count as f64 * 3.0));
@@ -198,6 +205,7 @@ fn staircase(f: f64, total: f64, dice: &mut Dice) -> Course {
     Box::new(move |t| held(&list, t))
 }
 
+/// From place to place with minimum jerk, a dwell after each.
 fn reaching(f: f64, total: f64, dice: &Dice) -> Course {
     let mut own = dice.clone();
     let (mut moves, mut now, mut at) = (Vec::new(), 0.0, 0.0);
@@ -218,6 +226,7 @@ fn reaching(f: f64, total: f64, dice: &Dice) -> Course {
     })
 }
 
+/// Waves that grow from small to large.
 fn growing(f: f64, total: f64, dice: &mut Dice) -> Course {
     let wave = if dice.chance(0.5) { sine } else { triangle };
     let each = 1.0 + dice.below(3) as f64;

@@ -120,6 +120,7 @@ struct Written {
 }
 
 impl Written {
+    /// Nothing read back yet.
     fn new(toml: String, table: String) -> Self {
         Written {
             toml,
@@ -131,6 +132,7 @@ impl Written {
     }
 }
 
+/// An axis: time, position, input.
 fn written_axis(id: &str, text: &AxisText, [time_s, position_m, input]: [&[f64]; 3]) -> Written {
     let estimate = |v: Option<f64>| v.map_or("\"estimate\"".to_owned(), |v| format!("{v:?}"));
     let symbol = if text.force_cell { "N" } else { "V" };
@@ -161,6 +163,7 @@ fn written_axis(id: &str, text: &AxisText, [time_s, position_m, input]: [&[f64];
     }
 }
 
+/// A bench, with or without a time.
 fn written_bench(id: &str, time_s: Option<&[f64]>, angle: &[f64], torque: &[f64]) -> Written {
     let (clock, time_unit) = match time_s {
         Some(_) => ("time = \"t_s\"\n", "time = \"s\", "),
@@ -188,6 +191,7 @@ fn written_bench(id: &str, time_s: Option<&[f64]>, angle: &[f64], torque: &[f64]
     }
 }
 
+/// A coupon: time, stretch, stress.
 fn written_coupon(id: &str, columns: [&[f64]; 3]) -> Written {
     let toml = format!(
         "[recording]\nid = \"{id}\"\nkind = \"film-coupon\"\nfilm_state = \"virgin\"\n\n[coupon]\nfile = \"run.csv\"\nmode = \"uniaxial\"\ntime = \"t_s\"\nstretch = \"stretch\"\nnominal_stress = \"stress_Pa\"\nunits = {{ time = \"s\", stretch = \"1\", nominal_stress = \"Pa\" }}\n"

@@ -28,10 +28,12 @@ const DAMPING: f64 = 0.05;
 const WAVE_HZ: f64 = 8.0;
 const PEAKS: usize = 3;
 
+/// A group of one form.
 fn group(place: Place, smooth: bool, form: Form) -> Group {
     together(place, smooth, vec![form])
 }
 
+/// A group of several forms.
 fn together(place: Place, smooth: bool, forms: Vec<Form>) -> Group {
     Group {
         place,
@@ -40,6 +42,7 @@ fn together(place: Place, smooth: bool, forms: Vec<Form>) -> Group {
     }
 }
 
+/// What lags behind a variable, at all times.
 fn lag(of: Variable, by: Option<Variable>) -> Form {
     Form::Lag {
         of,
@@ -271,6 +274,7 @@ impl Ranges {
         }
     }
 
+    /// A curve over a variable, with knots over the range.
     fn spline(&self, of: Variable, count: usize, by: Option<Variable>) -> Form {
         Form::Spline {
             of,

@@ -35,7 +35,7 @@ use crate::simulate::write::{Capture, Noise, Placement, RecordingText, VoltageLo
 use crate::simulate::{Addition, Motion, Options, Payload, Sampled, motion, rest, write};
 use dice::Dice;
 use drives::Planned;
-use effect::{Draw, Effect, Lag, Setting, Slot};
+use effect::{Draw, Effect, Hook, Lag, Setting, Slot};
 
 /// What is left out of the model in a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -383,42 +383,8 @@ fn attempt(
         DriveSet::Protocol => drives::protocol(&mut dice, share)?,
         DriveSet::Short => drives::short(&mut dice, share)?,
     };
-    let mut series = Dice::new(spec.seed, 3);
-    let mut now = series.range(60.0, 170.0);
-    let mut slots = Vec::new();
-    for (i, p) in planned.iter().enumerate() {
-        slots.push(Slot {
-            name: format!("{:02}-{}", i + 1, p.kind),
-            train: p.train,
-            start_s: (now * 100.0).round() / 100.0,
-            duration_s: p.duration_s(),
-        });
-        now += p.duration_s() + series.range(40.0, 150.0);
-    }
-    let none: [&dyn Addition; 0] = [];
-    let free = rest(believed, parameters, [0.0; 3], 0.0, &none).map_err(|e| e.to_string())?;
-    let chains = believed
-        .mechanism
-        .pose(free.position_m)
-        .map_err(|e| e.to_string())?;
-    let mut effects = Vec::new();
-    for (i, make) in spec.makers()?.into_iter().enumerate() {
-        let mut draw = Draw {
-            dice: Dice::new(spec.seed, 10 + i as u64),
-            strength: spec.strength,
-            off,
-            setting: Setting {
-                robot: believed,
-                parameters,
-                rest_m: free.position_m,
-                rest: chains,
-                slots: &slots,
-                peak_v: 5400.0 * share,
-            },
-        };
-        effects.push(make(&mut draw));
-    }
-    effects.sort_by_key(|e| e.order);
+    let slots = slots(spec.seed, &planned);
+    let effects = planted_effects(spec, off, believed, parameters, &slots, 5400.0 * share)?;
     let name = spec.name();
     let mut train = Vec::new();
     let mut holdout = Vec::new();
@@ -428,7 +394,6 @@ fn attempt(
     let names: Vec<&str> = order.iter().map(|o| &slots[o.0].name[..]).collect();
     let details: Vec<&Detail> = effects.iter().map(|e| &e.detail).collect();
     for (i, (slot, planned)) in slots.iter().zip(&planned).enumerate() {
-        let id = format!("{name}/{}", slot.name);
         let number = order.iter().position(|o| o.0 == i).unwrap_or_default();
         let planted = Planted {
             robot: believed,
@@ -440,29 +405,115 @@ fn attempt(
             series_s: order[number].1,
             pivot_m: pivot_m(&capture),
         };
-        let simulate = simulate.map(|s| (s, planted));
-        let recording = record(
-            spec, i, id, planned, &made, parameters, &effects, simulate, &capture,
-        )
-        .map_err(|why| format!("{}: {why}", slot.name))?;
-        let heights = recording.motion.position_m.iter().map(|u| u[2] * 1e3);
-        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), z| {
-            (a.min(z), b.max(z))
-        });
-        let round = |v: f64| (v * 100.0).round() / 100.0;
-        recordings.push(RecordingTruth {
-            name: slot.name.clone(),
-            set: if slot.train { "train" } else { "holdout" }.into(),
-            payload_g: planned.payload_kg[0].1 * 1e3,
-            series_start_s: slot.start_s,
-            z_mm: [round(low), round(high)],
-        });
+        let take = Take {
+            seed: spec.seed,
+            index: i,
+            id: format!("{name}/{}", slot.name),
+            planned,
+            stated: &capture,
+        };
+        let scene = match simulate {
+            Some(_) => take.scene(&made, parameters, &[]),
+            None => take.scene(&made, parameters, &effects),
+        };
+        let recording = take
+            .record(scene, simulate.map(|s| (s, planted)))
+            .map_err(|why| format!("{}: {why}", slot.name))?;
+        recordings.push(recording_truth(slot, planned, &recording.motion));
         if slot.train {
             train.push(recording);
         } else {
             holdout.push(recording);
         }
     }
+    Ok(Case {
+        truth: truth(spec, effects, parameters, recordings),
+        name,
+        robot: believed.clone(),
+        rig_toml: RIG,
+        parameters: parameters.clone(),
+        train,
+        holdout,
+        pivot_m: pivot_m(&capture),
+    })
+}
+
+/// The recordings one after the other, with breaks between them.
+fn slots(seed: u64, planned: &[Planned]) -> Vec<Slot> {
+    let mut series = Dice::new(seed, 3);
+    let mut now = series.range(60.0, 170.0);
+    let mut out = Vec::new();
+    for (i, p) in planned.iter().enumerate() {
+        out.push(Slot {
+            name: format!("{:02}-{}", i + 1, p.kind),
+            train: p.train,
+            start_s: (now * 100.0).round() / 100.0,
+            duration_s: p.duration_s(),
+        });
+        now += p.duration_s() + series.range(40.0, 150.0);
+    }
+    out
+}
+
+/// The effects of a case, in the order in which they act.
+fn planted_effects(
+    spec: &Spec,
+    off: bool,
+    believed: &Robot,
+    parameters: &Parameters,
+    slots: &[Slot],
+    peak_v: f64,
+) -> Result<Vec<Effect>, String> {
+    let none: [&dyn Addition; 0] = [];
+    let free = rest(believed, parameters, [0.0; 3], 0.0, &none).map_err(|e| e.to_string())?;
+    let chains = believed
+        .mechanism
+        .pose(free.position_m)
+        .map_err(|e| e.to_string())?;
+    let mut out = Vec::new();
+    for (i, make) in spec.makers()?.into_iter().enumerate() {
+        let mut draw = Draw {
+            dice: Dice::new(spec.seed, 10 + i as u64),
+            strength: spec.strength,
+            off,
+            setting: Setting {
+                robot: believed,
+                parameters,
+                rest_m: free.position_m,
+                rest: chains,
+                slots,
+                peak_v,
+            },
+        };
+        out.push(make(&mut draw));
+    }
+    out.sort_by_key(|e| e.order);
+    Ok(out)
+}
+
+/// What the answer says of one recording.
+fn recording_truth(slot: &Slot, planned: &Planned, motion: &Motion) -> RecordingTruth {
+    let heights = motion.position_m.iter().map(|u| u[2] * 1e3);
+    let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), z| {
+        (a.min(z), b.max(z))
+    });
+    let round = |v: f64| (v * 100.0).round() / 100.0;
+    RecordingTruth {
+        name: slot.name.clone(),
+        set: if slot.train { "train" } else { "holdout" }.into(),
+        payload_g: planned.payload_kg[0].1 * 1e3,
+        series_start_s: slot.start_s,
+        z_mm: [round(low), round(high)],
+    }
+}
+
+/// The sealed answer.
+fn truth(
+    spec: &Spec,
+    effects: Vec<Effect>,
+    parameters: &Parameters,
+    recordings: Vec<RecordingTruth>,
+) -> Truth {
     let (ids, verdict): (Vec<String>, &str) = match spec.kind {
         Kind::Clean => (vec![], "adequate"),
         Kind::Effect(a) => (vec![a.into()], "missing_physics"),
@@ -471,9 +522,9 @@ fn attempt(
     };
     let film = &parameters.film;
     let forearm = &parameters.forearm;
-    let truth = Truth {
+    Truth {
         rig: String::new(),
-        case: name.clone(),
+        case: spec.name(),
         effects: ids,
         verdict: verdict.into(),
         detail: effects.into_iter().map(|e| e.detail).collect(),
@@ -490,17 +541,7 @@ fn attempt(
         rmse: None,
         clock: "voltage-file time = offset + (1 + skew) true time; motion frame f at (f - 1)/100 s"
             .into(),
-    };
-    Ok(Case {
-        name,
-        robot: believed.clone(),
-        rig_toml: RIG,
-        parameters: parameters.clone(),
-        train,
-        holdout,
-        pivot_m: pivot_m(&capture),
-        truth,
-    })
+    }
 }
 
 /// A robot and its capture as they are made.
@@ -605,130 +646,180 @@ fn capture(seed: u64) -> Capture {
     }
 }
 
-/// Simulates one recording and writes it as the instruments would.
-#[allow(clippy::too_many_arguments)]
-fn record(
-    spec: &Spec,
+/// One recording that is to be made.
+struct Take<'a> {
+    seed: u64,
     index: usize,
     id: String,
-    planned: &Planned,
-    made: &Made,
-    parameters: &Parameters,
-    effects: &[Effect],
-    simulate: Option<(Simulate, Planted)>,
-    stated: &Capture,
-) -> Result<CaseRecording, String> {
-    let (mut robot, mut parameters) = (made.robot.clone(), parameters.clone());
-    let mut steps = planned.payload_kg.clone();
-    let mut hooks = Vec::new();
-    let mut capture = stated.clone();
-    for i in 0..3 {
-        capture.placement.end_effector_offset_m[i] += made.marker_m[i];
-        capture.placement.rotation_deg[i] += made.tilt_deg[i];
-    }
-    let mut clock = (
-        made.clock_s * Dice::new(spec.seed, 300 + index as u64).normal(),
-        0.0,
-    );
-    let mut lag = None;
-    for effect in effects.iter().filter(|_| simulate.is_none()) {
-        if let Some(alter) = &effect.alter {
-            alter(index, &mut robot, &mut parameters);
-        }
-        if let Some(act) = &effect.act {
-            hooks.extend(act(index));
-        }
-        if let Some(mass) = &effect.mass {
-            steps = added(&steps, &mass(index));
-        }
+    planned: &'a Planned,
+    stated: &'a Capture,
+}
+
+/// What a recording is really made of.
+struct Scene {
+    robot: Robot,
+    parameters: Parameters,
+    /// Payload: (time s, kg).
+    steps: Vec<(f64, f64)>,
+    hooks: Vec<Hook>,
+    capture: Capture,
+    /// Voltage-file time = offset + (1 + skew) true time.
+    clock: (f64, f64),
+    lag: Option<Lag>,
+}
+
+/// What is written of a recording, and what is read back.
+struct Written {
+    files: [(&'static str, Vec<u8>); 3],
+    measured_m: Vec<Vec3>,
+    base_mm: Vec<Vec3>,
+    clean_m: Vec<Vec3>,
+}
+
+impl Take<'_> {
+    /// Robot, film, payload, capture and clock with what the effects make of them.
+    fn scene(&self, made: &Made, parameters: &Parameters, effects: &[Effect]) -> Scene {
+        let offset_s = made.clock_s * Dice::new(self.seed, 300 + self.index as u64).normal();
+        let mut out = Scene {
+            robot: made.robot.clone(),
+            parameters: parameters.clone(),
+            steps: self.planned.payload_kg.clone(),
+            hooks: Vec::new(),
+            capture: self.stated.clone(),
+            clock: (offset_s, 0.0),
+            lag: None,
+        };
+        let to = &mut out.capture.placement;
         for i in 0..3 {
-            let (to, by) = (&mut capture.placement, &effect.placement);
-            to.end_effector_offset_m[i] += by.end_effector_offset_m[i];
-            to.rotation_deg[i] += by.rotation_deg[i];
+            to.end_effector_offset_m[i] += made.marker_m[i];
+            to.rotation_deg[i] += made.tilt_deg[i];
         }
-        clock.0 += effect.clock.0;
-        clock.1 += effect.clock.1;
-        lag = lag.or(effect.lag);
+        for effect in effects {
+            if let Some(alter) = &effect.alter {
+                alter(self.index, &mut out.robot, &mut out.parameters);
+            }
+            if let Some(act) = &effect.act {
+                out.hooks.extend(act(self.index));
+            }
+            if let Some(mass) = &effect.mass {
+                out.steps = added(&out.steps, &mass(self.index));
+            }
+            for i in 0..3 {
+                to.end_effector_offset_m[i] += effect.placement.end_effector_offset_m[i];
+                to.rotation_deg[i] += effect.placement.rotation_deg[i];
+            }
+            out.clock.0 += effect.clock.0;
+            out.clock.1 += effect.clock.1;
+            out.lag = out.lag.or(effect.lag);
+        }
+        out
     }
-    let additions: Vec<&dyn Addition> = hooks.iter().map(|h| h as &dyn Addition).collect();
-    let options = Options {
-        duration_s: planned.duration_s(),
-        tolerance_m: 1e-7,
-        payload: Payload::steps(steps[0].1, steps[1..].to_vec())?,
-        ..Options::default()
-    };
-    let truth = match simulate {
-        Some((simulate, planted)) => simulate(&planted, &options)?,
-        None => motion(&robot, &parameters, &planned.drive, &options, &additions)
-            .map_err(|e| e.to_string())?,
-    };
-    let seen = match lag {
-        Some(lag) => lagged(&truth, lag),
-        None => truth.position_m.clone(),
-    };
-    // Gaps and noise: of this recording alone.
-    let mut dice = Dice::new(spec.seed, 100 + index as u64);
-    capture.seed = dice.seed();
-    if dice.chance(0.5) {
-        for _ in 0..=dice.below(3) {
-            let length = 2 + dice.below(22);
-            let first = 60 + dice.below(seen.len() - 160);
-            capture.gaps.push((first, length));
+
+    /// Simulates the recording and writes it as the instruments would.
+    fn record(
+        self,
+        mut scene: Scene,
+        simulate: Option<(Simulate, Planted)>,
+    ) -> Result<CaseRecording, String> {
+        let planned = self.planned;
+        let additions: Vec<&dyn Addition> =
+            scene.hooks.iter().map(|h| h as &dyn Addition).collect();
+        let options = Options {
+            duration_s: planned.duration_s(),
+            tolerance_m: 1e-7,
+            payload: Payload::steps(scene.steps[0].1, scene.steps[1..].to_vec())?,
+            ..Options::default()
+        };
+        let (robot, parameters, drive) = (&scene.robot, &scene.parameters, &planned.drive);
+        let truth = match simulate {
+            Some((simulate, planted)) => simulate(&planted, &options)?,
+            None => {
+                motion(robot, parameters, drive, &options, &additions).map_err(|e| e.to_string())?
+            }
+        };
+        let seen = match scene.lag {
+            Some(lag) => lagged(&truth, lag),
+            None => truth.position_m.clone(),
+        };
+        self.spoil(&mut scene.capture, seen.len());
+        let logged = logged(drive, scene.clock)?;
+        let written = self.write(&scene.capture, &seen, &logged)?;
+        let payload = Payload::steps(planned.payload_kg[0].1, planned.payload_kg[1..].to_vec())?;
+        let payload_kg = (0..written.measured_m.len())
+            .map(|i| payload.mass_kg(i as f64 * truth.step_s, crate::simulate::Side::After))
+            .collect();
+        let parts = Parts {
+            id: self.id.clone(),
+            step_s: truth.step_s,
+            start_s: 0.0,
+            measured_m: written.measured_m,
+            payload_kg,
+            voltage: voltage(&logged),
+            monitor: None,
+            offset_s: Some(0.0),
+            initial: InitialState::Relaxed,
+        };
+        Ok(CaseRecording {
+            id: self.id,
+            parts,
+            motion: truth,
+            base_mm: written.base_mm,
+            clean_m: written.clean_m,
+            parameters: scene.parameters,
+            robot: scene.robot,
+            files: written.files,
+        })
+    }
+
+    /// Gaps and noise: of this recording alone.
+    fn spoil(&self, capture: &mut Capture, frames: usize) {
+        let mut dice = Dice::new(self.seed, 100 + self.index as u64);
+        capture.seed = dice.seed();
+        if dice.chance(0.5) {
+            for _ in 0..=dice.below(3) {
+                let length = 2 + dice.below(22);
+                let first = 60 + dice.below(frames - 160);
+                capture.gaps.push((first, length));
+            }
         }
     }
-    let logged = logged(&planned.drive, clock)?;
-    let log = VoltageLog {
-        quantum_v: drives::QUANTUM_V,
-        ..VoltageLog::default()
-    };
-    let text = RecordingText {
-        id: id.clone(),
-        rig: "../../rig.toml".into(),
-        payload_kg: planned.payload_kg.clone(),
-        placement: stated.placement,
-        ..RecordingText::default()
-    };
-    let fail = |e: std::io::Error| e.to_string();
-    let (mut motion_csv, mut voltage_csv, mut toml) = (Vec::new(), Vec::new(), Vec::new());
-    write::nexus_csv(&mut motion_csv, &capture, &seen).map_err(fail)?;
-    write::voltage_csv(&mut voltage_csv, &log, &logged).map_err(fail)?;
-    write::recording_toml(&mut toml, &text, &capture, &log).map_err(fail)?;
-    let (measured_m, base_mm) = measured(&motion_csv, &stated.placement)?;
-    let mut silent = capture.clone();
-    silent.noise = Noise::default();
-    silent.gaps.clear();
-    let mut clean_csv = Vec::new();
-    write::nexus_csv(&mut clean_csv, &silent, &seen).map_err(fail)?;
-    let (clean_m, _) = measured(&clean_csv, &stated.placement)?;
-    let stated_payload = Payload::steps(planned.payload_kg[0].1, planned.payload_kg[1..].to_vec())?;
-    let payload_kg = (0..measured_m.len())
-        .map(|i| stated_payload.mass_kg(i as f64 * truth.step_s, crate::simulate::Side::After))
-        .collect();
-    let parts = Parts {
-        id: id.clone(),
-        step_s: truth.step_s,
-        start_s: 0.0,
-        measured_m,
-        payload_kg,
-        voltage: voltage(&logged),
-        monitor: None,
-        offset_s: Some(0.0),
-        initial: InitialState::Relaxed,
-    };
-    Ok(CaseRecording {
-        id,
-        parts,
-        motion: truth,
-        base_mm,
-        clean_m,
-        parameters,
-        robot,
-        files: [
-            ("recording.toml", toml),
-            ("motion.csv", motion_csv),
-            ("voltage.csv", voltage_csv),
-        ],
-    })
+
+    /// The files of what was seen and logged; and what is measured, with and without noise and gaps.
+    fn write(&self, capture: &Capture, seen: &[Vec3], logged: &Sampled) -> Result<Written, String> {
+        let log = VoltageLog {
+            quantum_v: drives::QUANTUM_V,
+            ..VoltageLog::default()
+        };
+        let text = RecordingText {
+            id: self.id.clone(),
+            rig: "../../rig.toml".into(),
+            payload_kg: self.planned.payload_kg.clone(),
+            placement: self.stated.placement,
+            ..RecordingText::default()
+        };
+        let fail = |e: std::io::Error| e.to_string();
+        let (mut motion_csv, mut voltage_csv, mut toml) = (Vec::new(), Vec::new(), Vec::new());
+        write::nexus_csv(&mut motion_csv, capture, seen).map_err(fail)?;
+        write::voltage_csv(&mut voltage_csv, &log, logged).map_err(fail)?;
+        write::recording_toml(&mut toml, &text, capture, &log).map_err(fail)?;
+        let (measured_m, base_mm) = measured(&motion_csv, &self.stated.placement)?;
+        let mut silent = capture.clone();
+        silent.noise = Noise::default();
+        silent.gaps.clear();
+        let mut clean_csv = Vec::new();
+        write::nexus_csv(&mut clean_csv, &silent, seen).map_err(fail)?;
+        let (clean_m, _) = measured(&clean_csv, &self.stated.placement)?;
+        Ok(Written {
+            files: [
+                ("recording.toml", toml),
+                ("motion.csv", motion_csv),
+                ("voltage.csv", voltage_csv),
+            ],
+            measured_m,
+            base_mm,
+            clean_m,
+        })
+    }
 }
 
 /// Sum of two staircases in time.

@@ -7,7 +7,7 @@
 use super::linear::{Columns, about_mean, quantile};
 use super::view::{View, per_cent, short};
 use super::{Findings, Grade};
-use crate::recording::{AxisInertia, NumberOrEstimate, RawCoordinate};
+use crate::recording::{AxisInertia, NumberOrEstimate, RawAxis, RawCoordinate};
 
 /// Strokes, m, and slowest sampling of a dynamic test, s.
 const STROKE_M: [f64; 2] = [1e-7, 5.0];
@@ -108,30 +108,35 @@ struct Regression {
     t: [f64; 3],
 }
 
-fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
-    let (Some(a), Some(stated)) = (&view.recording.axis, &view.recording.manifest.axis) else {
-        return;
-    };
-    let offset = match view.recording.manifest.offset_s {
-        NumberOrEstimate::Number(s) => s,
-        NumberOrEstimate::Estimate => return,
-    };
-    let span = stated.span_s.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-    let inside: Vec<usize> = (0..a.time_s.len())
-        .filter(|&i| (span[0]..=span[1]).contains(&a.time_s[i]))
-        .collect();
-    let (Some(&i0), Some(&i1)) = (inside.first(), inside.last()) else {
-        return;
-    };
-    let (start, end) = (a.time_s[i0], a.time_s[i1]);
-    let frame = quantile(a.time_s[i0..=i1].windows(2).map(|w| w[1] - w[0]), 0.5);
-    let known = |v: f64| if v.is_finite() { Some(v) } else { None };
-    let power = stated.input_power;
-    let input: Vec<f64> = a
-        .input
-        .values
-        .iter()
-        .map(|u| {
+/// The part of an axis's recording that is looked at.
+struct Course<'a> {
+    axis: &'a RawAxis,
+    /// Position or velocity, SI.
+    x: &'a [f64],
+    velocity: bool,
+    /// The input to its stated power.
+    input: Vec<f64>,
+    offset_s: f64,
+    start_s: f64,
+    end_s: f64,
+    frame_s: f64,
+}
+
+impl<'a> Course<'a> {
+    /// `None` where the offset is to be found, or nothing lies inside the stated span.
+    fn new(view: &View<'a>, x: &'a [f64], velocity: bool) -> Option<Self> {
+        let axis = view.recording.axis.as_ref()?;
+        let stated = view.recording.manifest.axis.as_ref()?;
+        let NumberOrEstimate::Number(offset_s) = view.recording.manifest.offset_s else {
+            return None;
+        };
+        let span = stated.span_s.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let mut inside =
+            (0..axis.time_s.len()).filter(|&i| (span[0]..=span[1]).contains(&axis.time_s[i]));
+        let i0 = inside.next()?;
+        let i1 = inside.next_back().unwrap_or(i0);
+        let power = stated.input_power;
+        let to_power = |u: &f64| {
             if power == 1.0 {
                 *u
             } else if power % 2.0 == 0.0 {
@@ -139,54 +144,60 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
             } else {
                 u.signum() * u.abs().powf(power)
             }
+        };
+        Some(Course {
+            axis,
+            x,
+            velocity,
+            input: axis.input.values.iter().map(to_power).collect(),
+            offset_s,
+            start_s: axis.time_s[i0],
+            end_s: axis.time_s[i1],
+            frame_s: quantile(axis.time_s[i0..=i1].windows(2).map(|w| w[1] - w[0]), 0.5),
         })
-        .collect();
-    let input_time = a.input_time_s.as_ref().unwrap_or(&a.time_s);
-    let load_si = a
-        .load
-        .as_ref()
-        .and_then(|l| l.unit)
-        .map_or(1.0, |u| u.to_si);
-    let regress = |step: f64, lag: f64| -> Option<Regression> {
-        let n = (((end - start) / step) as usize).min(MOST);
+    }
+
+    /// Means over `n` steps, read `ahead` later on their own clock, all smoothed alike: mean of three steps,
+    /// then differences over two.
+    fn smoothed(&self, times: &[f64], values: &[f64], ahead: f64, step: f64, n: usize) -> Vec<f64> {
+        let mut sum = vec![(0.0, 0.0); n];
+        for (t, v) in times.iter().zip(values) {
+            let at = (t - ahead - self.start_s) / step;
+            if at >= 0.0 && (at as usize) < n && v.is_finite() {
+                sum[at as usize].0 += *v;
+                sum[at as usize].1 += 1.0;
+            }
+        }
+        let v: Vec<f64> = sum.iter().map(|(s, c)| s / c).collect();
+        (0..n)
+            .map(|i| {
+                if i == 0 || i + 1 == n {
+                    f64::NAN
+                } else {
+                    (v[i - 1] + 2.0 * v[i] + v[i + 1]) / 4.0
+                }
+            })
+            .collect()
+    }
+
+    /// Columns of mass, damping, stiffness, constant and load, and the input that is `lag` further ahead.
+    fn rows(&self, step: f64, lag: f64) -> Option<(Vec<Vec<f64>>, Vec<f64>)> {
+        let a = self.axis;
+        let n = (((self.end_s - self.start_s) / step) as usize).min(MOST);
         if n < 30 {
             return None;
         }
-        let mean = |times: &[f64], values: &[f64], ahead: f64| -> Vec<f64> {
-            let mut sum = vec![(0.0, 0.0); n];
-            for (t, v) in times.iter().zip(values) {
-                let at = (t - ahead - start) / step;
-                if at >= 0.0
-                    && (at as usize) < n
-                    && let Some(v) = known(*v)
-                {
-                    sum[at as usize].0 += v;
-                    sum[at as usize].1 += 1.0;
-                }
-            }
-            sum.iter().map(|(s, c)| s / c).collect()
+        let smoothed = |times: &[f64], values: &[f64], ahead: f64| {
+            self.smoothed(times, values, ahead, step, n)
         };
-        // the same smoothing for all: mean of three steps, then differences over two
-        let smooth = |v: &[f64]| -> Vec<f64> {
-            (0..n)
-                .map(|i| {
-                    if i == 0 || i + 1 == n {
-                        f64::NAN
-                    } else {
-                        (v[i - 1] + 2.0 * v[i] + v[i + 1]) / 4.0
-                    }
-                })
-                .collect()
-        };
-        let xs = smooth(&mean(&a.time_s, x, 0.0));
-        let us = smooth(&mean(input_time, &input, offset + lag));
-        let loads: Vec<f64> = match &a.load {
-            Some(l) => smooth(&mean(&a.time_s, &l.values, 0.0))
-                .iter()
-                .map(|v| v * load_si)
-                .collect(),
-            None => Vec::new(),
-        };
+        let xs = smoothed(&a.time_s, self.x, 0.0);
+        let input_time = a.input_time_s.as_ref().unwrap_or(&a.time_s);
+        let us = smoothed(input_time, &self.input, self.offset_s + lag);
+        let loads: Vec<f64> = a.load.as_ref().map_or(Vec::new(), |l| {
+            let si = l.unit.map_or(1.0, |u| u.to_si);
+            let newton = smoothed(&a.time_s, &l.values, 0.0);
+            newton.iter().map(|v| v * si).collect()
+        });
         let first = |v: &[f64], i: usize| (v[i + 1] - v[i - 1]) / (2.0 * step);
         let second = |v: &[f64], i: usize| (v[i + 1] - 2.0 * v[i] + v[i - 1]) / (step * step);
         let mut columns = vec![Vec::new(); if loads.is_empty() { 4 } else { 5 }];
@@ -194,10 +205,10 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
         let mut sum = 0.0;
         for i in 2..n - 2 {
             // the position of a velocity, by its sum
-            if velocity && xs[i].is_finite() {
+            if self.velocity && xs[i].is_finite() {
                 sum += xs[i] * step;
             }
-            let row = if velocity {
+            let row = if self.velocity {
                 [first(&xs, i), xs[i], sum]
             } else {
                 [second(&xs, i), first(&xs, i), xs[i]]
@@ -214,13 +225,15 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
                 y.push(us[i]);
             }
         }
-        if y.len() < 30 {
-            return None;
-        }
+        (y.len() >= 30).then_some((columns, y))
+    }
+
+    /// The regression in steps of `step`, the input `lag` further ahead.
+    fn regress(&self, step: f64, lag: f64) -> Option<Regression> {
+        let (columns, y) = self.rows(step, lag)?;
         let variance = about_mean(&y);
         let mut t = [0.0; 3];
-        let whole = Columns::new(columns.clone())?;
-        let solved = whole.solve(&y);
+        let solved = Columns::new(columns.clone())?.solve(&y);
         for (k, t) in t.iter_mut().enumerate() {
             let mut fewer = columns.clone();
             fewer.remove(k);
@@ -235,38 +248,53 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
             beta: [solved.beta[0], solved.beta[1], solved.beta[2]],
             t,
         })
-    };
-    // the step at which it explains most: long enough for the noise, short enough for the motion
-    let best = (0..8)
-        .filter_map(|k| {
-            let step = frame * f64::from(1 << k);
-            regress(step, 0.0).map(|r| (step, r))
-        })
-        .max_by(|a, b| a.1.explained.total_cmp(&b.1.explained));
-    let Some((step, r)) = best else { return };
-    if r.explained < HARDLY {
-        let length = end - start;
+    }
+
+    /// The step at which it explains most: long enough for the noise, short enough for the motion.
+    fn best_step(&self) -> Option<(f64, Regression)> {
+        (0..8)
+            .filter_map(|k| {
+                let step = self.frame_s * f64::from(1 << k);
+                self.regress(step, 0.0).map(|r| (step, r))
+            })
+            .max_by(|a, b| a.1.explained.total_cmp(&b.1.explained))
+    }
+
+    /// The lag with which the regression explains well what it hardly does without, and how much that is.
+    fn other_clock(&self, step: f64) -> Option<(f64, f64)> {
+        let length = self.end_s - self.start_s;
         let lags = (-400..=400).map(|i| 0.9e-3 * length * f64::from(i));
-        let other = lags
-            .filter_map(|lag| regress(step, lag).map(|r| (lag, r.explained)))
-            .max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((lag, explained)) = other
-            && explained > WELL
-            && lag.abs() > 3.0 * step
-        {
-            found.add(
-                "clock",
-                Grade::Wrong,
-                format!(
-                    "the input looks {} s ahead of the motion: with that, mass, damping and stiffness explain {} of the input instead of {}",
-                    short(lag),
-                    per_cent(explained),
-                    per_cent(r.explained.max(0.0))
-                ),
-                "look at the times of position and input; an input of its own clock goes into input_file, with [sync] offset_s",
-            );
-            return;
-        }
+        lags.filter_map(|lag| self.regress(step, lag).map(|r| (lag, r.explained)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .filter(|(lag, explained)| *explained > WELL && lag.abs() > 3.0 * step)
+    }
+}
+
+fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
+    let Some(stated) = &view.recording.manifest.axis else {
+        return;
+    };
+    let Some(course) = Course::new(view, x, velocity) else {
+        return;
+    };
+    let Some((step, r)) = course.best_step() else {
+        return;
+    };
+    if r.explained < HARDLY
+        && let Some((lag, explained)) = course.other_clock(step)
+    {
+        found.add(
+            "clock",
+            Grade::Wrong,
+            format!(
+                "the input looks {} s ahead of the motion: with that, mass, damping and stiffness explain {} of the input instead of {}",
+                short(lag),
+                per_cent(explained),
+                per_cent(r.explained.max(0.0))
+            ),
+            "look at the times of position and input; an input of its own clock goes into input_file, with [sync] offset_s",
+        );
+        return;
     }
     let NumberOrEstimate::Number(gain) = stated.input_gain else {
         return;
@@ -274,6 +302,11 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
     if r.explained < EXPLAINS {
         return;
     }
+    negative(&r, gain, velocity, found);
+}
+
+/// Says when all that is told of mass, damping and stiffness has the wrong sign.
+fn negative(r: &Regression, gain: f64, velocity: bool, found: &mut Findings) {
     let names = ["mass", "damping", "stiffness"];
     let told: Vec<usize> = (0..3).filter(|&k| r.t[k] > 8.0).collect();
     let negative: Vec<usize> = told

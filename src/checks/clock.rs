@@ -4,6 +4,7 @@ use super::glance::{Glance, Look, Poses, STEP_S};
 use super::view::{View, short};
 use super::wiring::Hypothesis;
 use super::{Findings, Grade};
+use crate::recording::{NumberOrEstimate, RawMotion};
 
 /// Ratios of clocks that come of wrong units and rates.
 const RATIOS: [f64; 16] = [
@@ -33,6 +34,26 @@ const SHARED: f64 = 0.4;
 /// Motion outside the voltage's log that is as large as this share of that inside was driven.
 const DRIVEN: f64 = 0.3;
 
+/// Ratios of the clocks of voltage and motion: what the voltage's times look like, and a remedy.
+const UNITS: [(f64, &str, &str); 4] = [
+    (
+        1000.0,
+        "milliseconds",
+        "state time_unit = \"ms\" for the voltage's time under [voltage]",
+    ),
+    (
+        1e6,
+        "microseconds",
+        "state time_unit = \"us\" for the voltage's time under [voltage]",
+    ),
+    (
+        1e-3,
+        "kiloseconds, or the motion's in milliseconds",
+        "look at the unit of the motion's time",
+    ),
+    (1.0 / 60.0, "minutes", "put the voltage's time into seconds"),
+];
+
 /// What the lengths alone tell.
 pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     let Some([motion_s, voltage_s]) = view.lengths_s() else {
@@ -46,24 +67,7 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
         return;
     }
     // a clock in other units
-    for (ratio, what, remedy) in [
-        (
-            1000.0,
-            "milliseconds",
-            "state time_unit = \"ms\" for the voltage's time under [voltage]",
-        ),
-        (
-            1e6,
-            "microseconds",
-            "state time_unit = \"us\" for the voltage's time under [voltage]",
-        ),
-        (
-            1e-3,
-            "kiloseconds, or the motion's in milliseconds",
-            "look at the unit of the motion's time",
-        ),
-        (1.0 / 60.0, "minutes", "put the voltage's time into seconds"),
-    ] {
+    for (ratio, what, remedy) in UNITS {
         let share = voltage_s / (ratio * motion_s);
         if (0.5..2.0).contains(&share) && !(0.1..=10.0).contains(&ratio) {
             found.add(
@@ -80,8 +84,8 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
         }
     }
     let offset = match r.manifest.offset_s {
-        crate::recording::NumberOrEstimate::Number(s) => s,
-        crate::recording::NumberOrEstimate::Estimate => return,
+        NumberOrEstimate::Number(s) => s,
+        NumberOrEstimate::Estimate => return,
     };
     // motion where no voltage was logged
     let (first, last) = (v.time_s[0] - offset, v.time_s[v.time_s.len() - 1] - offset);
@@ -106,6 +110,18 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     if covered > (1.0 - ALIKE) * motion_s {
         return;
     }
+    uncovered(m, [first, last], covered, [motion_s, voltage_s], found);
+}
+
+/// Says how much of the motion the voltage covers, from when to when on its clock, and whether the rest was
+/// driven.
+fn uncovered(
+    m: &RawMotion,
+    [first, last]: [f64; 2],
+    covered: f64,
+    [motion_s, voltage_s]: [f64; 2],
+    found: &mut Findings,
+) {
     let spread = |inside: bool| {
         let mut most: f64 = 0.0;
         for k in 0..3 {

@@ -3,7 +3,7 @@
 use super::linear::quantile;
 use super::view::{View, short};
 use super::{Findings, Grade};
-use crate::recording::{RawElongation, RawLoad};
+use crate::recording::{RawColumn, RawElongation, RawLoad};
 
 /// Stretches that elastomers stand.
 const STRETCH: f64 = 15.0;
@@ -19,11 +19,42 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     if found.wrong(&["sentinel", "stated_value"]) {
         return;
     }
-    let si = |column: &crate::recording::RawColumn| -> Vec<f64> {
-        let factor = column.unit.map_or(1.0, |u| u.to_si);
-        column.values.iter().map(|v| v * factor).collect()
-    };
-    let (stretch, displaced): (Vec<f64>, Option<f64>) = match &c.elongation {
+    let (stretch, gauge_mm) = stretch_of(&c.elongation);
+    let stress = stress_of(&c.load);
+    let rows: Vec<usize> = (0..stretch.len().min(stress.len()))
+        .filter(|&i| stretch[i].is_finite() && stress[i].is_finite())
+        .collect();
+    if rows.len() < 4 {
+        return;
+    }
+    let q = |share| quantile(rows.iter().map(|&i| stretch[i]), share);
+    let (low, high) = (q(0.0), q(1.0));
+    if is_strain(low, high, gauge_mm, found) {
+        return;
+    }
+    // secant moduli above a per cent of strain
+    let secant: Vec<f64> = rows
+        .iter()
+        .filter(|&&i| stretch[i] > 1.0 + 0.3 * (high - 1.0).max(0.01))
+        .map(|&i| stress[i] / (stretch[i] - 1.0))
+        .collect();
+    if secant.len() < 3 {
+        return;
+    }
+    let most = quantile(rows.iter().map(|&i| stress[i]), 0.99);
+    let middle = quantile(secant.iter().copied(), 0.5);
+    modulus(&c.load, middle, most, found);
+}
+
+/// A column in SI.
+fn si(column: &RawColumn) -> Vec<f64> {
+    let factor = column.unit.map_or(1.0, |u| u.to_si);
+    column.values.iter().map(|v| v * factor).collect()
+}
+
+/// Stretches, and the gauge length of those that come of a displacement, mm.
+fn stretch_of(elongation: &RawElongation) -> (Vec<f64>, Option<f64>) {
+    match elongation {
         RawElongation::Displacement {
             displacement,
             gauge_mm,
@@ -35,30 +66,27 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
             )
         }
         RawElongation::Stretch(s) => (si(s), None),
-    };
-    let (stress, section) = match &c.load {
+    }
+}
+
+/// Nominal stresses, Pa.
+fn stress_of(load: &RawLoad) -> Vec<f64> {
+    match load {
         RawLoad::Force {
             force,
             width_mm,
             thickness_mm,
         } => {
             let section = width_mm * thickness_mm * 1e-6;
-            (
-                si(force).iter().map(|f| f / section).collect::<Vec<_>>(),
-                true,
-            )
+            si(force).iter().map(|f| f / section).collect()
         }
-        RawLoad::NominalStress(s) => (si(s), false),
-    };
-    let rows: Vec<usize> = (0..stretch.len().min(stress.len()))
-        .filter(|&i| stretch[i].is_finite() && stress[i].is_finite())
-        .collect();
-    if rows.len() < 4 {
-        return;
+        RawLoad::NominalStress(s) => si(s),
     }
-    let q = |share| quantile(rows.iter().map(|&i| stretch[i]), share);
-    let (low, high) = (q(0.0), q(1.0));
-    if displaced.is_none() && low < 0.5 && high < STRETCH {
+}
+
+/// Says when the stretches from `low` to `high` are strains, or more than an elastomer stands.
+fn is_strain(low: f64, high: f64, gauge_mm: Option<f64>, found: &mut Findings) -> bool {
+    if gauge_mm.is_none() && low < 0.5 && high < STRETCH {
         found.add(
             "unit",
             Grade::Wrong,
@@ -69,10 +97,10 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
             ),
             "add 1 to the column, or state it as displacement with gauge_mm = 1.0",
         );
-        return;
+        return true;
     }
     if high > STRETCH {
-        let says = match displaced {
+        let says = match gauge_mm {
             None if low > 50.0 => format!(
                 "the stretch goes from {} to {}: per cent of the length, it seems",
                 short(low),
@@ -88,7 +116,7 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
                 short((high - 1.0) * gauge)
             ),
         };
-        let remedy = match displaced {
+        let remedy = match gauge_mm {
             None if low > 50.0 => "divide the column by 100: a stretch is 1 at rest",
             None => "divide the column by 100 and add 1: a stretch is 1 at rest",
             Some(_) => {
@@ -96,19 +124,13 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
             }
         };
         found.add("unit", Grade::Wrong, says, remedy);
-        return;
+        return true;
     }
-    // secant moduli above a per cent of strain
-    let secant: Vec<f64> = rows
-        .iter()
-        .filter(|&&i| stretch[i] > 1.0 + 0.3 * (high - 1.0).max(0.01))
-        .map(|&i| stress[i] / (stretch[i] - 1.0))
-        .collect();
-    if secant.len() < 3 {
-        return;
-    }
-    let most = quantile(rows.iter().map(|&i| stress[i]), 0.99);
-    let middle = quantile(secant.iter().copied(), 0.5);
+    false
+}
+
+/// Holds stress over strain, and the largest stress, against what elastomers have.
+fn modulus(load: &RawLoad, middle: f64, most: f64, found: &mut Findings) {
     if middle < 0.0 {
         found.add(
             "sign",
@@ -120,9 +142,17 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
             "change the sign of the force or stress column",
         );
     } else if !(MODULUS_PA[0]..=MODULUS_PA[1]).contains(&middle) || most > STRENGTH_PA {
-        let unit = match &c.load {
-            RawLoad::Force { force, .. } => force.unit,
-            RawLoad::NominalStress(s) => s.unit,
+        let (unit, what, remedy) = match load {
+            RawLoad::Force { force, .. } => (
+                force.unit,
+                "force",
+                "look at the units of force and displacement, at width_mm and thickness_mm, and whether the two columns are exchanged",
+            ),
+            RawLoad::NominalStress(s) => (
+                s.unit,
+                "stress",
+                "look at the stress's unit under units (Pa, kPa, MPa), and whether the two columns are exchanged",
+            ),
         };
         found.add(
             "unit",
@@ -131,14 +161,10 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
                 "stress over strain is {} MPa and the largest stress {} MPa, which no elastomer film has (1 kPa to 100 MPa; 30 MPa), with the {} in {}",
                 short(middle * 1e-6),
                 short(most * 1e-6),
-                if section { "force" } else { "stress" },
+                what,
                 unit.map_or("its unit", |u| u.symbol)
             ),
-            if section {
-                "look at the units of force and displacement, at width_mm and thickness_mm, and whether the two columns are exchanged"
-            } else {
-                "look at the stress's unit under units (Pa, kPa, MPa), and whether the two columns are exchanged"
-            },
+            remedy,
         );
     }
 }

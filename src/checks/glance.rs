@@ -225,14 +225,9 @@ impl Glance {
         self.poses_of(&self.robot, position_m, ties)
     }
 
-    /// As [`Glance::poses`] of another robot.
-    pub fn poses_of(&self, robot: &Robot, position_m: &[Vec3], ties: Ties) -> Option<Poses> {
+    /// The rows of `position_m` as a track, differentiated row by row.
+    fn track(&self, position_m: Vec<Vec3>) -> Track {
         let n = position_m.len();
-        let seen: Vec<bool> = position_m
-            .iter()
-            .map(|p| p.iter().all(|v| v.is_finite()))
-            .collect();
-        let filled = super::view::bridged(position_m)?;
         let slope = |x: &[Vec3]| -> Vec<Vec3> {
             (0..n)
                 .map(|i| {
@@ -242,16 +237,26 @@ impl Glance {
                 })
                 .collect()
         };
-        let velocity = slope(&filled);
+        let velocity = slope(&position_m);
         let acceleration = slope(&velocity);
-        let track = Track {
+        Track {
             step_s: STEP_S,
-            position_m: filled,
+            position_m,
             velocity_m_s: velocity,
             acceleration_m_s2: acceleration,
             payload_kg: self.payload_kg.clone(),
             initial: self.initial,
-        };
+        }
+    }
+
+    /// As [`Glance::poses`] of another robot.
+    pub fn poses_of(&self, robot: &Robot, position_m: &[Vec3], ties: Ties) -> Option<Poses> {
+        let n = position_m.len();
+        let seen: Vec<bool> = position_m
+            .iter()
+            .map(|p| p.iter().all(|v| v.is_finite()))
+            .collect();
+        let track = self.track(super::view::bridged(position_m)?);
         let mechanics = Mechanics::new(robot, &track).ok()?;
         let mut usable = seen;
         for (i, _) in &mechanics.unreachable {
@@ -261,48 +266,7 @@ impl Glance {
         if (reached as f64) < WITHIN_REACH * n as f64 {
             return None;
         }
-        let mut columns: Vec<Vec<f64>> = vec![Vec::with_capacity(3 * n); 3 + CREEP_S.len()];
-        let mut own: Vec<Vec<f64>> = match ties {
-            Ties::Rest => vec![vec![0.0; 3 * n]; 2],
-            Ties::Each => vec![vec![0.0; 3 * n]; 5],
-        };
-        for (k, chain) in mechanics.chains.iter().enumerate() {
-            let lozenge = &robot.lozenges[k];
-            let spring: Vec<f64> = chain
-                .theta_dea_rad
-                .iter()
-                .map(|&theta| {
-                    let [a, b] = lozenge.stretches(theta);
-                    let [da, db] = lozenge.log_stretch_slopes(theta);
-                    let across = (a * b).powi(-2);
-                    lozenge.volume_m3() * (da * (a * a - across) + db * (b * b - across))
-                })
-                .collect();
-            let mut slow: Vec<f64> = vec![spring[0]; CREEP_S.len()];
-            for i in 0..n {
-                let on = f64::from(u8::from(usable[i]));
-                if k > 0 {
-                    own[k - 1][k * n + i] = on * spring[i];
-                }
-                if ties == Ties::Each {
-                    own[2 + k][k * n + i] = on;
-                }
-                columns[0].push(on * spring[i]);
-                for (j, t) in CREEP_S.iter().enumerate() {
-                    let follow = 1.0 - (-STEP_S / t).exp();
-                    slow[j] += follow * (spring[i] - slow[j]);
-                    columns[1 + j].push(on * (spring[i] - slow[j]));
-                }
-                let lever = chain.forearm_lever[i];
-                let swing = |power: i32| -> f64 {
-                    (0..3)
-                        .map(|j| lever[j] * mechanics.chains[j].theta_fa_rad[i].powi(power))
-                        .sum()
-                };
-                columns[1 + CREEP_S.len()].push(on * swing(1));
-                columns[2 + CREEP_S.len()].push(on * swing(3));
-            }
-        }
+        let columns = columns_of(robot, &mechanics, &usable, ties);
         let masked = |values: Vec<f64>| -> Vec<f64> {
             values
                 .into_iter()
@@ -320,7 +284,6 @@ impl Glance {
                     .collect(),
             )
         });
-        columns.extend(own);
         Some(Poses {
             columns: Columns::new(columns)?,
             half_c,
@@ -328,6 +291,56 @@ impl Glance {
             usable,
         })
     }
+}
+
+/// Columns of the springs, of their creep at each rate and of the passive joints, then each actuator's own;
+/// rows that are not usable are 0.
+fn columns_of(robot: &Robot, mechanics: &Mechanics, usable: &[bool], ties: Ties) -> Vec<Vec<f64>> {
+    let n = usable.len();
+    let mut columns: Vec<Vec<f64>> = vec![Vec::with_capacity(3 * n); 3 + CREEP_S.len()];
+    let mut own: Vec<Vec<f64>> = match ties {
+        Ties::Rest => vec![vec![0.0; 3 * n]; 2],
+        Ties::Each => vec![vec![0.0; 3 * n]; 5],
+    };
+    for (k, chain) in mechanics.chains.iter().enumerate() {
+        let lozenge = &robot.lozenges[k];
+        let spring: Vec<f64> = chain
+            .theta_dea_rad
+            .iter()
+            .map(|&theta| {
+                let [a, b] = lozenge.stretches(theta);
+                let [da, db] = lozenge.log_stretch_slopes(theta);
+                let across = (a * b).powi(-2);
+                lozenge.volume_m3() * (da * (a * a - across) + db * (b * b - across))
+            })
+            .collect();
+        let mut slow: Vec<f64> = vec![spring[0]; CREEP_S.len()];
+        for i in 0..n {
+            let on = f64::from(u8::from(usable[i]));
+            if k > 0 {
+                own[k - 1][k * n + i] = on * spring[i];
+            }
+            if ties == Ties::Each {
+                own[2 + k][k * n + i] = on;
+            }
+            columns[0].push(on * spring[i]);
+            for (j, t) in CREEP_S.iter().enumerate() {
+                let follow = 1.0 - (-STEP_S / t).exp();
+                slow[j] += follow * (spring[i] - slow[j]);
+                columns[1 + j].push(on * (spring[i] - slow[j]));
+            }
+            let lever = chain.forearm_lever[i];
+            let swing = |power: i32| -> f64 {
+                (0..3)
+                    .map(|j| lever[j] * mechanics.chains[j].theta_fa_rad[i].powi(power))
+                    .sum()
+            };
+            columns[1 + CREEP_S.len()].push(on * swing(1));
+            columns[2 + CREEP_S.len()].push(on * swing(3));
+        }
+    }
+    columns.extend(own);
+    columns
 }
 
 impl Poses {

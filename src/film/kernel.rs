@@ -402,6 +402,16 @@ fn load<S: Simd>(lanes: &[f64; LANES], at: usize) -> S::f64s {
     S::as_simd_f64s(&lanes[at..at + S::F64_LANES]).0[0]
 }
 
+/// Three rows of lanes.
+#[inline(always)]
+fn load_three<S: Simd>(lanes: &[[f64; LANES]; 3], at: usize) -> [S::f64s; 3] {
+    [
+        load::<S>(&lanes[0], at),
+        load::<S>(&lanes[1], at),
+        load::<S>(&lanes[2], at),
+    ]
+}
+
 #[inline(always)]
 fn tangent<S: Simd>(state: &State, at: usize, group: usize) -> Tangent<S::f64s> {
     Tangent {
@@ -417,6 +427,17 @@ fn tangent<S: Simd>(state: &State, at: usize, group: usize) -> Tangent<S::f64s> 
             load::<S>(&state.0[at + 4], group),
             load::<S>(&state.0[at + 5], group),
         ],
+    }
+}
+
+/// The other way round than [`tangent`].
+#[inline(always)]
+fn store_tangent<S: Simd>(state: &mut State, at: usize, group: usize, v: &Tangent<S::f64s>) {
+    for (part, v) in [v.value, v.d_t, v.d_j].into_iter().enumerate() {
+        for i in 0..2 {
+            let lanes = &mut state.0[at + 2 * part + i][group..group + S::F64_LANES];
+            S::as_mut_simd_f64s(lanes).0[0] = v[i];
+        }
     }
 }
 
@@ -473,6 +494,20 @@ struct Group<S: Simd> {
 }
 
 impl<S: Simd> Group<S> {
+    #[inline(always)]
+    fn new(simd: S, at: usize, k: &Constants, inverse_locking: f64) -> Self {
+        Group {
+            simd,
+            one: simd.splat_f64s(1.0),
+            two: simd.splat_f64s(2.0),
+            three: simd.splat_f64s(3.0),
+            inverse_j: simd.splat_f64s(inverse_locking),
+            one_three_j: simd.splat_f64s(1.0 + 3.0 * inverse_locking),
+            rate: load::<S>(&k.rate, at),
+            third: load::<S>(&k.third_rate, at),
+        }
+    }
+
     #[inline(always)]
     fn splat(self, v: f64) -> S::f64s {
         self.simd.splat_f64s(v)
@@ -624,38 +659,13 @@ fn advance<S: Simd>(
     row_width: usize,
     row_offset: usize,
 ) {
-    let g = Group {
-        simd,
-        one: simd.splat_f64s(1.0),
-        two: simd.splat_f64s(2.0),
-        three: simd.splat_f64s(3.0),
-        inverse_j: simd.splat_f64s(inverse_locking),
-        one_three_j: simd.splat_f64s(1.0 + 3.0 * inverse_locking),
-        rate: load::<S>(&k.rate, group),
-        third: load::<S>(&k.third_rate, group),
-    };
+    let g = Group::new(simd, group, k, inverse_locking);
     let decay = load::<S>(&k.decay, group);
     let d_decay = load::<S>(&k.d_decay, group);
-    let w = [
-        load::<S>(&k.drive[0], group),
-        load::<S>(&k.drive[1], group),
-        load::<S>(&k.drive[2], group),
-    ];
-    let dw = [
-        load::<S>(&k.d_drive[0], group),
-        load::<S>(&k.d_drive[1], group),
-        load::<S>(&k.d_drive[2], group),
-    ];
-    let [p1, p2, p3] = [
-        load::<S>(&k.stage[0], group),
-        load::<S>(&k.stage[1], group),
-        load::<S>(&k.stage[2], group),
-    ];
-    let [dp1, dp2, dp3] = [
-        load::<S>(&k.d_stage[0], group),
-        load::<S>(&k.d_stage[1], group),
-        load::<S>(&k.d_stage[2], group),
-    ];
+    let w = load_three::<S>(&k.drive, group);
+    let dw = load_three::<S>(&k.d_drive, group);
+    let [p1, p2, p3] = load_three::<S>(&k.stage, group);
+    let [dp1, dp2, dp3] = load_three::<S>(&k.d_stage, group);
     let mut x = tangent::<S>(state, 0, group);
     let mut n = tangent::<S>(state, 6, group);
     let mut before = tangent::<S>(state, 12, group);
@@ -713,14 +723,9 @@ fn advance<S: Simd>(
         }
         rest = node.rest;
     }
-    for (at, v) in [x, n, before].into_iter().enumerate() {
-        for (part, v) in [v.value, v.d_t, v.d_j].into_iter().enumerate() {
-            for i in 0..2 {
-                S::as_mut_simd_f64s(&mut state.0[6 * at + 2 * part + i][group..group + width]).0
-                    [0] = v[i];
-            }
-        }
-    }
+    store_tangent::<S>(state, 0, group, &x);
+    store_tangent::<S>(state, 6, group, &n);
+    store_tangent::<S>(state, 12, group, &before);
     S::as_mut_simd_f64s(&mut state.0[LEAST][group..group + width]).0[0] = least;
 }
 

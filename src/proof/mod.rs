@@ -183,9 +183,18 @@ pub fn run<S: Sync, C>(
 
 /// Opens the answer of a case that was diagnosed.
 pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
+    let mut out = undiagnosed(truth);
+    match diagnosis {
+        Ok(d) => tell(&mut out, truth, &d),
+        Err(why) => out.failure = Some(why),
+    }
+    out
+}
+
+/// What the answer alone says of a case.
+fn undiagnosed(truth: &Truth) -> Trial {
     let first = truth.detail.first().filter(|_| !truth.effects.is_empty());
-    let number = |v: &serde_json::Value| v.as_f64();
-    let mut out = Trial {
+    Trial {
         case: truth.case.clone(),
         rig: if truth.rig.is_empty() {
             "robot".into()
@@ -214,7 +223,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
         true_values: first.map_or(Vec::new(), |d| {
             d.parameters
                 .iter()
-                .filter_map(|(k, v)| Some((k.clone(), number(v)?)))
+                .filter_map(|(k, v)| Some((k.clone(), v.as_f64()?)))
                 .collect()
         }),
         over_smallest: None,
@@ -225,15 +234,12 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
         tried: Vec::new(),
         rivals: Vec::new(),
         failure: None,
-    };
-    let d = match diagnosis {
-        Ok(d) => d,
-        Err(why) => {
-            out.failure = Some(why);
-            return out;
-        }
-    };
-    out.concealment = Concealment::new(truth, &d);
+    }
+}
+
+/// Adds what the diagnosis says.
+fn tell(out: &mut Trial, truth: &Truth, d: &Diagnosis) {
+    out.concealment = Concealment::new(truth, d);
     let known = truth.detectability.filter(|_| !truth.rig.is_empty());
     out.detectability = known.unwrap_or(d.train.before_v / d.train.noise_floor_v);
     out.verdict = d.verdict.name().into();
@@ -251,9 +257,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
     }
     let words = |g: &Vec<&str>| g.iter().map(|s| s.to_string()).collect();
     out.groups = d.groups.iter().map(words).collect();
-    if let Some(g) = d.groups.first() {
-        out.group = g.iter().map(|s| s.to_string()).collect();
-    }
+    out.group = out.groups.first().cloned().unwrap_or_default();
     if let Some(h) = d.holdout {
         out.gap_closed = h.gap_closed();
     }
@@ -298,8 +302,7 @@ pub fn compare(truth: &Truth, diagnosis: Result<Diagnosis, String>) -> Trial {
         let size = out.true_values.iter().find(|v| v.0 == hidden.name)?.1;
         Some(size.abs() / hidden.smallest_detectable)
     });
-    out.located = located(truth, &d);
-    out
+    out.located = located(truth, d);
 }
 
 /// Whether a place among the first three overlaps the truth's by half.

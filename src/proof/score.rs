@@ -354,50 +354,117 @@ fn calibration_error(bins: &[(f64, f64, f64, Count)]) -> f64 {
 /// From this ratio of plain refit and floor on a case counts as detectable.
 const DETECTABLE: f64 = 1.5;
 
-/// Scores trials whose answers are open.
-pub fn score(trials: &[Trial]) -> Proof {
-    let done: Vec<&Trial> = trials.iter().filter(|t| t.failure.is_none()).collect();
-    let select = |f: &dyn Fn(&Trial) -> bool| -> Vec<&Trial> {
-        done.iter().copied().filter(|t| f(t)).collect()
-    };
-    let single = |t: &Trial| t.truth.len() == 1 && !is_unknown(t);
-    let clean = select(&|t| t.truth.is_empty());
-    let visible = select(&|t| single(t) && t.detectability >= DETECTABLE);
-    let dim = select(&|t| single(t) && t.detectability < DETECTABLE);
-    let unknown = select(&|t| is_unknown(t));
-    let pairs = select(&|t| t.truth.len() == 2);
-    let first = |t: &Trial| t.named.first().is_some_and(|n| *n == t.truth[0]);
-    // Whether a name stands for the true effect number i, by the prover's group.
-    let stands_for = |t: &Trial, name: &str, i: usize| {
-        t.truth[i] == name
-            || t.stands_out
-                .get(i)
-                .is_some_and(|s| s.alike.iter().any(|g| g.0 == name))
-    };
-    let grouped = |t: &Trial| t.named.first().is_some_and(|n| stands_for(t, n, 0));
-    let learnt = select(&|t| is_unknown(t) && t.learnt_site.is_some());
-    let visible_unknown = select(&|t| is_unknown(t) && t.detectability >= DETECTABLE);
-    let clear_pairs: Vec<&Trial> = pairs
+/// Trials by what is true of them.
+struct Sorted<'a> {
+    done: Vec<&'a Trial>,
+    clean: Vec<&'a Trial>,
+    /// With one cause, above and below what counts as detectable.
+    visible: Vec<&'a Trial>,
+    dim: Vec<&'a Trial>,
+    unknown: Vec<&'a Trial>,
+    visible_unknown: Vec<&'a Trial>,
+    pairs: Vec<&'a Trial>,
+    /// Pairs of which each stands out as a detectable single cause does.
+    clear_pairs: Vec<&'a Trial>,
+    named: Vec<&'a Trial>,
+}
+
+impl<'a> Sorted<'a> {
+    fn new(trials: &'a [Trial]) -> Self {
+        let done: Vec<&Trial> = trials.iter().filter(|t| t.failure.is_none()).collect();
+        let select = |f: &dyn Fn(&Trial) -> bool| chosen(&done, f);
+        let visible = |t: &Trial| t.detectability >= DETECTABLE;
+        let least = DETECTABLE * DETECTABLE - 1.0;
+        Sorted {
+            clean: select(&|t| t.truth.is_empty()),
+            visible: select(&|t| single(t) && visible(t)),
+            dim: select(&|t| single(t) && t.detectability < DETECTABLE),
+            unknown: select(&is_unknown),
+            visible_unknown: select(&|t| is_unknown(t) && visible(t)),
+            pairs: select(&|t| t.truth.len() == 2),
+            clear_pairs: select(&|t| {
+                t.truth.len() == 2
+                    && t.stands_out.len() == 2
+                    && t.stands_out.iter().all(|s| s.excess >= least)
+            }),
+            named: select(&|t| !t.named.is_empty()),
+            done,
+        }
+    }
+}
+
+/// Those of which `f` is true.
+fn chosen<'a>(trials: &[&'a Trial], f: &dyn Fn(&Trial) -> bool) -> Vec<&'a Trial> {
+    trials.iter().copied().filter(|t| f(t)).collect()
+}
+
+/// Whether there is one cause, of the catalogue.
+fn single(t: &Trial) -> bool {
+    kind(t) == "single"
+}
+
+/// Whether a name stands for the true effect number i, by the prover's group.
+fn stands_for(t: &Trial, name: &str, i: usize) -> bool {
+    t.truth[i] == name
+        || t.stands_out
+            .get(i)
+            .is_some_and(|s| s.alike.iter().any(|g| g.0 == name))
+}
+
+/// Whether the first name stands for the first cause, by the prover's group.
+fn first_stands_for_it(t: &Trial) -> bool {
+    t.named.first().is_some_and(|n| stands_for(t, n, 0))
+}
+
+/// Whether all that is true is named.
+fn both_named(t: &Trial) -> bool {
+    t.truth.iter().all(|e| t.named.contains(e))
+}
+
+/// Whether what was learnt acts where the true form does.
+fn learnt_where_it_acts(t: &Trial) -> bool {
+    let site = t.form.first().and_then(|form| site_of(form));
+    site.is_some() && t.learnt_site.as_deref() == site
+}
+
+/// Whether the names of a pair stand for both, one each.
+fn both_stand_for_them(t: &Trial) -> bool {
+    let [a, b] = &t.named[..] else { return false };
+    [(a, b), (b, a)]
         .iter()
-        .copied()
-        .filter(|t| {
-            t.stands_out.len() == 2
-                && t.stands_out
-                    .iter()
-                    .all(|s| s.excess >= DETECTABLE * DETECTABLE - 1.0)
-        })
-        .collect();
-    let both = |t: &Trial| t.truth.iter().all(|e| t.named.contains(e));
-    let both_grouped = |t: &Trial| {
-        let [a, b] = &t.named[..] else { return false };
-        [(a, b), (b, a)]
-            .iter()
-            .any(|(a, b)| stands_for(t, a, 0) && stands_for(t, b, 1))
+        .any(|(a, b)| stands_for(t, a, 0) && stands_for(t, b, 1))
+}
+
+/// Whether the names are exactly what is true.
+fn exact(t: &Trial) -> bool {
+    let mut said = t.named.clone();
+    let mut truth = if is_unknown(t) {
+        Vec::new()
+    } else {
+        t.truth.clone()
     };
-    let placed = select(&|t| t.located.is_some() && t.verdict != "adequate");
-    let right = select(&|t| single(t) && first(t));
+    said.sort();
+    truth.sort();
+    said == truth
+}
+
+/// Names in a stated group with the first name.
+fn group_size(t: &Trial) -> f64 {
+    let mut all: Vec<&String> = t
+        .groups
+        .iter()
+        .filter(|g| g.contains(&t.named[0]))
+        .flatten()
+        .collect();
+    all.sort();
+    all.dedup();
+    all.len().max(1) as f64
+}
+
+/// How many intervals of the first stated value hold the truth, where the right effect is named.
+fn coverage(done: &[&Trial]) -> Count {
     let (mut inside, mut measured) = (0, 0);
-    for t in &right {
+    for t in done.iter().filter(|t| single(t) && first_right(t)) {
         let value = t.values.iter().find_map(|(name, _, error, ci95)| {
             let truth = t.true_values.iter().find(|v| v.0 == *name)?;
             (error.is_finite() && *name != "time").then_some((truth.1, *ci95))
@@ -407,50 +474,25 @@ pub fn score(trials: &[Trial]) -> Proof {
             inside += usize::from(low <= truth && truth <= high);
         }
     }
-    let named = select(&|t| !t.named.is_empty());
-    let calls: Vec<(f64, f64)> = named
-        .iter()
-        .map(|t| (t.candidates[0].1, f64::from(t.truth.contains(&t.named[0]))))
-        .collect();
-    let n = calls.len().max(1) as f64;
-    let firsts: Vec<(f64, bool)> = calls.iter().map(|c| (c.0, c.1 > 0.5)).collect();
-    let error = calibration_error(&calibration(&firsts));
-    let each = |right: &dyn Fn(&Trial, &str) -> bool| {
-        let names = |t: &&Trial| -> Vec<(f64, bool)> {
-            let own = t.named.iter().zip(&t.odds);
-            own.map(|(n, p)| (*p, right(t, n))).collect()
-        };
-        calibration(&named.iter().flat_map(names).collect::<Vec<_>>())
+    Count::new(inside, measured)
+}
+
+/// Every name by its own probability, in ten bins.
+fn calibration_of_each(
+    named: &[&Trial],
+    right: &dyn Fn(&Trial, &str) -> bool,
+) -> Vec<(f64, f64, f64, Count)> {
+    let names = |t: &&Trial| -> Vec<(f64, bool)> {
+        let own = t.named.iter().zip(&t.odds);
+        own.map(|(n, p)| (*p, right(t, n))).collect()
     };
-    let own_odds = each(&right_or_grouped);
-    let strict = each(&|t, n| t.truth.iter().any(|e| e == n));
-    let group_size = |t: &&Trial| -> f64 {
-        let mut all: Vec<&String> = t
-            .groups
-            .iter()
-            .filter(|g| g.contains(&t.named[0]))
-            .flatten()
-            .collect();
-        all.sort();
-        all.dedup();
-        all.len().max(1) as f64
-    };
-    let exact = |t: &Trial| {
-        let mut said = t.named.clone();
-        let mut truth = if is_unknown(t) {
-            Vec::new()
-        } else {
-            t.truth.clone()
-        };
-        said.sort();
-        truth.sort();
-        said == truth
-    };
-    let form = |t: &Trial| t.form.first().cloned().unwrap_or_else(|| "none".into());
-    let base = calls.iter().map(|c| c.1).sum::<f64>() / n;
-    let brier = calls.iter().map(|c| (c.0 - c.1).powi(2)).sum::<f64>() / n;
-    let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
-    for t in &done {
+    calibration(&named.iter().flat_map(names).collect::<Vec<_>>())
+}
+
+/// truth -> what was said -> how often.
+fn confusion(done: &[&Trial]) -> BTreeMap<String, BTreeMap<String, usize>> {
+    let mut out: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for t in done {
         let truth = if t.truth.is_empty() {
             "none".into()
         } else {
@@ -461,22 +503,41 @@ pub fn score(trials: &[Trial]) -> Proof {
             "unexplained" => "unknown".into(),
             _ => t.named.join(" + "),
         };
-        *confusion.entry(truth).or_default().entry(said).or_default() += 1;
+        *out.entry(truth).or_default().entry(said).or_default() += 1;
     }
-    let power = (0..5)
+    out
+}
+
+/// Shares right by strength.
+fn power(done: &[&Trial]) -> Vec<(f64, f64, Count)> {
+    (0..5)
         .map(|i| {
             let (low, high) = (0.2 * f64::from(i), 0.2 * f64::from(i + 1));
-            let own = select(&|t| single(t) && t.strength >= low && t.strength < high + 1e-9);
-            (low, high, Count::of(&own, first))
+            let own = chosen(done, &|t| {
+                single(t) && t.strength >= low && t.strength < high + 1e-9
+            });
+            (low, high, Count::of(&own, first_right))
         })
-        .collect();
-    let mut methods = vec![Method {
+        .collect()
+}
+
+/// The diagnosis, with its Brier score, and the rivals on the same cases.
+fn methods(sorted: &Sorted, brier: Option<f64>) -> Vec<Method> {
+    let Sorted {
+        done,
+        clean,
+        visible,
+        dim,
+        unknown,
+        ..
+    } = sorted;
+    let mut out = vec![Method {
         name: "deacal".into(),
-        false_alarm_rate: Count::of(&clean, |t| t.verdict != "adequate"),
-        top1_detectable: Count::of(&visible, first),
-        top1_hidden: Count::of(&dim, first),
-        unknown_not_named: Count::of(&unknown, |t| t.named.is_empty()),
-        brier: (!calls.is_empty()).then_some(brier),
+        false_alarm_rate: Count::of(clean, |t| t.verdict != "adequate"),
+        top1_detectable: Count::of(visible, first_right),
+        top1_hidden: Count::of(dim, first_right),
+        unknown_not_named: Count::of(unknown, |t| t.named.is_empty()),
+        brier,
     }];
     let names = done.first().map_or(Vec::new(), |t| {
         t.rivals.iter().map(|r| r.0.clone()).collect::<Vec<_>>()
@@ -489,71 +550,100 @@ pub fn score(trials: &[Trial]) -> Proof {
             .collect();
         let wrong = claims.iter().filter(|c| !**c).count() as f64;
         let says = |t: &Trial| of(t).is_some_and(|r| r.2.as_deref() == Some(t.truth[0].as_str()));
-        methods.push(Method {
-            false_alarm_rate: Count::of(&clean, |t| of(t).is_some_and(|r| r.1)),
-            top1_detectable: Count::of(&visible, says),
-            top1_hidden: Count::of(&dim, says),
-            unknown_not_named: Count::of(&unknown, |t| of(t).is_some_and(|r| r.2.is_none())),
+        out.push(Method {
+            false_alarm_rate: Count::of(clean, |t| of(t).is_some_and(|r| r.1)),
+            top1_detectable: Count::of(visible, says),
+            top1_hidden: Count::of(dim, says),
+            unknown_not_named: Count::of(unknown, |t| of(t).is_some_and(|r| r.2.is_none())),
             brier: (!claims.is_empty()).then(|| wrong / claims.len() as f64),
             name,
         });
     }
+    out
+}
+
+/// Scores trials whose answers are open.
+pub fn score(trials: &[Trial]) -> Proof {
+    let sorted = Sorted::new(trials);
+    let Sorted {
+        done,
+        clean,
+        visible,
+        dim,
+        unknown,
+        visible_unknown,
+        pairs,
+        clear_pairs,
+        named,
+    } = &sorted;
+    let calls: Vec<(f64, f64)> = named
+        .iter()
+        .map(|t| (t.candidates[0].1, f64::from(t.truth.contains(&t.named[0]))))
+        .collect();
+    let n = calls.len().max(1) as f64;
+    let firsts: Vec<(f64, bool)> = calls.iter().map(|c| (c.0, c.1 > 0.5)).collect();
+    let base = calls.iter().map(|c| c.1).sum::<f64>() / n;
+    let brier = calls.iter().map(|c| (c.0 - c.1).powi(2)).sum::<f64>() / n;
+    let own_odds = calibration_of_each(named, &right_or_grouped);
+    let strict = calibration_of_each(named, &|t, n| t.truth.iter().any(|e| e == n));
+    let unexplained = |t: &Trial| t.verdict == "unexplained";
+    let gaps_closed = |t: &[&Trial]| Median::new(t.iter().map(|t| t.gap_closed).collect());
     Proof {
         n_cases: done.len(),
         failures: trials
             .iter()
             .filter_map(|t| t.failure.as_ref().map(|f| format!("{}: {f}", t.case)))
             .collect(),
-        false_alarm_rate: Count::of(&clean, |t| t.verdict != "adequate"),
-        top1_detectable: Count::of(&visible, first),
-        top3_detectable: Count::of(&visible, |t| {
+        false_alarm_rate: Count::of(clean, |t| t.verdict != "adequate"),
+        top1_detectable: Count::of(visible, first_right),
+        top3_detectable: Count::of(visible, |t| {
             t.candidates.iter().take(3).any(|c| c.0 == t.truth[0])
         }),
-        group_detectable: Count::of(&visible, grouped),
-        top1_hidden: Count::of(&dim, first),
-        group_hidden: Count::of(&dim, grouped),
-        wrong_hidden: Count::of(&dim, |t| !t.named.is_empty() && !grouped(t)),
+        group_detectable: Count::of(visible, first_stands_for_it),
+        top1_hidden: Count::of(dim, first_right),
+        group_hidden: Count::of(dim, first_stands_for_it),
+        wrong_hidden: Count::of(dim, |t| !t.named.is_empty() && !first_stands_for_it(t)),
         found_at_three_times_smallest: Count::of(
-            &select(&|t| single(t) && t.over_smallest.is_some_and(|o| o >= 3.0)),
-            grouped,
+            &chosen(done, &|t| {
+                single(t) && t.over_smallest.is_some_and(|o| o >= 3.0)
+            }),
+            first_stands_for_it,
         ),
-        unknown_called_unexplained: Count::of(&unknown, |t| t.verdict == "unexplained"),
-        visible_unknown_called_unexplained: Count::of(&visible_unknown, |t| {
-            t.verdict == "unexplained"
-        }),
-        learnt_where_it_acts: Count::of(&learnt, |t| {
-            let site = t.form.first().and_then(|form| site_of(form));
-            site.is_some() && t.learnt_site.as_deref() == site
-        }),
-        unknown_gap_closed_median: Median::new(
-            (visible_unknown.iter())
-                .filter(|t| t.rig == "robot")
-                .map(|t| t.gap_closed)
-                .collect(),
+        unknown_called_unexplained: Count::of(unknown, unexplained),
+        visible_unknown_called_unexplained: Count::of(visible_unknown, unexplained),
+        learnt_where_it_acts: Count::of(
+            &chosen(unknown, &|t| t.learnt_site.is_some()),
+            learnt_where_it_acts,
         ),
-        pairs_both_named: Count::of(&clear_pairs, both),
-        pairs_by_group: Count::of(&clear_pairs, both_grouped),
-        all_pairs_both_named: Count::of(&pairs, both),
-        pairs_first_right: Count::of(&pairs, |t| {
+        unknown_gap_closed_median: gaps_closed(&chosen(visible_unknown, &|t| t.rig == "robot")),
+        pairs_both_named: Count::of(clear_pairs, both_named),
+        pairs_by_group: Count::of(clear_pairs, both_stand_for_them),
+        all_pairs_both_named: Count::of(pairs, both_named),
+        pairs_first_right: Count::of(pairs, |t| {
             t.named.first().is_some_and(|n| t.truth.contains(n))
         }),
-        located: Count::of(&placed, |t| t.located == Some(true)),
-        gap_closed_median: Median::new(visible.iter().map(|t| t.gap_closed).collect()),
-        coverage: Count::new(inside, measured),
-        calibration_error: error,
+        located: Count::of(
+            &chosen(done, &|t| t.located.is_some() && t.verdict != "adequate"),
+            |t| t.located == Some(true),
+        ),
+        gap_closed_median: gaps_closed(visible),
+        coverage: coverage(done),
+        calibration_error: calibration_error(&calibration(&firsts)),
         brier: [brier, base * (1.0 - base)],
-        confusion,
-        first_names: FirstNames::of(&done),
-        power,
-        methods,
-        stated_group_detectable: Count::of(&visible, first_in_group),
-        wrong_above_80: Count::of(&done, wrong_sure),
-        exact_sets: Count::of(&done, exact),
+        confusion: confusion(done),
+        first_names: FirstNames::of(done),
+        power: power(done),
+        methods: methods(&sorted, (!calls.is_empty()).then_some(brier)),
+        stated_group_detectable: Count::of(visible, first_in_group),
+        wrong_above_80: Count::of(done, wrong_sure),
+        exact_sets: Count::of(done, exact),
         calibration_error_each: calibration_error(&own_odds),
         calibration_error_each_strict: calibration_error(&strict),
         calibration: own_odds,
-        stated_group_size: named.iter().map(group_size).sum::<f64>() / n,
-        by_kind: Row::of(&done, |t| kind(t).into()),
-        by_cause: Row::of(&done, form),
+        stated_group_size: named.iter().map(|t| group_size(t)).sum::<f64>() / n,
+        by_kind: Row::of(done, |t| kind(t).into()),
+        by_cause: Row::of(done, |t| {
+            t.form.first().cloned().unwrap_or_else(|| "none".into())
+        }),
     }
 }

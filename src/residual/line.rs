@@ -116,6 +116,150 @@ struct Part<'a> {
     base: Arc<Base>,
 }
 
+impl Part<'_> {
+    /// A column at the kept places, of an axis through its low-pass.
+    fn at_kept(&self, column: &[f64]) -> Vec<f64> {
+        let kernel = self.kernel.as_ref();
+        let at = |&c: &usize| kernel.map_or(column[c], |k| k.at(0, column, c));
+        self.kept.iter().map(at).collect()
+    }
+
+    /// Largest rate; never 0.
+    fn largest_rate(&self) -> f64 {
+        largest(self.rate.iter().copied()).max(f64::MIN_POSITIVE)
+    }
+
+    /// From the first place to the last, s; never 0.
+    fn span_s(&self) -> f64 {
+        (self.time_s[self.time_s.len() - 1] - self.time_s[0]).max(f64::MIN_POSITIVE)
+    }
+
+    /// A function of the coordinate at every place.
+    fn of_xi(&self, f: impl Fn(f64) -> f64) -> Vec<f64> {
+        self.xi.iter().map(|x| f(*x)).collect()
+    }
+
+    /// Hat functions of and ripples in position.
+    fn position_columns(&self) -> Vec<Vec<f64>> {
+        let mut out = hats(&self.xi, -1.0, 1.0, 13);
+        for k in 1..=8 {
+            for shift in [0.0, 0.25] {
+                out.push(self.of_xi(|x| (TAU * (0.5 * f64::from(k + 2) * x + shift)).sin()));
+            }
+        }
+        out
+    }
+
+    /// States of sliding; where time counts, direction and rate as well.
+    fn friction_columns(&self) -> Vec<Vec<f64>> {
+        let xi = &self.xi;
+        let mut out: Vec<Vec<f64>> = Vec::new();
+        for presliding in [0.005, 0.03, 0.2] {
+            let z = crate::effects::line::sliding(xi, presliding);
+            out.push(times(&z, xi));
+            out.push(times(&z, &self.of_xi(f64::abs)));
+            out.push(z);
+        }
+        if self.line.timed {
+            let speed = self.largest_rate();
+            let way: Vec<f64> = self
+                .rate
+                .iter()
+                .map(|r| (r / (0.02 * speed)).tanh())
+                .collect();
+            // rates are told apart near zero as well as at their largest
+            let rate: Vec<f64> = self
+                .rate
+                .iter()
+                .map(|r| (r / speed).signum() * (r / speed).abs().sqrt())
+                .collect();
+            let along = times(&way, xi);
+            out.push(way);
+            out.push(along);
+            out.extend(hats(&rate, -1.0, 1.0, 11));
+            out.push(times(&self.rate, &self.of_xi(|x| x / speed)));
+            out.push(times(&self.rate, &self.of_xi(|x| x * x / speed)));
+        }
+        out
+    }
+
+    /// The largest excursion so far; where time counts, the position lagging behind as well.
+    fn history_columns(&self) -> Vec<Vec<f64>> {
+        let mut so_far = 0.0_f64;
+        let most: Vec<f64> = self
+            .xi
+            .iter()
+            .map(|x| {
+                so_far = so_far.max(x.abs());
+                so_far
+            })
+            .collect();
+        let mut out = vec![times(&most, &self.xi), most];
+        if self.line.timed {
+            let lagged = |values: &[f64], lag_s: f64| -> Vec<f64> {
+                let mut q = values[0];
+                (0..values.len())
+                    .map(|i| {
+                        let h = self.time_s[i] - self.time_s[i.saturating_sub(1)];
+                        q += (1.0 - (-h / lag_s).exp()) * (values[i] - q);
+                        q
+                    })
+                    .collect()
+            };
+            for share in [0.002, 0.01, 0.05, 0.2] {
+                let lag_s = share * self.span_s();
+                out.push(lagged(&self.xi, lag_s));
+                out.push(lagged(&self.of_xi(|x| x * x.abs()), lag_s));
+            }
+        }
+        out
+    }
+
+    /// What a mass that depends on position would make.
+    fn inertia_columns(&self) -> Vec<Vec<f64>> {
+        let (n, rate, time_s) = (self.xi.len(), &self.rate, &self.time_s);
+        let acceleration: Vec<f64> = (0..n)
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+                (rate[b] - rate[a]) / (time_s[b] - time_s[a]).max(f64::MIN_POSITIVE)
+            })
+            .collect();
+        vec![times(&acceleration, &self.xi), times(rate, rate)]
+    }
+
+    /// Waves along the recording, in force and in stiffness.
+    fn slow_columns(&self) -> Vec<Vec<f64>> {
+        let (start, span) = (self.time_s[0], self.span_s());
+        let waves: Vec<Vec<f64>> = (1..=6)
+            .map(|k| {
+                let wave = |t: &f64| (0.5 * TAU * f64::from(k) * (t - start) / span).cos();
+                self.time_s.iter().map(wave).collect()
+            })
+            .collect();
+        let first = waves.iter().take(3).map(|w| times(w, &self.xi));
+        let mut out: Vec<Vec<f64>> = first.collect();
+        out.extend(waves);
+        out
+    }
+}
+
+/// `count` hat functions of the values, evenly from low to high, a column each.
+fn hats(values: &[f64], low: f64, high: f64, count: usize) -> Vec<Vec<f64>> {
+    let step = (high - low) / (count - 1) as f64;
+    (0..count)
+        .map(|k| {
+            let centre = low + step * k as f64;
+            let hat = |v: &f64| (1.0 - ((v - centre) / step).abs()).max(0.0);
+            values.iter().map(hat).collect()
+        })
+        .collect()
+}
+
+/// Products, value by value.
+fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
+}
+
 /// The mean of the rows of a coupon that are nearest to a node of its grid.
 #[derive(Debug, Clone, Copy)]
 struct Mean {
@@ -981,101 +1125,139 @@ impl<'a> LineResidual<'a> {
             vec![0.0; p.xi.len()]
         };
         let terms = self.terms(number, effects, &elastic, 0.0);
-        let s = &self.scales;
-        let mut b = DMatrix::zeros(p.kept.len(), self.linear());
-        let mut d = DVector::zeros(p.kept.len());
-        let mut rest = Vec::new();
         match &*self.plain {
-            Plain::Bench(curve) => {
-                let mut basis = vec![0.0; self.linear()];
-                for (row, &i) in p.kept.iter().enumerate() {
-                    curve.basis(s.rest + s.coordinate * terms.xi[i], &mut basis);
-                    for (j, v) in basis.iter().enumerate() {
-                        b[(row, j)] = v * terms.factor[i][0];
-                    }
-                    rest.push(-s.force * terms.force[i]);
-                    d[row] = p.measured[row] + rest[row];
-                }
-            }
+            Plain::Bench(curve) => Ok(self.bench_rows(p, curve, &terms)),
             Plain::Axis {
                 terms: list,
                 known,
                 over_gain,
             } => {
-                let Measured::Axis(axis) = &p.line.measured else {
-                    return Ok((b, d, rest));
+                let Some(filtered) = self.filtered(number, eta, &terms) else {
+                    return Ok(self.no_rows(p));
                 };
-                let kernel = p.kernel.as_ref().expect("an axis has one");
-                let filtered = |values: &[f64]| -> Vec<f64> {
-                    p.kept.iter().map(|&c| kernel.at(0, values, c)).collect()
-                };
-                let base = &p.base;
-                let plain_input = terms
-                    .input
-                    .iter()
-                    .zip(&axis.input)
-                    .all(|(u, own)| *u == own / s.input);
-                let plain_gain = terms.gain.iter().all(|g| *g == 1.0);
-                let whole = plain_input && plain_gain && terms.shift_s == 0.0;
-                let input = if whole && !base.input.is_empty() {
-                    base.input.clone()
-                } else {
-                    let offset = self.offset_s(number, eta) + terms.shift_s;
-                    let mut u = shifted(p.line, axis, &terms.input, s.input, offset);
-                    u.iter_mut().zip(&terms.gain).for_each(|(u, g)| *u *= g);
-                    filtered(&u)
-                };
-                let plain_spring = terms.xi == *p.xi && terms.factor.iter().all(|f| f[0] == 1.0);
-                let stiffness = if plain_spring {
-                    base.stiffness.clone()
-                } else {
-                    let spring: Vec<f64> = terms
-                        .xi
-                        .iter()
-                        .zip(&terms.factor)
-                        .map(|(x, f)| s.coordinate * x * f[0])
-                        .collect();
-                    filtered(&spring)
-                };
-                let force = if terms.force.iter().all(|f| *f == 0.0) {
-                    vec![0.0; p.kept.len()]
-                } else {
-                    filtered(&terms.force)
-                };
-                for row in 0..p.kept.len() {
-                    let known_side = known[1] * base.mass[row]
-                        + known[2] * base.damping[row]
-                        + known[3] * stiffness[row]
-                        - base.load[row];
-                    for (j, term) in list.iter().enumerate() {
-                        b[(row, j)] = match term {
-                            AxisTerm::Mass => base.mass[row],
-                            AxisTerm::Damping => base.damping[row],
-                            AxisTerm::Stiffness => stiffness[row],
-                            AxisTerm::Bias => 1.0,
-                            AxisTerm::Gain => known_side,
-                        };
-                    }
-                    let known_side = if *over_gain { 0.0 } else { known_side };
-                    rest.push(-s.force * force[row] - known_side);
-                    d[row] = known[0] * input[row] + rest[row];
-                }
+                Ok(self.axis_rows(p, list, known, *over_gain, &filtered))
             }
             Plain::Coupon { branches } => {
-                let at_node = self.stresses(number, eta, *branches, &terms)?;
-                let at = |i: usize, j: usize| at_node[(i, j)] * terms.factor[i][usize::from(j > 0)];
-                for (row, (&i, mean)) in p.kept.iter().zip(p.means.iter()).enumerate() {
-                    let between = |near: f64, other: f64| near + mean.share * (other - near);
-                    for j in 0..=*branches {
-                        b[(row, j)] = between(at(i, j), at(mean.other, j));
-                    }
-                    let force = between(terms.force[i], terms.force[mean.other]);
-                    rest.push(-s.force * force);
-                    d[row] = p.measured[row] + rest[row];
-                }
+                let stresses = self.stresses(number, eta, *branches, &terms)?;
+                Ok(self.coupon_rows(p, &stresses, &terms))
             }
         }
-        Ok((b, d, rest))
+    }
+
+    /// Columns and constant side before anything is put in.
+    fn no_rows(&self, p: &Part) -> Rows {
+        let rows = p.kept.len();
+        (
+            DMatrix::zeros(rows, self.linear()),
+            DVector::zeros(rows),
+            Vec::new(),
+        )
+    }
+
+    /// Of a bench, with the torque curve as a basis.
+    fn bench_rows(&self, p: &Part, curve: &ForearmTorque, terms: &Terms) -> Rows {
+        let s = &self.scales;
+        let (mut b, mut d, mut rest) = self.no_rows(p);
+        let mut basis = vec![0.0; self.linear()];
+        for (row, &i) in p.kept.iter().enumerate() {
+            curve.basis(s.rest + s.coordinate * terms.xi[i], &mut basis);
+            for (j, v) in basis.iter().enumerate() {
+                b[(row, j)] = v * terms.factor[i][0];
+            }
+            rest.push(-s.force * terms.force[i]);
+            d[row] = p.measured[row] + rest[row];
+        }
+        (b, d, rest)
+    }
+
+    /// Input, stiffness and force of effects on an axis at its kept places, through the low-pass; what no
+    /// effect touches is not worked out again.
+    fn filtered(&self, number: usize, eta: &[f64], terms: &Terms) -> Option<[Vec<f64>; 3]> {
+        let (p, s) = (&self.parts[number], &self.scales);
+        let Measured::Axis(axis) = &p.line.measured else {
+            return None;
+        };
+        let plain_input = terms
+            .input
+            .iter()
+            .zip(&axis.input)
+            .all(|(u, own)| *u == own / s.input);
+        let plain_gain = terms.gain.iter().all(|g| *g == 1.0);
+        let whole = plain_input && plain_gain && terms.shift_s == 0.0;
+        let input = if whole && !p.base.input.is_empty() {
+            p.base.input.clone()
+        } else {
+            let offset = self.offset_s(number, eta) + terms.shift_s;
+            let mut u = shifted(p.line, axis, &terms.input, s.input, offset);
+            u.iter_mut().zip(&terms.gain).for_each(|(u, g)| *u *= g);
+            p.at_kept(&u)
+        };
+        let plain_spring = terms.xi == *p.xi && terms.factor.iter().all(|f| f[0] == 1.0);
+        let stiffness = if plain_spring {
+            p.base.stiffness.clone()
+        } else {
+            let spring: Vec<f64> = terms
+                .xi
+                .iter()
+                .zip(&terms.factor)
+                .map(|(x, f)| s.coordinate * x * f[0])
+                .collect();
+            p.at_kept(&spring)
+        };
+        let force = if terms.force.iter().all(|f| *f == 0.0) {
+            vec![0.0; p.kept.len()]
+        } else {
+            p.at_kept(&terms.force)
+        };
+        Some([input, stiffness, force])
+    }
+
+    /// Of an axis, from its input, stiffness and force through the low-pass.
+    fn axis_rows(
+        &self,
+        p: &Part,
+        list: &[AxisTerm],
+        known: &[f64; 4],
+        over_gain: bool,
+        [input, stiffness, force]: &[Vec<f64>; 3],
+    ) -> Rows {
+        let (mut b, mut d, mut rest) = self.no_rows(p);
+        let base = &p.base;
+        for row in 0..p.kept.len() {
+            let known_side = known[1] * base.mass[row]
+                + known[2] * base.damping[row]
+                + known[3] * stiffness[row]
+                - base.load[row];
+            for (j, term) in list.iter().enumerate() {
+                b[(row, j)] = match term {
+                    AxisTerm::Mass => base.mass[row],
+                    AxisTerm::Damping => base.damping[row],
+                    AxisTerm::Stiffness => stiffness[row],
+                    AxisTerm::Bias => 1.0,
+                    AxisTerm::Gain => known_side,
+                };
+            }
+            let known_side = if over_gain { 0.0 } else { known_side };
+            rest.push(-self.scales.force * force[row] - known_side);
+            d[row] = known[0] * input[row] + rest[row];
+        }
+        (b, d, rest)
+    }
+
+    /// Of a coupon, from the nominal stress of each spring at its nodes.
+    fn coupon_rows(&self, p: &Part, stresses: &DMatrix<f64>, terms: &Terms) -> Rows {
+        let (mut b, mut d, mut rest) = self.no_rows(p);
+        let at = |i: usize, j: usize| stresses[(i, j)] * terms.factor[i][usize::from(j > 0)];
+        for (row, (&i, mean)) in p.kept.iter().zip(p.means.iter()).enumerate() {
+            let between = |near: f64, other: f64| near + mean.share * (other - near);
+            for j in 0..stresses.ncols() {
+                b[(row, j)] = between(at(i, j), at(mean.other, j));
+            }
+            let force = between(terms.force[i], terms.force[mean.other]);
+            rest.push(-self.scales.force * force);
+            d[row] = p.measured[row] + rest[row];
+        }
+        (b, d, rest)
     }
 
     /// Nominal stress per modulus of each spring at the nodes of a coupon's grid.
@@ -1407,153 +1589,59 @@ impl<'a> LineResidual<'a> {
     /// Columns of each site of one recording.
     fn sites_of(&self, number: usize, eta: &[f64], beta: &[f64]) -> Result<Columns, Locked> {
         let p = &self.parts[number];
-        let n = p.xi.len();
-        let speed = largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE);
-        let way: Vec<f64> = (0..n)
-            .map(|i| {
-                let going = p.xi[i] - p.xi[i.saturating_sub(1)];
-                if p.line.timed {
-                    (p.rate[i] / (0.02 * speed)).tanh()
-                } else {
-                    going.signum()
-                }
-            })
-            .collect();
-        let hats = |values: &[f64], low: f64, high: f64, count: usize| -> Vec<Vec<f64>> {
-            let step = (high - low) / (count - 1) as f64;
-            (0..count)
-                .map(|k| {
-                    let centre = low + step * k as f64;
-                    let hat = |v: &f64| (1.0 - ((v - centre) / step).abs()).max(0.0);
-                    values.iter().map(hat).collect()
-                })
-                .collect()
-        };
-        let times =
-            |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
-        // rates are told apart near zero as well as at their largest
-        let rate: Vec<f64> = p
-            .rate
-            .iter()
-            .map(|r| (r / speed).signum() * (r / speed).abs().sqrt())
-            .collect();
-        let mut position = hats(&p.xi, -1.0, 1.0, 13);
-        for k in 1..=8 {
-            for shift in [0.0, 0.25] {
-                let wave = |x: &f64| (TAU * (0.5 * f64::from(k + 2) * x + shift)).sin();
-                position.push(p.xi.iter().map(wave).collect());
-            }
-        }
-        let mut friction: Vec<Vec<f64>> = Vec::new();
-        for presliding in [0.005, 0.03, 0.2] {
-            let z = crate::effects::line::sliding(&p.xi, presliding);
-            friction.push(times(&z, &p.xi));
-            friction.push(times(&z, &p.xi.iter().map(|x| x.abs()).collect::<Vec<_>>()));
-            friction.push(z);
-        }
-        let mut out = Vec::new();
-        let mut history: Vec<Vec<f64>> = Vec::new();
-        let mut so_far = 0.0_f64;
-        let most: Vec<f64> =
-            p.xi.iter()
-                .map(|x| {
-                    so_far = so_far.max(x.abs());
-                    so_far
-                })
-                .collect();
-        history.push(times(&most, &p.xi));
-        history.push(most);
+        let mut sites = vec![
+            ("position", p.position_columns()),
+            ("friction", p.friction_columns()),
+            ("history", p.history_columns()),
+        ];
         if p.line.timed {
-            let span = (p.time_s[n - 1] - p.time_s[0]).max(f64::MIN_POSITIVE);
-            let lagged = |values: &[f64], lag_s: f64| -> Vec<f64> {
-                let mut q = values[0];
-                (0..n)
-                    .map(|i| {
-                        let h = p.time_s[i] - p.time_s[i.saturating_sub(1)];
-                        q += (1.0 - (-h / lag_s).exp()) * (values[i] - q);
-                        q
-                    })
-                    .collect()
-            };
-            for share in [0.002, 0.01, 0.05, 0.2] {
-                history.push(lagged(&p.xi, share * span));
-                history.push(lagged(
-                    &p.xi.iter().map(|x| x * x.abs()).collect::<Vec<_>>(),
-                    share * span,
-                ));
-            }
-            friction.push(way.clone());
-            friction.push(times(&way, &p.xi));
-            friction.extend(hats(&rate, -1.0, 1.0, 11));
-            friction.push(times(
-                &p.rate,
-                &p.xi.iter().map(|x| x / speed).collect::<Vec<_>>(),
-            ));
-            friction.push(times(
-                &p.rate,
-                &p.xi.iter().map(|x| x * x / speed).collect::<Vec<_>>(),
-            ));
-            let acceleration: Vec<f64> = (0..n)
-                .map(|i| {
-                    let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-                    (p.rate[b] - p.rate[a]) / (p.time_s[b] - p.time_s[a]).max(f64::MIN_POSITIVE)
-                })
-                .collect();
-            let inertia = vec![times(&acceleration, &p.xi), times(&p.rate, &p.rate)];
-            let waves: Vec<Vec<f64>> = (1..=6)
-                .map(|k| {
-                    let wave =
-                        |t: &f64| (0.5 * TAU * f64::from(k) * (t - p.time_s[0]) / span).cos();
-                    p.time_s.iter().map(wave).collect()
-                })
-                .collect();
-            let mut slow: Vec<Vec<f64>> = waves.iter().take(3).map(|w| times(w, &p.xi)).collect();
-            slow.extend(waves);
-            out.push(("inertia", inertia));
-            out.push(("series", slow));
+            sites.push(("inertia", p.inertia_columns()));
+            sites.push(("series", p.slow_columns()));
         }
-        out.insert(0, ("position", position));
-        out.insert(1, ("friction", friction));
-        out.insert(2, ("history", history));
-        let white = |column: Vec<f64>| -> Vec<f64> {
-            let at = |&c: &usize| p.kernel.as_ref().map_or(column[c], |k| k.at(0, &column, c));
-            let kept = p.kept.iter().map(at);
-            kept.zip(&p.weight)
+        let white = |kept: Vec<f64>| -> Vec<f64> {
+            kept.iter()
+                .zip(&p.weight)
                 .map(|(v, w)| self.scales.force * w * v)
                 .collect()
         };
-        let mut out: Columns = out
+        let all = |columns: Vec<Vec<f64>>| columns.iter().map(|c| white(p.at_kept(c))).collect();
+        let mut out: Columns = sites
             .into_iter()
-            .map(|(site, columns)| (site, columns.into_iter().map(white).collect()))
+            .map(|(site, columns)| (site, all(columns)))
             .collect();
         if let Measured::Axis(_) = &p.line.measured {
-            // in what the model needs, not in what was measured: columns of that would explain it by itself
-            let effects = self.effects(eta);
-            let (b, _, rest) = self.rows_of(number, eta, beta, &effects)?;
-            let needed = b * DVector::from_column_slice(beta) - DVector::from_vec(rest);
-            let size = self.gain() * self.scales.input;
-            let u: Vec<f64> = needed.iter().map(|n| n / size).collect();
-            let mut electrical = hats(&u, -1.2, 1.2, 13);
-            for rows in [1.0_f64, 3.0, 10.0, 30.0, 100.0] {
-                let mut q = u.first().copied().unwrap_or(0.0);
-                let lagged = u.iter().map(|u| {
-                    q += (1.0 - (-1.0 / rows).exp()) * (u - q);
-                    q
-                });
-                electrical.push(lagged.collect());
-            }
-            let xi: Vec<f64> = p.kept.iter().map(|&c| p.xi[c]).collect();
-            electrical.push(times(&u, &xi));
-            electrical.push(times(&times(&u, &xi), &xi));
-            let white = |column: Vec<f64>| -> Vec<f64> {
-                column
-                    .iter()
-                    .zip(&p.weight)
-                    .map(|(v, w)| self.scales.force * w * v)
-                    .collect()
-            };
+            let electrical = self.electrical_columns(number, eta, beta)?;
             out.push(("electrical", electrical.into_iter().map(white).collect()));
         }
+        Ok(out)
+    }
+
+    /// Columns of the drive of an axis at its kept places, in what the model needs, not in what was measured:
+    /// columns of that would explain it by itself.
+    fn electrical_columns(
+        &self,
+        number: usize,
+        eta: &[f64],
+        beta: &[f64],
+    ) -> Result<Vec<Vec<f64>>, Locked> {
+        let p = &self.parts[number];
+        let effects = self.effects(eta);
+        let (b, _, rest) = self.rows_of(number, eta, beta, &effects)?;
+        let needed = b * DVector::from_column_slice(beta) - DVector::from_vec(rest);
+        let size = self.gain() * self.scales.input;
+        let u: Vec<f64> = needed.iter().map(|n| n / size).collect();
+        let mut out = hats(&u, -1.2, 1.2, 13);
+        for rows in [1.0_f64, 3.0, 10.0, 30.0, 100.0] {
+            let mut q = u.first().copied().unwrap_or(0.0);
+            let lagged = u.iter().map(|u| {
+                q += (1.0 - (-1.0 / rows).exp()) * (u - q);
+                q
+            });
+            out.push(lagged.collect());
+        }
+        let xi: Vec<f64> = p.kept.iter().map(|&c| p.xi[c]).collect();
+        out.push(times(&u, &xi));
+        out.push(times(&times(&u, &xi), &xi));
         Ok(out)
     }
 
@@ -1835,161 +1923,187 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
         series_s: 0.0,
         start_s: line.time_s.first().copied().unwrap_or(0.0),
     };
-    let derivative = |t: &[f64], x: &[f64]| -> Vec<f64> {
-        (0..x.len())
-            .map(|i| {
-                let (a, b) = (i.saturating_sub(1), (i + 1).min(x.len() - 1));
-                let d = t[b] - t[a];
-                if d > 0.0 { (x[b] - x[a]) / d } else { 0.0 }
-            })
-            .collect()
+    let l = match &line.measured {
+        Measured::Torque(torque) => laid_out_bench(line, torque, s),
+        Measured::Axis(axis) => laid_out_axis(line, axis, s, every),
+        Measured::Coupon(coupon) => laid_out_coupon(coupon, s),
     };
-    let mut kernel = None;
-    let mut means = Vec::new();
-    let mut base = Base::default();
-    let (time_s, xi, rate, second, kept, measured);
-    match &line.measured {
-        Measured::Torque(torque) => {
-            let rows: Vec<usize> = (0..line.samples())
-                .filter(|&i| line.x[i].is_finite() && torque[i].is_finite())
-                .collect();
-            time_s = rows.iter().map(|&i| line.time_s[i]).collect::<Vec<_>>();
-            xi = rows
-                .iter()
-                .map(|&i| (line.x[i] - s.rest) / s.coordinate)
-                .collect::<Vec<_>>();
-            rate = if line.timed {
-                derivative(&time_s, &xi)
-            } else {
-                vec![0.0; xi.len()]
-            };
-            second = vec![0.0; xi.len()];
-            kept = (0..rows.len())
-                .filter(|&r| line.usable[rows[r]])
-                .collect::<Vec<_>>();
-            measured = kept.iter().map(|&r| torque[rows[r]]).collect::<Vec<_>>();
-        }
-        Measured::Axis(axis) => {
-            let k = Kernel::new(axis.band_hz, line.step_s, line.samples());
-            let position = excursion(line, axis);
-            xi = position
-                .iter()
-                .map(|x| (x - s.rest) / s.coordinate)
-                .collect();
-            time_s = line.time_s.clone();
-            let n = line.samples();
-            let smooth = |values: &[f64], order: usize| -> Vec<f64> {
-                (0..n)
-                    .map(|i| {
-                        let c = i.clamp(k.half, n - 1 - k.half);
-                        k.at(order, values, c)
-                    })
-                    .collect()
-            };
-            rate = if axis.velocity {
-                smooth(&line.x, 0)
-                    .into_iter()
-                    .map(|v| v / s.coordinate)
-                    .collect()
-            } else {
-                smooth(&line.x, 1)
-                    .into_iter()
-                    .map(|v| v / s.coordinate)
-                    .collect()
-            };
-            second = vec![0.0; n];
-            let duration = line.step_s * n as f64;
-            let edge = ((EDGE_S.min(EDGE_SHARE * duration) / line.step_s) as usize).max(k.half + 1);
-            let independent = (1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize;
-            let every = if every {
-                1
-            } else {
-                independent.max(n / MOST_ROWS).max(1)
-            };
-            kept = (edge..n.saturating_sub(edge))
-                .step_by(every)
-                .filter(|&c| (c - k.half..=c + k.half).all(|i| line.usable[i]))
-                .collect();
-            measured = Vec::new();
-            let column = |order: usize, values: &[f64]| -> Vec<f64> {
-                kept.iter()
-                    .map(|&c: &usize| k.at(order, values, c))
-                    .collect()
-            };
-            let up = usize::from(!axis.velocity);
-            let from_rest: Vec<f64> = position.iter().map(|x| x - s.rest).collect();
-            let moved = if axis.velocity { &line.x } else { &from_rest };
-            base = Base {
-                mass: column(1 + up, moved),
-                damping: column(up, moved),
-                stiffness: column(0, &from_rest),
-                load: if axis.load.is_empty() {
-                    vec![0.0; kept.len()]
-                } else {
-                    column(0, &axis.load)
-                },
-                input: match axis.offset_s {
-                    Constant::Known(o) => column(0, &shifted(line, axis, &axis.input, 1.0, o)),
-                    Constant::Free => Vec::new(),
-                },
-            };
-            kernel = Some(Arc::new(k));
-        }
-        Measured::Coupon(coupon) => {
-            let grid = &coupon.grid;
-            time_s = grid.time_s.clone();
-            xi = grid
-                .stretch
-                .iter()
-                .map(|l| (l - s.rest) / s.coordinate)
-                .collect();
-            rate = derivative(&time_s, &xi);
-            second = grid
-                .stretch
-                .iter()
-                .map(|l| second_invariant(coupon, *l))
-                .collect();
-            // measured stress at a node: the mean of the rows that are nearest to it
-            let mut sum = vec![[0.0; 3]; time_s.len()];
-            for i in coupon.rows() {
-                let t = coupon.time_s[i];
-                let (before, share) = grid.place(t);
-                let own = &mut sum[before + usize::from(share > 0.5)];
-                for (sum, v) in own.iter_mut().zip([1.0, t, coupon.stress_pa[i]]) {
-                    *sum += v;
-                }
-            }
-            kept = (0..sum.len()).filter(|&k| sum[k][0] > 0.0).collect();
-            measured = kept
-                .iter()
-                .map(|&k: &usize| sum[k][2] / sum[k][0])
-                .collect();
-            let mean = |&k: &usize| {
-                let [rows, times, _] = sum[k];
-                let (before, share) = grid.place(times / rows);
-                let (other, share) = if before == k {
-                    (before + 1, share)
-                } else {
-                    (before, 1.0 - share)
-                };
-                Mean { other, share, rows }
-            };
-            means = kept.iter().map(mean).collect();
-        }
-    }
     Part {
         line,
         when,
-        weight: vec![1.0 / s.force; kept.len()],
-        time_s: Arc::new(time_s),
-        xi: Arc::new(xi),
-        rate: Arc::new(rate),
-        second: Arc::new(second),
-        kept: Arc::new(kept),
-        measured: Arc::new(measured),
-        means: Arc::new(means),
-        kernel,
-        base: Arc::new(base),
+        weight: vec![1.0 / s.force; l.kept.len()],
+        second: Arc::new(l.second.unwrap_or_else(|| vec![0.0; l.xi.len()])),
+        time_s: Arc::new(l.time_s),
+        xi: Arc::new(l.xi),
+        rate: Arc::new(l.rate),
+        kept: Arc::new(l.kept),
+        measured: Arc::new(l.measured),
+        means: Arc::new(l.means),
+        kernel: l.kernel.map(Arc::new),
+        base: Arc::new(l.base),
+    }
+}
+
+/// What a kind of recording makes of a part.
+#[derive(Default)]
+struct LaidOut {
+    time_s: Vec<f64>,
+    xi: Vec<f64>,
+    rate: Vec<f64>,
+    /// 0 everywhere where it is none.
+    second: Option<Vec<f64>>,
+    kept: Vec<usize>,
+    measured: Vec<f64>,
+    means: Vec<Mean>,
+    kernel: Option<Kernel>,
+    base: Base,
+}
+
+/// Slopes between the neighbours of every sample.
+fn slopes(t: &[f64], x: &[f64]) -> Vec<f64> {
+    (0..x.len())
+        .map(|i| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(x.len() - 1));
+            let d = t[b] - t[a];
+            if d > 0.0 { (x[b] - x[a]) / d } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Rows of a bench in which angle and torque are known.
+fn laid_out_bench(line: &Line, torque: &[f64], s: &Scales) -> LaidOut {
+    let rows: Vec<usize> = (0..line.samples())
+        .filter(|&i| line.x[i].is_finite() && torque[i].is_finite())
+        .collect();
+    let time_s: Vec<f64> = rows.iter().map(|&i| line.time_s[i]).collect();
+    let xi: Vec<f64> = rows
+        .iter()
+        .map(|&i| (line.x[i] - s.rest) / s.coordinate)
+        .collect();
+    let rate = if line.timed {
+        slopes(&time_s, &xi)
+    } else {
+        vec![0.0; xi.len()]
+    };
+    let kept: Vec<usize> = (0..rows.len()).filter(|&r| line.usable[rows[r]]).collect();
+    LaidOut {
+        time_s,
+        xi,
+        rate,
+        measured: kept.iter().map(|&r| torque[rows[r]]).collect(),
+        kept,
+        ..LaidOut::default()
+    }
+}
+
+/// All samples of an axis; kept are every one, or those that are nearly independent after the low-pass.
+fn laid_out_axis(line: &Line, axis: &AxisLine, s: &Scales, every: bool) -> LaidOut {
+    let k = Kernel::new(axis.band_hz, line.step_s, line.samples());
+    let position = excursion(line, axis);
+    let n = line.samples();
+    let order = usize::from(!axis.velocity);
+    let smooth = |i: usize| k.at(order, &line.x, i.clamp(k.half, n - 1 - k.half));
+    let duration = line.step_s * n as f64;
+    let edge = ((EDGE_S.min(EDGE_SHARE * duration) / line.step_s) as usize).max(k.half + 1);
+    let independent = (1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize;
+    let every = if every {
+        1
+    } else {
+        independent.max(n / MOST_ROWS).max(1)
+    };
+    let kept: Vec<usize> = (edge..n.saturating_sub(edge))
+        .step_by(every)
+        .filter(|&c| (c - k.half..=c + k.half).all(|i| line.usable[i]))
+        .collect();
+    LaidOut {
+        time_s: line.time_s.clone(),
+        xi: position
+            .iter()
+            .map(|x| (x - s.rest) / s.coordinate)
+            .collect(),
+        rate: (0..n).map(|i| smooth(i) / s.coordinate).collect(),
+        base: Base::new(line, axis, &k, &kept, position.iter().map(|x| x - s.rest)),
+        kept,
+        kernel: Some(k),
+        ..LaidOut::default()
+    }
+}
+
+impl Base {
+    /// Of an axis at the places `kept`, where its position lies `from_rest`.
+    fn new(
+        line: &Line,
+        axis: &AxisLine,
+        k: &Kernel,
+        kept: &[usize],
+        from_rest: impl Iterator<Item = f64>,
+    ) -> Self {
+        let column = |order: usize, values: &[f64]| -> Vec<f64> {
+            kept.iter().map(|&c| k.at(order, values, c)).collect()
+        };
+        let up = usize::from(!axis.velocity);
+        let from_rest: Vec<f64> = from_rest.collect();
+        let moved = if axis.velocity { &line.x } else { &from_rest };
+        Base {
+            mass: column(1 + up, moved),
+            damping: column(up, moved),
+            stiffness: column(0, &from_rest),
+            load: if axis.load.is_empty() {
+                vec![0.0; kept.len()]
+            } else {
+                column(0, &axis.load)
+            },
+            input: match axis.offset_s {
+                Constant::Known(o) => column(0, &shifted(line, axis, &axis.input, 1.0, o)),
+                Constant::Free => Vec::new(),
+            },
+        }
+    }
+}
+
+/// Nodes of a coupon's grid; kept are those that are nearest to some row.
+fn laid_out_coupon(coupon: &Coupon, s: &Scales) -> LaidOut {
+    let grid = &coupon.grid;
+    let xi: Vec<f64> = grid
+        .stretch
+        .iter()
+        .map(|l| (l - s.rest) / s.coordinate)
+        .collect();
+    // measured stress at a node: the mean of the rows that are nearest to it
+    let mut sum = vec![[0.0; 3]; grid.time_s.len()];
+    for i in coupon.rows() {
+        let t = coupon.time_s[i];
+        let (before, share) = grid.place(t);
+        let own = &mut sum[before + usize::from(share > 0.5)];
+        for (sum, v) in own.iter_mut().zip([1.0, t, coupon.stress_pa[i]]) {
+            *sum += v;
+        }
+    }
+    let kept: Vec<usize> = (0..sum.len()).filter(|&k| sum[k][0] > 0.0).collect();
+    let mean = |&k: &usize| {
+        let [rows, times, _] = sum[k];
+        let (before, share) = grid.place(times / rows);
+        let (other, share) = if before == k {
+            (before + 1, share)
+        } else {
+            (before, 1.0 - share)
+        };
+        Mean { other, share, rows }
+    };
+    LaidOut {
+        time_s: grid.time_s.clone(),
+        rate: slopes(&grid.time_s, &xi),
+        xi,
+        second: Some(
+            grid.stretch
+                .iter()
+                .map(|l| second_invariant(coupon, *l))
+                .collect(),
+        ),
+        measured: kept.iter().map(|&k| sum[k][2] / sum[k][0]).collect(),
+        means: kept.iter().map(mean).collect(),
+        kept,
+        ..LaidOut::default()
     }
 }
 

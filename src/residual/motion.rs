@@ -120,8 +120,8 @@ struct Piece {
     samples: std::ops::Range<usize>,
 }
 
-/// The plant in one kind of number, in the unit of the inverse model's balance.
-struct Plant<R> {
+/// The plant and its causes in one kind of number, in the unit of the inverse model's balance.
+struct Driven<'b, R> {
     mass: R,
     damping: R,
     stiffness: R,
@@ -130,6 +130,184 @@ struct Plant<R> {
     per_load: R,
     /// Multiplies the input.
     gain: f64,
+    laws: Vec<(&'static dyn Forward, &'b [R])>,
+    rest: R,
+    coordinate: f64,
+    force: f64,
+    to_xi: f64,
+    /// Unit of the velocities at the beginning, over that of the coordinate, 1/s.
+    speed: f64,
+    span_s: f64,
+}
+
+/// Where a run stands: memories as they were left `passed` seconds ago.
+struct Going<R> {
+    x: R,
+    v: R,
+    memories: Vec<Memory<R>>,
+    scratch: Vec<Memory<R>>,
+    passed: f64,
+}
+
+/// Beginning, middle and end of a step.
+const HALVES: [f64; 3] = [0.0, 0.5, 1.0];
+
+/// Input, load and time at the beginning, the middle and the end of a step of `h` seconds.
+struct Stages<R> {
+    u: [R; 3],
+    load: [R; 3],
+    time_s: [f64; 3],
+    h: f64,
+}
+
+impl<R: Real> Driven<'_, R>
+where
+    dyn Forward: At<R>,
+{
+    /// The first sample, with memories as a course begins.
+    fn begin(&self, states: &[R], velocity: bool, massless: bool) -> Going<R> {
+        let mut states = states.iter();
+        let mut next = || states.next().copied().unwrap_or(R::of(0.0));
+        let x = if velocity {
+            R::of(0.0)
+        } else {
+            next().times(self.coordinate) + self.rest
+        };
+        let v = if massless {
+            R::of(0.0)
+        } else {
+            next().times(self.coordinate * self.speed)
+        };
+        let begin = (x - self.rest).times(self.to_xi);
+        let memories: Vec<Memory<R>> = self
+            .laws
+            .iter()
+            .map(|(law, _)| Memory {
+                before: begin,
+                state: law.begins(begin),
+            })
+            .collect();
+        Going {
+            x,
+            v,
+            scratch: memories.clone(),
+            memories,
+            passed: 0.0,
+        }
+    }
+
+    /// What pushes, less c x' where it is not among the unknowns. A moment: its time, and how long ago the
+    /// memory was left.
+    #[inline(always)]
+    fn push(&self, x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]) -> R {
+        let xi = (x - self.rest).times(self.to_xi);
+        let at = Moment {
+            since_s: moment.0,
+            span_s: self.span_s,
+            step_s: moment.1,
+            xi,
+            rate: v.times(self.to_xi),
+            elastic: (self.stiffness * xi).times(self.coordinate / self.force),
+        };
+        let mut point = Point {
+            xi,
+            factor: [R::of(1.0); 2],
+            force: R::of(0.0),
+            gain: R::of(1.0),
+        };
+        for ((law, values), m) in self.laws.iter().zip(memory) {
+            law.acts(values, &at, m, &mut point);
+            m.before = xi;
+        }
+        let mut total = u.times(self.gain);
+        if !self.laws.is_empty() {
+            total = total * point.gain - point.force.times(self.force);
+            point.xi = point.xi * point.factor[0];
+        }
+        if !load_is_none(load) {
+            total = total + self.per_load * load;
+        }
+        total - self.bias - (self.stiffness * point.xi).times(self.coordinate)
+    }
+
+    /// The velocity without mass, from a guess `v`: c v = push(v).
+    #[inline(always)]
+    fn slide(&self, x: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>], v: R) -> R {
+        if self.laws.is_empty() {
+            return self.push(x, v, u, load, moment, memory) / self.damping;
+        }
+        let (c, small) = (self.damping.value(), 1e-6 * self.speed * self.coordinate);
+        let left = |v: f64| {
+            let mut own = memory.to_vec();
+            let p = self.push(x, R::of(v), u, load, moment, &mut own);
+            p.value() - c * v
+        };
+        let (mut v, mut slope) = (v.value(), -c);
+        for _ in 0..TURNS {
+            let e = left(v);
+            slope = (left(v + small) - e) / small;
+            let step = e / slope;
+            v -= step;
+            if step.abs() < 1e-12 * self.speed * self.coordinate || !step.is_finite() {
+                break;
+            }
+        }
+        // one more step in the number at hand carries its derivatives (implicit function)
+        let at = R::of(v);
+        let e = self.push(x, at, u, load, moment, memory) - self.damping * at;
+        at - e.times(1.0 / slope)
+    }
+
+    /// The velocity without mass at a sample; memories stay as they are.
+    #[inline(always)]
+    fn sliding(&self, going: &mut Going<R>, u: R, load: R, since: f64) -> R {
+        going.scratch.clone_from(&going.memories);
+        let moment = (since, going.passed);
+        self.slide(going.x, u, load, moment, &mut going.scratch, going.v)
+    }
+
+    /// One step without mass. Carries the memory on to the beginning of the step.
+    #[inline(always)]
+    fn slide_on(&self, going: &mut Going<R>, s: &Stages<R>) {
+        let (x, h) = (going.x, s.h);
+        let now = (s.time_s[0], going.passed);
+        let r1 = self.slide(x, s.u[0], s.load[0], now, &mut going.memories, going.v);
+        going.passed = h;
+        let mut stage = |x: R, k: usize, guess: R| {
+            going.scratch.clone_from(&going.memories);
+            let moment = (s.time_s[k], HALVES[k] * h);
+            self.slide(x, s.u[k], s.load[k], moment, &mut going.scratch, guess)
+        };
+        let r2 = stage(x + r1.times(0.5 * h), 1, r1);
+        let r3 = stage(x + r2.times(0.5 * h), 1, r2);
+        let r4 = stage(x + r3.times(h), 2, r3);
+        going.x = x + (r1 + (r2 + r3).times(2.0) + r4).times(h / 6.0);
+        going.v = r4;
+    }
+
+    /// One step with mass. Carries the memory on to the beginning of the step.
+    #[inline(always)]
+    fn swing_on(&self, going: &mut Going<R>, s: &Stages<R>) {
+        let (x, v, h) = (going.x, going.v, s.h);
+        let now = (s.time_s[0], going.passed);
+        let a1 = (self.push(x, v, s.u[0], s.load[0], now, &mut going.memories) - self.damping * v)
+            / self.mass;
+        going.passed = h;
+        let mut stage = |x: R, v: R, k: usize| {
+            going.scratch.clone_from(&going.memories);
+            let moment = (s.time_s[k], HALVES[k] * h);
+            (self.push(x, v, s.u[k], s.load[k], moment, &mut going.scratch) - self.damping * v)
+                / self.mass
+        };
+        let v2 = v + a1.times(0.5 * h);
+        let a2 = stage(x + v.times(0.5 * h), v2, 1);
+        let v3 = v + a2.times(0.5 * h);
+        let a3 = stage(x + v2.times(0.5 * h), v3, 1);
+        let v4 = v + a3.times(h);
+        let a4 = stage(x + v3.times(h), v4, 2);
+        going.x = x + (v + (v2 + v3).times(2.0) + v4).times(h / 6.0);
+        going.v = v + (a1 + (a2 + a3).times(2.0) + a4).times(h / 6.0);
+    }
 }
 
 /// An input on its own clock, and how much later than the motion's clock it is read, s.
@@ -438,15 +616,11 @@ impl<'a> MotionResidual<'a> {
         }
     }
 
-    /// Runs a piece, and gives `out` what is measured of every sample. `beta`, `values` (of the effects) and
-    /// `states` in the number at hand.
-    #[allow(clippy::too_many_arguments)]
+    /// Runs a piece, and gives `out` what is measured of every sample.
     fn run<R: Real>(
         &self,
         piece: &Piece,
-        beta: &[R],
-        effects: &[Acting],
-        values: &[Vec<R>],
+        driven: &Driven<'_, R>,
         states: &[R],
         input: &dyn Fn(usize) -> R,
         out: &mut dyn FnMut(usize, R),
@@ -456,98 +630,10 @@ impl<'a> MotionResidual<'a> {
     {
         let line = self.line(piece.number);
         let load = &axis(line)?.load;
-        let s = self.inverse.scales();
-        let plant = self.plant(beta);
         let massless = !self.inverse.has_mass();
         let velocity = self.velocity();
-        let (rest, to_xi) = (R::of(s.rest), 1.0 / s.coordinate);
-        let mut states = states.iter();
-        let mut next = || states.next().copied().unwrap_or(R::of(0.0));
-        let mut x = if velocity {
-            R::of(0.0)
-        } else {
-            next().times(s.coordinate) + rest
-        };
-        let mut v = if massless {
-            R::of(0.0)
-        } else {
-            next().times(s.coordinate * self.speed)
-        };
-        let laws: Vec<(&dyn Forward, &[R])> = effects
-            .iter()
-            .zip(values)
-            .filter_map(|(a, v)| Some((a.effect.law()?, v.as_slice())))
-            .collect();
-        let begin = (x - rest).times(to_xi);
-        let mut memories: Vec<Memory<R>> = laws
-            .iter()
-            .map(|(law, _)| Memory {
-                before: begin,
-                state: law.begins(begin),
-            })
-            .collect();
-        let mut scratch = memories.clone();
+        let mut going = driven.begin(states, velocity, massless);
         let origin = line.time_s[0];
-        let span_s = (line.time_s[line.samples() - 1] - origin).max(f64::MIN_POSITIVE);
-        // what pushes, less c x' where it is not among the unknowns of the moment
-        let push = |x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]| -> R {
-            let xi = (x - rest).times(to_xi);
-            let at = Moment {
-                since_s: moment.0,
-                span_s,
-                step_s: moment.1,
-                xi,
-                rate: v.times(to_xi),
-                elastic: (plant.stiffness * xi).times(s.coordinate / s.force),
-            };
-            let mut point = Point {
-                xi,
-                factor: [R::of(1.0); 2],
-                force: R::of(0.0),
-                gain: R::of(1.0),
-            };
-            for ((law, values), m) in laws.iter().zip(memory) {
-                law.acts(values, &at, m, &mut point);
-                m.before = xi;
-            }
-            let mut total = u.times(plant.gain);
-            if !laws.is_empty() {
-                total = total * point.gain - point.force.times(s.force);
-                point.xi = point.xi * point.factor[0];
-            }
-            if !load_is_none(load) {
-                total = total + plant.per_load * load;
-            }
-            total - plant.bias - (plant.stiffness * point.xi).times(s.coordinate)
-        };
-        let plain = laws.is_empty();
-        // without mass: c v = push(v)
-        let slide =
-            |x: R, u: R, load: R, moment: (f64, f64), memory: &mut Vec<Memory<R>>, v: R| -> R {
-                if plain {
-                    return push(x, v, u, load, moment, memory) / plant.damping;
-                }
-                let (c, small) = (plant.damping.value(), 1e-6 * self.speed * s.coordinate);
-                let left = |v: f64| {
-                    let mut own = memory.clone();
-                    let p = push(x, R::of(v), u, load, moment, &mut own);
-                    p.value() - c * v
-                };
-                let (mut v, mut slope) = (v.value(), -c);
-                for _ in 0..TURNS {
-                    let e = left(v);
-                    slope = (left(v + small) - e) / small;
-                    let step = e / slope;
-                    v -= step;
-                    if step.abs() < 1e-12 * self.speed * s.coordinate || !step.is_finite() {
-                        break;
-                    }
-                }
-                // one more step in the number at hand carries its derivatives (implicit function)
-                let at = R::of(v);
-                let e = push(x, at, u, load, moment, memory) - plant.damping * at;
-                at - e.times(1.0 / slope)
-            };
         let h = line.step_s / self.steps as f64;
         let held = self.between == Between::Held;
         let load_at = |i: usize, share: f64| -> R {
@@ -557,23 +643,14 @@ impl<'a> MotionResidual<'a> {
                 _ => R::of(0.0),
             }
         };
-        let mut passed = 0.0;
         let last = piece.samples.end - 1;
         for i in piece.samples.clone() {
             let since = line.time_s[i] - origin;
             let first = 2 * self.steps * (i - piece.samples.start);
             if massless && velocity {
-                scratch.clone_from(&memories);
-                v = slide(
-                    x,
-                    input(first),
-                    load_at(i, 0.0),
-                    (since, passed),
-                    &mut scratch,
-                    v,
-                );
+                going.v = driven.sliding(&mut going, input(first), load_at(i, 0.0), since);
             }
-            let seen = if velocity { v } else { x };
+            let seen = if velocity { going.v } else { going.x };
             if !seen.value().is_finite() {
                 return Err(Trouble::RunsAway {
                     id: line.id.clone(),
@@ -587,64 +664,53 @@ impl<'a> MotionResidual<'a> {
             }
             for step in 0..self.steps {
                 let j = first + 2 * step;
-                let u = if held { [j + 1; 3] } else { [j, j + 1, j + 2] }.map(input);
                 let share = |half: f64| (step as f64 + half) / self.steps as f64;
-                let loads = [0.0, 0.5, 1.0].map(|s| load_at(i, share(s)));
-                let time = |half: f64| since + h * (step as f64 + half);
-                // carries the memory on to the beginning of the step
-                let now = (time(0.0), passed);
-                if massless {
-                    let r1 = slide(x, u[0], loads[0], now, &mut memories, v);
-                    passed = h;
-                    let mut stage = |x: R, k: usize, half: f64, guess: R| {
-                        scratch.clone_from(&memories);
-                        slide(
-                            x,
-                            u[k],
-                            loads[k],
-                            (time(half), half * h),
-                            &mut scratch,
-                            guess,
-                        )
-                    };
-                    let r2 = stage(x + r1.times(0.5 * h), 1, 0.5, r1);
-                    let r3 = stage(x + r2.times(0.5 * h), 1, 0.5, r2);
-                    let r4 = stage(x + r3.times(h), 2, 1.0, r3);
-                    x = x + (r1 + (r2 + r3).times(2.0) + r4).times(h / 6.0);
-                    v = r4;
-                    continue;
-                }
-                let a1 = (push(x, v, u[0], loads[0], now, &mut memories) - plant.damping * v)
-                    / plant.mass;
-                passed = h;
-                let mut stage = |x: R, v: R, k: usize, half: f64| {
-                    scratch.clone_from(&memories);
-                    let moment = (time(half), half * h);
-                    (push(x, v, u[k], loads[k], moment, &mut scratch) - plant.damping * v)
-                        / plant.mass
+                let stages = Stages {
+                    u: if held { [j + 1; 3] } else { [j, j + 1, j + 2] }.map(input),
+                    load: HALVES.map(|s| load_at(i, share(s))),
+                    time_s: HALVES.map(|half| since + h * (step as f64 + half)),
+                    h,
                 };
-                let v2 = v + a1.times(0.5 * h);
-                let a2 = stage(x + v.times(0.5 * h), v2, 1, 0.5);
-                let v3 = v + a2.times(0.5 * h);
-                let a3 = stage(x + v2.times(0.5 * h), v3, 1, 0.5);
-                let v4 = v + a3.times(h);
-                let a4 = stage(x + v3.times(h), v4, 2, 1.0);
-                x = x + (v + (v2 + v3).times(2.0) + v4).times(h / 6.0);
-                v = v + (a1 + (a2 + a3).times(2.0) + a4).times(h / 6.0);
+                if massless {
+                    driven.slide_on(&mut going, &stages);
+                } else {
+                    driven.swing_on(&mut going, &stages);
+                }
             }
         }
         Ok(())
     }
 
-    fn plant<R: Real>(&self, beta: &[R]) -> Plant<R> {
+    /// The plant and its causes on a recording. `beta` and `values` (of the effects) in the number at hand.
+    fn driven<'b, R: Real>(
+        &self,
+        number: usize,
+        beta: &[R],
+        effects: &[Acting],
+        values: &'b [Vec<R>],
+    ) -> Driven<'b, R> {
+        let line = self.line(number);
+        let span_s = line.time_s[line.samples() - 1] - line.time_s[0];
+        let s = self.inverse.scales();
         let [mass, damping, stiffness, bias, per_load] = self.inverse.balance(beta);
-        Plant {
+        Driven {
             mass,
             damping,
             stiffness,
             bias,
             per_load,
             gain: self.inverse.gain(),
+            laws: effects
+                .iter()
+                .zip(values)
+                .filter_map(|(a, v)| Some((a.effect.law()?, v.as_slice())))
+                .collect(),
+            rest: R::of(s.rest),
+            coordinate: s.coordinate,
+            force: s.force,
+            to_xi: 1.0 / s.coordinate,
+            speed: self.speed,
+            span_s: span_s.max(f64::MIN_POSITIVE),
         }
     }
 
@@ -672,17 +738,10 @@ impl<'a> MotionResidual<'a> {
         let effects = self.inverse.effects(&eta);
         let values: Vec<Vec<f64>> = effects.iter().map(|a| a.values.clone()).collect();
         let mut out = Vec::with_capacity(piece.samples.len());
-        self.run(
-            piece,
-            &beta,
-            &effects,
-            &values,
-            states,
-            &|j| table[j],
-            &mut |_, x| {
-                out.push(x);
-            },
-        )?;
+        let driven = self.driven(piece.number, &beta, &effects, &values);
+        self.run(piece, &driven, states, &|j| table[j], &mut |_, x| {
+            out.push(x)
+        })?;
         Ok(out)
     }
 
@@ -907,7 +966,8 @@ impl<'a> MotionResidual<'a> {
                         row += 1;
                     }
                 };
-                self.run(piece, &beta, &effects, &values, &states, &at, &mut put)?;
+                let driven = self.driven(piece.number, &beta, &effects, &values);
+                self.run(piece, &driven, &states, &at, &mut put)?;
                 Ok(out)
             })
             .collect::<Result<_, Trouble>>()?;

@@ -211,6 +211,146 @@ struct Condition<'p> {
     values: Vec<Triples>,
 }
 
+/// Rows of the kernel that a window may still need, chain by chain, beginning at sample `from`; they move to
+/// the front when the room is used up.
+struct Held {
+    rows: Vec<Vec<f64>>,
+    width: usize,
+    room: usize,
+    from: usize,
+    count: usize,
+}
+
+impl Held {
+    fn new(taps: usize, width: usize) -> Self {
+        let room = taps + HELD;
+        Held {
+            rows: vec![vec![0.0; room * width]; 3],
+            width,
+            room,
+            from: 0,
+            count: 0,
+        }
+    }
+
+    /// Moves what the window about the next kept sample needs to the front, where a block has no room.
+    #[inline(always)]
+    fn make_room(&mut self, centre: usize, half: usize) {
+        if self.count + BLOCK > self.room {
+            let keep_from = (centre - half).clamp(self.from, self.from + self.count);
+            let drop = keep_from - self.from;
+            for held in &mut self.rows {
+                held.copy_within(drop * self.width..self.count * self.width, 0);
+            }
+            self.from = keep_from;
+            self.count -= drop;
+        }
+    }
+
+    /// The next block of a chain, with what effects make of its stresses; gives its number of rows.
+    #[inline(always)]
+    fn produce(
+        &mut self,
+        k: usize,
+        pass: &mut Pass<'_>,
+        factor: Option<&[[f64; 2]]>,
+    ) -> Result<usize, Locked> {
+        let (at, width) = (self.count * self.width, self.width);
+        let produced = pass.next_block(&mut self.rows[k][at..at + BLOCK * width])?;
+        if let Some(factor) = factor {
+            for (row, f) in self.rows[k][at..at + produced * width]
+                .chunks_exact_mut(width)
+                .zip(&factor[self.from + self.count..])
+            {
+                for (i, x) in row.iter_mut().enumerate() {
+                    *x *= if i % LANES == 0 && i < ROW {
+                        f[0]
+                    } else {
+                        f[1]
+                    };
+                }
+            }
+        }
+        Ok(produced)
+    }
+
+    /// Where the windows about the next `centres` begin that are whole with the rows just produced.
+    #[inline(always)]
+    fn windows(&self, produced: usize, centres: &[usize], half: usize, first: &mut Vec<usize>) {
+        let known = self.from + self.count + produced;
+        first.clear();
+        let whole = centres.iter().take_while(|&&centre| centre + half < known);
+        first.extend(whole.map(|centre| centre - half - self.from));
+    }
+}
+
+/// What rows of a recording are laid out from, and where its columns stand; those of the springs and nodes
+/// come first.
+struct Laying<'b> {
+    r: &'b Prepared<'b>,
+    condition: &'b Condition<'b>,
+    reference: &'b [f64],
+    springs: usize,
+    departure_at: usize,
+    t_at: usize,
+    j_at: usize,
+    offset_at: usize,
+    last: usize,
+    /// d ln J / d(1/J).
+    per_reciprocal: f64,
+}
+
+impl Laying<'_> {
+    /// The row of a chain at a kept sample, from the filtered columns of its film.
+    #[inline(always)]
+    fn row(&self, kept: usize, k: usize, film: &[f64], row: &mut [f64]) {
+        let (c, reference, springs) = (self.condition, self.reference, self.springs);
+        let (t_at, j_at, departure_at) = (self.t_at, self.j_at, self.departure_at);
+        for (pack, film) in film.chunks_exact(ROW).enumerate() {
+            let here = (springs - pack * LANES).min(LANES);
+            let at = pack * LANES;
+            row[at..at + here].copy_from_slice(&film[..here]);
+            for (out, d) in row[j_at + at..j_at + at + here]
+                .iter_mut()
+                .zip(&film[2 * LANES..])
+            {
+                *out = self.per_reciprocal * d;
+            }
+            let skip = usize::from(pack == 0); // the equilibrium spring has no T
+            row[t_at + at + skip - 1..t_at + at + here - 1]
+                .copy_from_slice(&film[LANES + skip..LANES + here]);
+        }
+        let (nodes, departures) = (departure_at - springs, t_at - departure_at);
+        let at = (3 * kept + k) * nodes;
+        row[springs..departure_at].copy_from_slice(&c.forearm[at..at + nodes]);
+        let at = (3 * kept + k) * departures;
+        row[departure_at..t_at].copy_from_slice(&self.r.departed.1[at..at + departures]);
+        let (maxwell, maxwell_slope) = &*c.maxwell;
+        row[self.offset_at] = -maxwell_slope[kept][k];
+        for (place, column) in c.values.iter().enumerate() {
+            row[self.offset_at + 1 + place] = column[kept][k];
+        }
+        let needed: f64 = row[..t_at].iter().zip(reference).map(|(b, x)| b * x).sum();
+        let known = self.r.smoothed.get(kept).map_or(0.0, |known| known[k]);
+        row[self.last] = needed + c.load[kept][k] - maxwell[kept][k] - known;
+    }
+
+    /// Whitening mixes the three chains of a sample.
+    #[inline(always)]
+    fn whiten(&self, kept: usize, block: &mut [f64], width: usize) {
+        let w = &self.r.whitening[kept];
+        let scale = self.r.robust[kept];
+        let (row0, rest) = block.split_at_mut(width);
+        let (row1, row2) = rest.split_at_mut(width);
+        for c in 0..=self.last {
+            let (a, b, d) = (row0[c], row1[c], row2[c]);
+            row0[c] = scale * w[0] * a;
+            row1[c] = scale * (w[1] * a + w[2] * b);
+            row2[c] = scale * (w[3] * a + w[4] * b + w[5] * d);
+        }
+    }
+}
+
 /// Residual of several robot recordings that share film and forearms.
 #[derive(Clone)]
 pub struct RobotResidual<'a> {
@@ -592,86 +732,43 @@ impl<'a> RobotResidual<'a> {
         let r = &self.recordings[recording];
         let condition = self.condition(recording, eta, reference)?;
         let n = self.layout.branches;
-        let springs = n + 1;
-        let (nodes, departures) = (self.layout.nodes, self.layout.departures);
         let relaxation: Vec<f64> = eta[..n].iter().map(|t| t.exp()).collect();
         let shape = Shape {
             relaxation_time_s: &relaxation,
             locking: 1.0 / eta[n],
         };
-        let (maxwell, maxwell_slope) = &*condition.maxwell;
         let film_width = ROW * shape.packs();
-        let taps = 2 * r.decimation.half + 1;
+        let half = r.decimation.half;
         let mut passes: Vec<Pass> = (0..3)
             .map(|k| Pass::new(&condition.mechanics.chains[k].history, shape))
             .collect();
-        // Rows of the kernel that a window may still need, chain by chain, beginning at sample `held_from`;
-        // they move to the front when the room is used up.
-        let room = taps + HELD;
-        let mut held = vec![vec![0.0; room * film_width]; 3];
-        let (mut held_from, mut held_count) = (0usize, 0usize);
+        let mut held = Held::new(2 * half + 1, film_width);
+        let laying = self.laying(recording, eta, reference, &condition);
         let width = self.width();
         let mut filtered: Vec<Vec<f64>> = vec![Vec::new(); 3];
         let mut first = Vec::new();
         let mut rows = Vec::new();
         let mut next_kept = 0;
-        let (node_at, departure_at) = (springs, springs + nodes);
-        let t_at = departure_at + departures;
-        let per_reciprocal = -1.0 / eta[n]; // d ln J / d(1/J)
-        let (j_at, offset_at) = (t_at + n, t_at + n + springs);
-        let (value_at, last) = (offset_at + 1, self.last());
         while next_kept < r.centres.len() {
-            if held_count + BLOCK > room {
-                let keep_from = (r.centres[next_kept] - r.decimation.half)
-                    .clamp(held_from, held_from + held_count);
-                let drop = keep_from - held_from;
-                for held in &mut held {
-                    held.copy_within(drop * film_width..held_count * film_width, 0);
-                }
-                held_from = keep_from;
-                held_count -= drop;
-            }
+            held.make_room(r.centres[next_kept], half);
             // Chain by chain, so that the filter finds the rows where the kernel has just put them.
             let mut produced = 0;
             for k in 0..3 {
-                let at = held_count * film_width;
-                produced = passes[k].next_block(&mut held[k][at..at + BLOCK * film_width])?;
-                if let Some(factor) = &condition.factor[k] {
-                    let from = held_from + held_count;
-                    for (row, f) in held[k][at..at + produced * film_width]
-                        .chunks_exact_mut(film_width)
-                        .zip(&factor[from..])
-                    {
-                        for (i, x) in row.iter_mut().enumerate() {
-                            *x *= if i % LANES == 0 && i < ROW {
-                                f[0]
-                            } else {
-                                f[1]
-                            };
-                        }
-                    }
-                }
+                produced = held.produce(k, &mut passes[k], condition.factor[k].as_deref())?;
                 if k == 0 {
-                    let known = held_from + held_count + produced;
-                    first.clear();
-                    while let Some(&centre) = r.centres.get(next_kept + first.len()) {
-                        if centre + r.decimation.half >= known {
-                            break;
-                        }
-                        first.push(centre - r.decimation.half - held_from);
-                    }
+                    held.windows(produced, &r.centres[next_kept..], half, &mut first);
                 }
                 filtered[k].resize(first.len() * film_width, 0.0);
                 filter_rows(
                     self.arch,
                     &r.decimation.weights,
-                    &held[k],
+                    &held.rows[k],
                     film_width,
                     &first,
                     &mut filtered[k],
                 );
             }
-            held_count += produced;
+            held.count += produced;
             if produced == 0 {
                 break;
             }
@@ -684,51 +781,42 @@ impl<'a> RobotResidual<'a> {
                 let kept = next_kept + j;
                 let block = &mut rows[3 * j * width..3 * (j + 1) * width];
                 for k in 0..3 {
-                    let row = &mut block[k * width..(k + 1) * width];
                     let film = &filtered[k][j * film_width..(j + 1) * film_width];
-                    for (pack, film) in film.chunks_exact(ROW).enumerate() {
-                        let here = (springs - pack * LANES).min(LANES);
-                        let at = pack * LANES;
-                        row[at..at + here].copy_from_slice(&film[..here]);
-                        for (out, d) in row[j_at + at..j_at + at + here]
-                            .iter_mut()
-                            .zip(&film[2 * LANES..])
-                        {
-                            *out = per_reciprocal * d;
-                        }
-                        let skip = usize::from(pack == 0); // the equilibrium spring has no T
-                        row[t_at + at + skip - 1..t_at + at + here - 1]
-                            .copy_from_slice(&film[LANES + skip..LANES + here]);
-                    }
-                    let at = (3 * kept + k) * nodes;
-                    row[node_at..node_at + nodes]
-                        .copy_from_slice(&condition.forearm[at..at + nodes]);
-                    let at = (3 * kept + k) * departures;
-                    row[departure_at..t_at].copy_from_slice(&r.departed.1[at..at + departures]);
-                    row[offset_at] = -maxwell_slope[kept][k];
-                    for (place, column) in condition.values.iter().enumerate() {
-                        row[value_at + place] = column[kept][k];
-                    }
-                    let needed: f64 = row[..t_at].iter().zip(reference).map(|(b, x)| b * x).sum();
-                    let known = r.smoothed.get(kept).map_or(0.0, |known| known[k]);
-                    row[last] = needed + condition.load[kept][k] - maxwell[kept][k] - known;
+                    laying.row(kept, k, film, &mut block[k * width..(k + 1) * width]);
                 }
-                // Whitening mixes the three chains of a sample.
-                let w = &r.whitening[kept];
-                let scale = r.robust[kept];
-                let (row0, rest) = block.split_at_mut(width);
-                let (row1, row2) = rest.split_at_mut(width);
-                for c in 0..=last {
-                    let (a, b, d) = (row0[c], row1[c], row2[c]);
-                    row0[c] = scale * w[0] * a;
-                    row1[c] = scale * (w[1] * a + w[2] * b);
-                    row2[c] = scale * (w[3] * a + w[4] * b + w[5] * d);
-                }
+                laying.whiten(kept, block, width);
             }
             each(next_kept, &rows);
             next_kept += first.len();
         }
         Ok(())
+    }
+
+    /// Where the columns of a recording's rows stand at `eta`.
+    fn laying<'b>(
+        &'b self,
+        recording: usize,
+        eta: &[f64],
+        reference: &'b [f64],
+        condition: &'b Condition<'b>,
+    ) -> Laying<'b> {
+        let n = self.layout.branches;
+        let springs = n + 1;
+        let departure_at = springs + self.layout.nodes;
+        let t_at = departure_at + self.layout.departures;
+        let offset_at = t_at + n + springs;
+        Laying {
+            r: &self.recordings[recording],
+            condition,
+            reference,
+            springs,
+            departure_at,
+            t_at,
+            j_at: t_at + n,
+            offset_at,
+            last: self.last(),
+            per_reciprocal: -1.0 / eta[n],
+        }
     }
 
     /// Gram matrix of one recording, columns as in [`RobotResidual::width`].

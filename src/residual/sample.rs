@@ -44,6 +44,8 @@ type Lanes = [f64; LANES];
 /// Elastic log stretches: active 1 and 2, side strips, end strips.
 const KINDS: usize = 4;
 type Strains = [Lanes; KINDS];
+/// Each kind, and which of u, v, w drives it.
+const DRIVEN_BY: [(usize, usize); KINDS] = [(0, 0), (1, 1), (2, 0), (3, 2)];
 
 /// Shortest R C of the scheme, s; below it R acts as if it were this. 2 ns on a film that answers in
 /// milliseconds.
@@ -311,6 +313,44 @@ impl Constants {
         t
     }
 
+    /// Stresses by strains `p` of the branches, in the order of [`Constants::stresses`].
+    #[inline(always)]
+    fn stresses_by(&self, s: &Springs, p: &Strains) -> [f64; 4] {
+        let mut r = [0.0; 4];
+        for l in 0..LANES {
+            let m = self.mu[l];
+            let (p1, p2) = (2.0 * p[0][l], 2.0 * p[1][l]);
+            r[0] += m * (s.active.s11[l] * p1 + s.active.s12[l] * p2);
+            r[1] += m * (s.active.s12[l] * p1 + s.active.s22[l] * p2);
+            r[2] += m * (2.0 * s.side.s11[l] - s.side.s12[l]) * p[2][l];
+            r[3] += m * (2.0 * s.end.s11[l] - s.end.s12[l]) * p[3][l];
+        }
+        r
+    }
+
+    /// Lengths of the active part and of the end strips, m.
+    #[inline(always)]
+    fn lengths_at(&self, y: &[f64; 3]) -> [f64; 2] {
+        [self.lengths[0] * y[0].exp(), self.lengths[1] * y[2].exp()]
+    }
+
+    /// Length of the sample, m.
+    #[inline(always)]
+    fn length(&self, y: &[f64; 3]) -> f64 {
+        let [active, end] = self.lengths_at(y);
+        active + end
+    }
+
+    /// Sections over their stretch: active, side, end.
+    #[inline(always)]
+    fn true_sections(&self, y: &[f64; 3]) -> [f64; 3] {
+        [
+            self.sections[0] * (-y[0]).exp(),
+            self.sections[1] * (-y[0]).exp(),
+            self.sections[2] * (-y[2]).exp(),
+        ]
+    }
+
     fn locked(&self, y: &[f64; 3], e: &Strains, at_s: f64) -> SampleTrouble {
         let mut candidates = vec![
             (1, (2.0 * y[0]).exp(), (2.0 * y[1]).exp()),
@@ -450,14 +490,13 @@ fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), Sampl
     let mut y = [0.0; 3];
     const RAMP: usize = 16;
     let none: Strains = [[0.0; LANES]; KINDS];
-    let flat = [0.0; LANES];
     let full = if phi == 0.0 { RAMP } else { 2 * RAMP };
     for stage in 1..=full {
         let load = c.weight * (stage as f64 / RAMP as f64).min(1.0);
         let square = phi * phi * (stage as f64 / RAMP as f64 - 1.0).max(0.0);
         let mut done = false;
         for _ in 0..2 * NEWTON_ITERATIONS {
-            let b = balance(c, &y, &none, &flat, square, 0.0, load, 0.0);
+            let b = balance(c, &y, &none, square, load);
             let Some((b, least)) = b else {
                 return Err(SampleTrouble::GivesWay { at_s });
             };
@@ -490,22 +529,38 @@ fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), Sampl
     Err(SampleTrouble::GivesWay { at_s })
 }
 
-/// The balances at `y` with strains `e` that follow with `beta`; `square` is phi^2 and `square_by_area` its
-/// derivative by c; the tension is `load`, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn balance(
-    c: &Constants,
-    y: &[f64; 3],
-    e: &Strains,
-    beta: &Lanes,
+/// phi^2 and its derivative by c; the tension, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
+struct Loads {
     square: f64,
     square_by_area: f64,
     load: f64,
     inertia: f64,
+}
+
+impl Loads {
+    /// At rest: c does not feed back, and nothing accelerates.
+    #[inline(always)]
+    fn still(square: f64, load: f64) -> Self {
+        Loads {
+            square,
+            square_by_area: 0.0,
+            load,
+            inertia: 0.0,
+        }
+    }
+}
+
+/// The balances of the sample at rest: strains `e` stay, and nothing accelerates.
+#[inline(always)]
+fn balance(
+    c: &Constants,
+    y: &[f64; 3],
+    e: &Strains,
+    square: f64,
+    load: f64,
 ) -> Option<(Balance, f64)> {
     let s = c.springs(y, e);
-    let (b, _) = linearise(c, y, &s, beta, square, square_by_area, load, inertia);
+    let (b, _) = linearise(c, y, &s, &[0.0; LANES], &Loads::still(square, load));
     let least = s.rest[0][5]
         .min(s.rest[1][5])
         .min(s.rest[2][5])
@@ -515,22 +570,25 @@ fn balance(
     b.g.iter().all(|g| g.is_finite()).then_some((b, least))
 }
 
+/// The balances at `y`, where strains follow with `beta`, and c there.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
 fn linearise(
     c: &Constants,
     y: &[f64; 3],
     s: &Springs,
     beta: &Lanes,
-    square: f64,
-    square_by_area: f64,
-    load: f64,
-    inertia: f64,
+    loads: &Loads,
 ) -> (Balance, f64) {
+    let Loads {
+        square,
+        square_by_area,
+        load,
+        inertia,
+    } = *loads;
     let sigma = c.stresses(s);
     let t = c.tangents(s, beta);
     let (to_active, to_end) = ((-y[0]).exp(), (-y[2]).exp());
-    let area = (2.0 * (y[0] + y[1])).exp();
+    let area = area_of(y);
     let maxwell = c.maxwell * square * area;
     // d X/du = d X/dv
     let slope = 2.0 * area * c.maxwell * (square + area * square_by_area);
@@ -572,6 +630,22 @@ fn carried(c: &Constants, e: &Lanes, n: &Lanes, before: &Lanes) -> Lanes {
     out
 }
 
+/// Lets elastic strains follow log stretches that move.
+#[inline(always)]
+fn follow(strains: &mut Strains, beta: &Lanes, moved: [f64; 3]) {
+    for (k, from) in DRIVEN_BY {
+        for l in 0..LANES {
+            strains[k][l] += beta[l] * moved[from];
+        }
+    }
+}
+
+/// c = (lambda_1 lambda_2)^2 of the active part.
+#[inline(always)]
+fn area_of(y: &[f64; 3]) -> f64 {
+    (2.0 * (y[0] + y[1])).exp()
+}
+
 /// N = g(e) - e of the flow rule, and its derivatives: (active 1 and 2: 11, 12, 21, 22; side; end).
 struct Flow {
     value: Strains,
@@ -601,6 +675,65 @@ fn flow(s: &Springs, e: &Strains) -> Flow {
     f
 }
 
+/// What stays the same over the steps of a run.
+struct Run<'a> {
+    sample: &'a HangingSample,
+    knobs: &'a [SampleKnob],
+    h: f64,
+    /// 2 M/h^2, N/m.
+    inertia: f64,
+    rest_length: f64,
+    c: Constants,
+}
+
+/// Where a run stands between two steps.
+struct State {
+    y: [f64; 3],
+    e: Strains,
+    n: Strains,
+    n_before: Strains,
+    /// x, and x one and two steps before.
+    x: [f64; 3],
+    phi: f64,
+    /// y, and y one and two steps before.
+    guess: [[f64; 3]; 3],
+}
+
+/// The end of a step: springs, balance and charge at Newton's last iterate, the rest after the increment
+/// `last`.
+struct End {
+    s: Springs,
+    b: Balance,
+    q: Charge,
+    f: Flow,
+    y: [f64; 3],
+    e: Strains,
+    lengths: [f64; 2],
+    x: f64,
+    phi: f64,
+    last: [f64; 3],
+}
+
+/// What the derivatives by all knobs share at the end of a step.
+struct Shared {
+    area: f64,
+    area_before: f64,
+    sections: [f64; 3],
+    maxwell: f64,
+    by_phi: f64,
+    /// What the step moves the log stretch of each kind by.
+    moved: [f64; KINDS],
+    acceleration: f64,
+}
+
+/// What a knob makes of stresses, voltage, tension and Maxwell stress where y_+ is held.
+struct Push {
+    r: [f64; 4],
+    phi: f64,
+    load: f64,
+    maxwell: f64,
+}
+
 #[inline(always)]
 fn run(
     sample: &HangingSample,
@@ -612,45 +745,18 @@ fn run(
 ) -> Result<SampleRun, SampleTrouble> {
     let c = Constants::new(sample, film, h);
     let steps = command.len();
-    let (mut y, at_rest) = rest(&c, command[0], start_s)?;
-    let length = |y: &[f64; 3]| c.lengths[0] * y[0].exp() + c.lengths[1] * y[2].exp();
-    let rest_length = length(&y);
-    let area_of = |y: &[f64; 3]| (2.0 * (y[0] + y[1])).exp();
-    let tau_by_resistance = sample.capacitance_f();
-
-    // Derivatives at rest.
-    let mut derivatives = vec![Derivative::default(); knobs.len()];
-    let none: Strains = [[0.0; LANES]; KINDS];
-    {
-        let s = c.springs(&y, &none);
-        let (sa, ss, se) = (
-            c.sections[0] * (-y[0]).exp(),
-            c.sections[1] * (-y[0]).exp(),
-            c.sections[2] * (-y[2]).exp(),
-        );
-        let maxwell = c.maxwell * command[0] * command[0] * area_of(&y);
-        for (knob, d) in knobs.iter().zip(&mut derivatives) {
-            let r = match knob {
-                SampleKnob::Modulus(0) => [
-                    (s.rest[0][0] - s.rest[0][1]) * sa + s.rest[1][0] * ss,
-                    s.rest[2][0] * se,
-                    s.rest[0][1],
-                ],
-                SampleKnob::ElectrodeModulus => {
-                    [(s.rest[0][0] - s.rest[0][1]) * sa, 0.0, s.rest[0][1]]
-                }
-                SampleKnob::ActiveFraction => {
-                    [0.0, 0.0, -maxwell / sample.electrode.active_fraction]
-                }
-                SampleKnob::Mass => [-c.weight / c.mass, -c.weight / c.mass, 0.0],
-                _ => [0.0; 3],
-            };
-            d.y = at_rest.solve(r.map(|r| -r));
-            d.rest = c.lengths[0] * y[0].exp() * d.y[0] + c.lengths[1] * y[2].exp() * d.y[2];
-        }
-    }
+    let (y, at_rest) = rest(&c, command[0], start_s)?;
+    let run = Run {
+        sample,
+        knobs,
+        h,
+        inertia: 2.0 * c.mass / (h * h),
+        rest_length: c.length(&y),
+        c,
+    };
+    let mut derivatives = run.at_rest(&y, &at_rest, command[0]);
     let mut out = SampleRun {
-        rest_length_m: rest_length,
+        rest_length_m: run.rest_length,
         x_m: Vec::with_capacity(steps),
         phi_v: Vec::with_capacity(steps),
         columns: knobs.iter().map(|_| Vec::with_capacity(steps)).collect(),
@@ -661,51 +767,93 @@ fn run(
     for column in &mut out.columns {
         column.push(0.0);
     }
-    let mut e = none;
-    let mut n = none;
-    let mut n_before = none;
-    let mut x = [0.0; 3];
-    let mut phi = command[0];
-    let mut guess = [y; 3];
-    let inertia = 2.0 * c.mass / (h * h);
+    let mut state = State::at_rest(y, command[0]);
     for i in 1..steps {
-        let at_s = start_s + i as f64 * h;
-        let base: Strains = [0, 1, 2, 3].map(|k| carried(&c, &e[k], &n[k], &n_before[k]));
-        let mut next = [0, 1, 2].map(|k| 3.0 * guess[0][k] - 3.0 * guess[1][k] + guess[2][k]);
-        let area_before = area_of(&y);
         let commands = [command[i - 1], command[i]];
+        let end = run.step(&state, commands, start_s + i as f64 * h)?;
+        if !knobs.is_empty() {
+            let shared = run.shared(&state, &end);
+            for (knob, (d, column)) in knobs
+                .iter()
+                .zip(derivatives.iter_mut().zip(&mut out.columns))
+            {
+                run.differentiate(*knob, d, &state, &end, &shared);
+                column.push(d.x[0]);
+            }
+        }
+        out.x_m.push(end.x);
+        out.phi_v.push(end.phi);
+        state.advance(&run.c, end);
+    }
+    Ok(out)
+}
+
+impl Run<'_> {
+    /// Derivatives of the sample at rest under `phi`.
+    #[inline(always)]
+    fn at_rest(&self, y: &[f64; 3], balance: &Balance, phi: f64) -> Vec<Derivative> {
+        let c = &self.c;
+        let s = c.springs(y, &[[0.0; LANES]; KINDS]);
+        let [sa, ss, se] = c.true_sections(y);
+        let lengths = c.lengths_at(y);
+        let maxwell = c.maxwell * phi * phi * area_of(y);
+        let of = |knob: &SampleKnob| {
+            let r = match knob {
+                SampleKnob::Modulus(0) => [
+                    (s.rest[0][0] - s.rest[0][1]) * sa + s.rest[1][0] * ss,
+                    s.rest[2][0] * se,
+                    s.rest[0][1],
+                ],
+                SampleKnob::ElectrodeModulus => {
+                    [(s.rest[0][0] - s.rest[0][1]) * sa, 0.0, s.rest[0][1]]
+                }
+                SampleKnob::ActiveFraction => {
+                    [0.0, 0.0, -maxwell / self.sample.electrode.active_fraction]
+                }
+                SampleKnob::Mass => [-c.weight / c.mass, -c.weight / c.mass, 0.0],
+                _ => [0.0; 3],
+            };
+            let y = balance.solve(r.map(|r| -r));
+            Derivative {
+                y,
+                rest: lengths[0] * y[0] + lengths[1] * y[2],
+                ..Derivative::default()
+            }
+        };
+        self.knobs.iter().map(of).collect()
+    }
+
+    /// One step by Newton's method, to `at_s`.
+    #[inline(always)]
+    fn step(&self, state: &State, commands: [f64; 2], at_s: f64) -> Result<End, SampleTrouble> {
+        let (c, inertia) = (&self.c, self.inertia);
+        let State { y, x, guess, .. } = state;
+        let base = state.carried(c);
+        let mut next = [0, 1, 2].map(|k| 3.0 * guess[0][k] - 3.0 * guess[1][k] + guess[2][k]);
+        let area_before = area_of(y);
         // T = M g - M (2 (l - l_0) - 5 x + 4 x_- - x_--)/h^2
         let history = 0.5 * inertia * (-5.0 * x[0] + 4.0 * x[1] - x[2]);
-        let mut done = None;
         for _ in 0..NEWTON_ITERATIONS {
-            let mut strains = base;
-            for (k, from) in [(0, 0), (1, 1), (2, 0), (3, 2)] {
-                let moved = next[from] - y[from];
-                for l in 0..LANES {
-                    strains[k][l] += c.beta[l] * moved;
-                }
-            }
+            let mut e = base;
+            follow(&mut e, &c.beta, [0, 1, 2].map(|k| next[k] - y[k]));
             let area = area_of(&next);
-            let q = charge(c.time_constant, h, phi, [area_before, area], commands);
-            let load = c.weight - history - inertia * (length(&next) - rest_length);
-            let s = c.springs(&next, &strains);
-            let (b, _) = linearise(
-                &c,
-                &next,
-                &s,
-                &c.beta,
-                q.phi * q.phi,
-                2.0 * q.phi * q.by_area,
-                load,
+            let areas = [area_before, area];
+            let q = charge(c.time_constant, self.h, state.phi, areas, commands);
+            let loads = Loads {
+                square: q.phi * q.phi,
+                square_by_area: 2.0 * q.phi * q.by_area,
+                load: c.weight - history - inertia * (c.length(&next) - self.rest_length),
                 inertia,
-            );
+            };
+            let s = c.springs(&next, &e);
+            let (b, _) = linearise(c, &next, &s, &c.beta, &loads);
             let least = s.rest[0][5]
                 .min(s.rest[2][5])
                 .min(s.active.least)
                 .min(s.side.least)
                 .min(s.end.least);
             if least.is_nan() || least <= 0.0 {
-                return Err(c.locked(&next, &strains, at_s));
+                return Err(c.locked(&next, &e, at_s));
             }
             let d = b.solve(b.g.map(|g| -g));
             let size = d[0].abs().max(d[1].abs()).max(d[2].abs());
@@ -716,132 +864,158 @@ fn run(
                 next[k] += d[k];
             }
             if size < QUADRATIC {
-                for (k, from) in [(0, 0), (1, 1), (2, 0), (3, 2)] {
-                    for l in 0..LANES {
-                        strains[k][l] += c.beta[l] * d[from];
-                    }
-                }
-                let phi_next = q.phi + q.by_area * 2.0 * area * (d[0] + d[1]);
-                done = Some((s, b, q, strains, phi_next, d));
-                break;
+                follow(&mut e, &c.beta, d);
+                let lengths = c.lengths_at(&next);
+                return Ok(End {
+                    f: flow(&s, &e),
+                    s,
+                    b,
+                    q,
+                    y: next,
+                    e,
+                    lengths,
+                    x: lengths[0] + lengths[1] - self.rest_length,
+                    phi: q.phi + q.by_area * 2.0 * area * (d[0] + d[1]),
+                    last: d,
+                });
             }
         }
-        let Some((s, b, q, strains, phi_next, last)) = done else {
-            return Err(SampleTrouble::GivesWay { at_s });
-        };
-        let f = flow(&s, &strains);
-        let lengths = [c.lengths[0] * next[0].exp(), c.lengths[1] * next[2].exp()];
-        let x_next = lengths[0] + lengths[1] - rest_length;
+        Err(SampleTrouble::GivesWay { at_s })
+    }
 
-        if !knobs.is_empty() {
-            let area = area_of(&next);
-            let (sa, ss, se) = (
-                c.sections[0] * (-next[0]).exp(),
-                c.sections[1] * (-next[0]).exp(),
-                c.sections[2] * (-next[2]).exp(),
-            );
-            let maxwell = c.maxwell * phi_next * phi_next * area;
-            let by_phi = 2.0 * c.maxwell * phi_next * area;
-            let moved = [
-                next[0] - y[0],
-                next[1] - y[1],
-                next[0] - y[0],
-                next[2] - y[2],
-            ];
-            let acceleration =
-                inertia / c.mass * (0.5 * (2.0 * x_next - 5.0 * x[0] + 4.0 * x[1] - x[2]));
-            for (knob, (d, column)) in knobs
-                .iter()
-                .zip(derivatives.iter_mut().zip(&mut out.columns))
-            {
-                // Strains at fixed y_+.
-                let mut p: Strains = [[0.0; LANES]; KINDS];
-                for (k, from) in [(0, 0), (1, 1), (2, 0), (3, 2)] {
-                    let (de, dn, db) = (&d.e[k], &d.nonlinear[k], &d.nonlinear_before[k]);
-                    let dy = d.y[from];
-                    for l in 0..LANES {
-                        p[k][l] = c.alpha[l] * de[l]
-                            - c.beta[l] * dy
-                            - (2.0 - c.alpha[l] - c.beta[l]) * dn[l]
-                            + (1.0 - c.beta[l]) * db[l];
-                    }
-                }
-                if let SampleKnob::LogTime(l) = *knob {
-                    let by_alpha = c.alpha[l] * c.ratio[l];
-                    let by_beta = c.beta[l] - c.alpha[l];
-                    for k in 0..KINDS {
-                        p[k][l] += by_alpha * (e[k][l] + n[k][l])
-                            + by_beta * (moved[k] + n[k][l] - n_before[k][l]);
-                    }
-                }
-                let mut r = [0.0; 4];
-                for l in 0..LANES {
-                    let m = c.mu[l];
-                    let (p1, p2) = (2.0 * p[0][l], 2.0 * p[1][l]);
-                    r[0] += m * (s.active.s11[l] * p1 + s.active.s12[l] * p2);
-                    r[1] += m * (s.active.s12[l] * p1 + s.active.s22[l] * p2);
-                    r[2] += m * (2.0 * s.side.s11[l] - s.side.s12[l]) * p[2][l];
-                    r[3] += m * (2.0 * s.end.s11[l] - s.end.s12[l]) * p[3][l];
-                }
-                let before = 2.0 * area_before * (d.y[0] + d.y[1]);
-                let mut d_phi = q.by_area_before * before + q.by_phi_before * d.phi;
-                let mut d_load =
-                    -0.5 * inertia * (-2.0 * d.rest - 5.0 * d.x[0] + 4.0 * d.x[1] - d.x[2]);
-                let mut d_maxwell = 0.0;
-                match *knob {
-                    SampleKnob::Modulus(0) => {
-                        r[0] += s.rest[0][0];
-                        r[1] += s.rest[0][1];
-                        r[2] += s.rest[1][0];
-                        r[3] += s.rest[2][0];
-                    }
-                    SampleKnob::Modulus(n) => {
-                        r[0] += s.active.s1[n - 1];
-                        r[1] += s.active.s2[n - 1];
-                        r[2] += s.side.s1[n - 1];
-                        r[3] += s.end.s1[n - 1];
-                    }
-                    SampleKnob::LogTime(_) => {}
-                    SampleKnob::ElectrodeModulus => {
-                        r[0] += s.rest[0][0];
-                        r[1] += s.rest[0][1];
-                    }
-                    SampleKnob::Resistance => d_phi += q.by_time_constant * tau_by_resistance,
-                    SampleKnob::ActiveFraction => {
-                        let a = sample.electrode.active_fraction;
-                        d_phi += q.by_time_constant * sample.time_constant_s() / a;
-                        d_maxwell = maxwell / a;
-                    }
-                    SampleKnob::Mass => d_load += c.weight / c.mass - acceleration,
-                }
-                let right = [
-                    (r[0] - r[1]) * sa + r[2] * ss - d_load,
-                    r[3] * se - d_load,
-                    r[1] - d_maxwell - by_phi * d_phi,
-                ];
-                let dy = b.solve(right.map(|r| -r));
-                d.nonlinear_before = d.nonlinear;
-                for (k, from) in [(0, 0), (1, 1), (2, 0), (3, 2)] {
-                    for l in 0..LANES {
-                        d.e[k][l] = p[k][l] + c.beta[l] * dy[from];
-                    }
-                }
-                for l in 0..LANES {
-                    let (e1, e2) = (d.e[0][l], d.e[1][l]);
-                    d.nonlinear[0][l] = f.slope[0][l] * e1 + f.slope[1][l] * e2;
-                    d.nonlinear[1][l] = f.slope[2][l] * e1 + f.slope[3][l] * e2;
-                    d.nonlinear[2][l] = f.slope[4][l] * d.e[2][l];
-                    d.nonlinear[3][l] = f.slope[5][l] * d.e[3][l];
-                }
-                d.phi = d_phi + q.by_area * 2.0 * area * (dy[0] + dy[1]);
-                let dx = lengths[0] * dy[0] + lengths[1] * dy[2] - d.rest;
-                d.x = [dx, d.x[0], d.x[1]];
-                d.y = dy;
-                column.push(dx);
+    /// What the derivatives share where a step from `state` has come to its end.
+    #[inline(always)]
+    fn shared(&self, state: &State, end: &End) -> Shared {
+        let (c, x) = (&self.c, &state.x);
+        let area = area_of(&end.y);
+        Shared {
+            area,
+            area_before: area_of(&state.y),
+            sections: c.true_sections(&end.y),
+            maxwell: c.maxwell * end.phi * end.phi * area,
+            by_phi: 2.0 * c.maxwell * end.phi * area,
+            moved: DRIVEN_BY.map(|(_, from)| end.y[from] - state.y[from]),
+            acceleration: self.inertia / c.mass
+                * (0.5 * (2.0 * end.x - 5.0 * x[0] + 4.0 * x[1] - x[2])),
+        }
+    }
+
+    /// Takes the derivatives by one knob over a step; `state` is that before it.
+    #[inline(always)]
+    fn differentiate(
+        &self,
+        knob: SampleKnob,
+        d: &mut Derivative,
+        state: &State,
+        end: &End,
+        shared: &Shared,
+    ) {
+        let (c, inertia) = (&self.c, self.inertia);
+        let End { b, q, f, .. } = end;
+        let mut p = d.carried(c);
+        if let SampleKnob::LogTime(l) = knob {
+            let by_alpha = c.alpha[l] * c.ratio[l];
+            let by_beta = c.beta[l] - c.alpha[l];
+            let (e, n, n_before) = (&state.e, &state.n, &state.n_before);
+            for k in 0..KINDS {
+                p[k][l] += by_alpha * (e[k][l] + n[k][l])
+                    + by_beta * (shared.moved[k] + n[k][l] - n_before[k][l]);
             }
         }
-        // The stresses stand at the last iterate; N at the solution to second order of the last increment.
-        n_before = n;
+        let before = 2.0 * shared.area_before * (d.y[0] + d.y[1]);
+        let mut push = Push {
+            r: c.stresses_by(&end.s, &p),
+            phi: q.by_area_before * before + q.by_phi_before * d.phi,
+            load: -0.5 * inertia * (-2.0 * d.rest - 5.0 * d.x[0] + 4.0 * d.x[1] - d.x[2]),
+            maxwell: 0.0,
+        };
+        self.push(knob, end, shared, &mut push);
+        let (r, [sa, ss, se]) = (&push.r, shared.sections);
+        let right = [
+            (r[0] - r[1]) * sa + r[2] * ss - push.load,
+            r[3] * se - push.load,
+            r[1] - push.maxwell - shared.by_phi * push.phi,
+        ];
+        let dy = b.solve(right.map(|r| -r));
+        d.e = p;
+        follow(&mut d.e, &c.beta, dy);
+        d.nonlinear_before = d.nonlinear;
+        for l in 0..LANES {
+            let (e1, e2) = (d.e[0][l], d.e[1][l]);
+            d.nonlinear[0][l] = f.slope[0][l] * e1 + f.slope[1][l] * e2;
+            d.nonlinear[1][l] = f.slope[2][l] * e1 + f.slope[3][l] * e2;
+            d.nonlinear[2][l] = f.slope[4][l] * d.e[2][l];
+            d.nonlinear[3][l] = f.slope[5][l] * d.e[3][l];
+        }
+        d.phi = push.phi + q.by_area * 2.0 * shared.area * (dy[0] + dy[1]);
+        let dx = end.lengths[0] * dy[0] + end.lengths[1] * dy[2] - d.rest;
+        d.x = [dx, d.x[0], d.x[1]];
+        d.y = dy;
+    }
+
+    /// Adds what `knob` moves by itself.
+    #[inline(always)]
+    fn push(&self, knob: SampleKnob, end: &End, shared: &Shared, push: &mut Push) {
+        let (s, q, r) = (&end.s, &end.q, &mut push.r);
+        match knob {
+            SampleKnob::Modulus(0) => {
+                r[0] += s.rest[0][0];
+                r[1] += s.rest[0][1];
+                r[2] += s.rest[1][0];
+                r[3] += s.rest[2][0];
+            }
+            SampleKnob::Modulus(n) => {
+                r[0] += s.active.s1[n - 1];
+                r[1] += s.active.s2[n - 1];
+                r[2] += s.side.s1[n - 1];
+                r[3] += s.end.s1[n - 1];
+            }
+            SampleKnob::LogTime(_) => {}
+            SampleKnob::ElectrodeModulus => {
+                r[0] += s.rest[0][0];
+                r[1] += s.rest[0][1];
+            }
+            SampleKnob::Resistance => {
+                push.phi += q.by_time_constant * self.sample.capacitance_f();
+            }
+            SampleKnob::ActiveFraction => {
+                let a = self.sample.electrode.active_fraction;
+                push.phi += q.by_time_constant * self.sample.time_constant_s() / a;
+                push.maxwell = shared.maxwell / a;
+            }
+            SampleKnob::Mass => push.load += self.c.weight / self.c.mass - shared.acceleration,
+        }
+    }
+}
+
+impl State {
+    /// Hanging at rest, branches relaxed.
+    fn at_rest(y: [f64; 3], phi: f64) -> Self {
+        let none: Strains = [[0.0; LANES]; KINDS];
+        State {
+            y,
+            e: none,
+            n: none,
+            n_before: none,
+            x: [0.0; 3],
+            phi,
+            guess: [y; 3],
+        }
+    }
+
+    /// Elastic strains at the end of the next step apart from beta (y_+ - y).
+    #[inline(always)]
+    fn carried(&self, c: &Constants) -> Strains {
+        [0, 1, 2, 3].map(|k| carried(c, &self.e[k], &self.n[k], &self.n_before[k]))
+    }
+
+    /// Goes on to the end of a step. The stresses stand at the last iterate; N at the solution to second
+    /// order of the last increment.
+    #[inline(always)]
+    fn advance(&mut self, c: &Constants, end: End) {
+        let (f, last) = (&end.f, &end.last);
+        self.n_before = self.n;
+        let n = &mut self.n;
         for l in 0..LANES {
             let b = c.beta[l];
             let (d1, d2, d3) = (b * last[0], b * last[1], b * last[2]);
@@ -850,15 +1024,30 @@ fn run(
             n[2][l] = f.value[2][l] + d1 * (f.slope[4][l] + 1.0);
             n[3][l] = f.value[3][l] + d3 * (f.slope[5][l] + 1.0);
         }
-        e = strains;
-        x = [x_next, x[0], x[1]];
-        y = next;
-        phi = phi_next;
-        guess = [y, guess[0], guess[1]];
-        out.x_m.push(x_next);
-        out.phi_v.push(phi_next);
+        self.e = end.e;
+        self.x = [end.x, self.x[0], self.x[1]];
+        self.y = end.y;
+        self.phi = end.phi;
+        self.guess = [end.y, self.guess[0], self.guess[1]];
     }
-    Ok(out)
+}
+
+impl Derivative {
+    /// Elastic strains at the end of the next step where y_+ is held.
+    #[inline(always)]
+    fn carried(&self, c: &Constants) -> Strains {
+        let mut p: Strains = [[0.0; LANES]; KINDS];
+        for (k, from) in DRIVEN_BY {
+            let (de, dn, db) = (&self.e[k], &self.nonlinear[k], &self.nonlinear_before[k]);
+            let dy = self.y[from];
+            for l in 0..LANES {
+                p[k][l] =
+                    c.alpha[l] * de[l] - c.beta[l] * dy - (2.0 - c.alpha[l] - c.beta[l]) * dn[l]
+                        + (1.0 - c.beta[l]) * db[l];
+            }
+        }
+        p
+    }
 }
 
 /// Smallest number of steps of the grid in a recording, whatever its frames.
@@ -1075,7 +1264,7 @@ impl<'a> SampleResidual<'a> {
         let c = Constants::new(sample, film, self.h_s);
         let phi = self.dataset.voltage.at(0, start_s + offset_s);
         let (y, _) = rest(&c, phi, start_s)?;
-        Ok(c.lengths[0] * y[0].exp() + c.lengths[1] * y[2].exp())
+        Ok(c.length(&y))
     }
 
     /// Residuals, and derivatives by `knobs`, shift and offset.
@@ -1138,7 +1327,7 @@ pub fn inverse_sample(
 ) -> Result<SampleInverse, SampleTrouble> {
     let c = Constants::new(sample, film, h_s);
     let (mut y, _) = rest(&c, rest_phi_v, 0.0)?;
-    let rest_length = c.lengths[0] * y[0].exp() + c.lengths[1] * y[2].exp();
+    let rest_length = c.length(&y);
     let none: Strains = [[0.0; LANES]; KINDS];
     let (mut e, mut n, mut n_before) = (none, none, none);
     let mut out = SampleInverse {
@@ -1155,21 +1344,16 @@ pub fn inverse_sample(
         let mut done = None;
         for _ in 0..2 * NEWTON_ITERATIONS {
             let mut strains = base;
-            for (k, from) in [(0, 0), (1, 1), (2, 0), (3, 2)] {
-                let moved = next[from] - y[from];
-                for l in 0..LANES {
-                    strains[k][l] += beta[l] * moved;
-                }
-            }
+            follow(&mut strains, &beta, [0, 1, 2].map(|k| next[k] - y[k]));
             let s = c.springs(&next, &strains);
             // phi^2 = 0 leaves sigma_2 itself in the third balance.
-            let (b, area) = linearise(&c, &next, &s, &beta, 0.0, 0.0, tension, 0.0);
+            let (b, area) = linearise(&c, &next, &s, &beta, &Loads::still(0.0, tension));
             let least = s.rest[0][5].min(s.rest[2][5]).min(s.active.least);
             if least.is_nan() || least <= 0.0 {
                 return Err(c.locked(&next, &strains, at_s));
             }
             let dw = -b.g[1] / b.m[1][2];
-            let lengths = [c.lengths[0] * next[0].exp(), c.lengths[1] * next[2].exp()];
+            let lengths = c.lengths_at(&next);
             let du = (rest_length + x_m[i] - lengths[0] - lengths[1] * (1.0 + dw)) / lengths[0];
             let dv = (-b.g[0] - b.m[0][0] * du) / b.m[0][1];
             let size = du.abs().max(dv.abs()).max(dw.abs());

@@ -41,8 +41,6 @@ pub struct Response {
     pub dissipation: f64,
     /// Smallest A B D of the springs: at or below zero a spring is locked.
     pub least: f64,
-    /// Largest relative correction that the branches ask for at fixed stretches.
-    pub correction: f64,
 }
 
 /// What an implicit stage keeps of a pack until the increments of the stretches are known:
@@ -129,7 +127,6 @@ struct Sums<V> {
     tangent: [V; 4],
     dissipation: V,
     least: V,
-    correction: V,
 }
 
 impl<V: Copy> Sums<V> {
@@ -141,7 +138,6 @@ impl<V: Copy> Sums<V> {
             tangent: [zero; 4],
             dissipation: zero,
             least: simd.splat_f64s(f64::INFINITY),
-            correction: zero,
         }
     }
 
@@ -160,7 +156,6 @@ impl<V: Copy> Sums<V> {
             ],
             dissipation: simd.reduce_sum_f64s(self.dissipation),
             least: simd.reduce_min_f64s(self.least),
-            correction: simd.reduce_max_f64s(self.correction),
         }
     }
 }
@@ -313,8 +308,6 @@ impl WithSimd for Implicit<'_> {
                 let heat = mul(mul(mu, half), mul(third, fma(g.s1, f1, mul(g.s2, f2))));
                 sums.dissipation = add(sums.dissipation, heat);
                 sums.least = simd.min_f64s(sums.least, g.q);
-                let worst = simd.max_f64s(simd.abs_f64s(free1), simd.abs_f64s(free2));
-                sums.correction = simd.max_f64s(sums.correction, worst);
                 at += S::F64_LANES;
             }
         }

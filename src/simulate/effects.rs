@@ -13,6 +13,8 @@
 //! formula is the differential equation that the catalogue solves in steps. A term that was learnt from
 //! recordings brings both along ([`Learnt::rates`], [`Learnt::added`], [`Learnt::pull`]).
 
+use std::ops::Range;
+
 use super::Error;
 use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
@@ -433,6 +435,225 @@ impl EffectAddition {
             (place, part)
         })
     }
+
+    /// What acts on a chain, with the range of its states.
+    fn here(&self, k: usize) -> impl Iterator<Item = (&Part, Range<usize>)> {
+        self.places()
+            .filter(move |(_, part)| !part.off && part.acting.on[k])
+            .map(move |(place, part)| {
+                let n = part.sizes.len();
+                let first = place + k * n;
+                (part, first..first + n)
+            })
+    }
+
+    /// What acts on a chain at one site.
+    fn at_site(&self, k: usize, site: Site) -> impl Iterator<Item = (&Part, Range<usize>)> {
+        self.here(k)
+            .filter(move |(part, _)| part.acting.effect.site() == site)
+    }
+
+    /// The torque of a changed capacitance.
+    fn capacitance(&self, chain: &Chain, action: &mut Action) {
+        let (k, along) = (chain.k, &chain.along);
+        let theta = chain.s.theta_dea_rad[k];
+        let plain = along.lozenge.half_capacitance_slope(theta, along.eps_f_m);
+        let mut half = [plain];
+        for (part, _) in self.here(k) {
+            let v = &part.acting.values;
+            part.acting.effect.capacitance(v, along, &mut half);
+        }
+        if half[0] != plain {
+            let phi = action.phi_v[k];
+            action.torque_dea_n_m[k] += (half[0] - plain) * phi * phi;
+        }
+    }
+
+    /// What causes make of the film's stress.
+    fn film(&self, chain: &Chain, states: &[f64], action: &mut Action, rates: &mut [f64]) {
+        let (s, k, along) = (chain.s, chain.k, chain.along);
+        let phi = action.phi_v[k];
+        let mut factor = [[1.0; 2]];
+        for (part, range) in self.at_site(k, Site::Film) {
+            let (z, rate) = (&states[range.clone()], &mut rates[range]);
+            let (v, effect) = (&part.acting.values[..], part.acting.effect);
+            match part.memory {
+                Memory::LargestEnergy => {
+                    let energy = self.equilibrium(s.stretch[k]).1;
+                    rate[0] = (energy - z[0]).max(0.0) / LARGEST_S;
+                    factor[0][0] *= softened(v, energy, z[0].max(energy));
+                }
+                Memory::Rest => {
+                    // The first value of the series is the one at rest.
+                    let theta = [along.theta_dea_rad[0]; 2];
+                    let along = Along {
+                        theta_dea_rad: &theta,
+                        ..along
+                    };
+                    let sigma = [z[0], s.film_stress_pa[k][1]];
+                    let mut change = [0.0; 2];
+                    effect.slack(v, &along, &sigma, &[phi; 2], &mut change);
+                    action.torque_dea_n_m[k] -= chain.volume * change[1] * chain.slopes[1];
+                }
+                _ => effect.stress(v, &along, &self.film, &mut factor),
+            }
+        }
+        let [equilibrium, branches] = factor[0];
+        if branches != 1.0 {
+            action.torque_dea_n_m[k] += (1.0 - branches) * chain.torque(s.film_stress_pa[k]);
+        }
+        if equilibrium != branches {
+            let own = chain.torque(self.equilibrium(s.stretch[k]).0);
+            action.torque_dea_n_m[k] += (branches - equilibrium) * own;
+        }
+    }
+}
+
+/// One chain at one moment, as causes act on it.
+struct Chain<'b> {
+    s: &'b Situation,
+    k: usize,
+    along: Along<'b>,
+    /// Slopes of ln lambda_1, ln lambda_2 by theta_DEA, and the film's volume, m^3.
+    slopes: [f64; 2],
+    volume: f64,
+}
+
+impl Chain<'_> {
+    /// Torque of a stress of the film on the lozenge, N m.
+    fn torque(&self, stress: [f64; 2]) -> f64 {
+        self.volume * (stress[0] * self.slopes[0] + stress[1] * self.slopes[1])
+    }
+
+    /// What a cause makes of the voltage, and the rates of its states.
+    fn electrical(&self, part: &Part, z: &[f64], rate: &mut [f64], action: &mut Action) {
+        let (s, k, along) = (self.s, self.k, &self.along);
+        let v = &part.acting.values[..];
+        let told = action.phi_v[k];
+        action.phi_v[k] = match part.memory {
+            Memory::Charge => {
+                let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
+                let (ohm, leak) = match v {
+                    [_, _, wire] => (wire, leak(v, along, 0, phi)),
+                    _ => (&v[0], 0.0),
+                };
+                rate[0] = (told - phi * (1.0 + leak)) / ohm / NANOCOULOMB;
+                phi
+            }
+            Memory::Polarisation => {
+                for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
+                    rate[j] = (told - z[j]) / time;
+                }
+                let square =
+                    (1.0 - v[0] - v[2]) * told * told + v[0] * z[0] * z[0] + v[2] * z[1] * z[1];
+                square.max(0.0).sqrt()
+            }
+            Memory::HeldOff => {
+                rate[0] = (v[0] * told - z[0]) / v[1];
+                told - z[0]
+            }
+            Memory::Output => {
+                let sign = if told == 0.0 {
+                    z[0].signum()
+                } else {
+                    told.signum()
+                };
+                let wanted = sign * (told - z[0]) / SLEW_S;
+                rate[0] = sign * wanted.clamp(-v[1], v[0]);
+                z[0]
+            }
+            Memory::Learnt(learnt) => {
+                learnt.rates(along, s.theta_dea_rate_rad_s[k], told, z, rate);
+                Learnt::raised(told, learnt.added(v, along, told, z))
+            }
+            _ => {
+                let mut phi = [told];
+                part.acting.effect.voltage(v, along, &mut phi);
+                phi[0]
+            }
+        };
+    }
+
+    /// Forces and torques of a cause, and the rates of its states.
+    fn balance(&self, part: &Part, z: &[f64], rate: &mut [f64], action: &mut Action) {
+        let (s, k, along) = (self.s, self.k, &self.along);
+        let v = &part.acting.values[..];
+        match part.memory {
+            Memory::Presliding => {
+                let omega = s.theta_b_rate_rad_s[k];
+                let level = crate::effects::friction_level(v[2], omega);
+                rate[0] = (omega - z[0] * omega.abs() / level) / v[1];
+                action.torque_b_n_m[k] -= v[0] * z[0];
+            }
+            Memory::BicepRate => {
+                rate[0] = (s.theta_b_rate_rad_s[k] - z[0]) / INERTIA_S;
+                let weight = GRAVITY_M_S2 * s.theta_b_rad[k].sin();
+                action.torque_b_n_m[k] -= v[0] * (along.bicep_m * rate[0] - weight);
+            }
+            Memory::Velocity => {
+                rate[0] = (s.velocity_m_s[k] - z[0]) / INERTIA_S;
+                if along.after(0, v[2], v[1]) {
+                    let weight = if k == 2 { GRAVITY_M_S2 } else { 0.0 };
+                    action.force_n[k] -= v[0] * (rate[0] + weight);
+                }
+            }
+            Memory::Branch => {
+                let (own, stress) = creep(v[1], squared(s.stretch[k]), [z[0], z[1]]);
+                rate.copy_from_slice(&own);
+                action.torque_dea_n_m[k] -= v[0] * self.torque(stress);
+            }
+            Memory::Flow => {
+                let (own, stress, _) = flow(v, squared(s.stretch[k]), [z[0], z[1]]);
+                rate.copy_from_slice(&own);
+                action.torque_dea_n_m[k] -= v[0] * self.torque(stress);
+            }
+            Memory::Play => {
+                let ahead = s.theta_b_rad[k] - z[0];
+                let pushed = (ahead - v[1]).max(0.0) + (ahead + v[1]).min(0.0);
+                rate[0] = pushed / PLAY_S;
+                action.torque_b_n_m[k] -= v[0] * (z[0] - z[1]);
+            }
+            Memory::Learnt(learnt) if learnt.form.is_force() => {
+                let pull = learnt.pull(v, along, k, z, rate);
+                action.force_n = [0, 1, 2].map(|i| action.force_n[i] + pull[i]);
+            }
+            Memory::Learnt(learnt) => {
+                learnt.rates(along, s.theta_dea_rate_rad_s[k], 0.0, z, rate);
+                let made = learnt.added(v, along, 0.0, z);
+                let on_bicep = matches!(learnt.place, Place::Bicep | Place::Series);
+                self.turn(on_bicep, made, action);
+            }
+            _ => self.without_memory(part, action),
+        }
+    }
+
+    /// Adds a torque on the bicep, or else on the lozenge.
+    fn turn(&self, on_bicep: bool, torque: f64, action: &mut Action) {
+        if on_bicep {
+            action.torque_b_n_m[self.k] += torque;
+        } else {
+            action.torque_dea_n_m[self.k] += torque;
+        }
+    }
+
+    /// The torque of the catalogue's own formula.
+    fn without_memory(&self, part: &Part, action: &mut Action) {
+        let (s, k) = (self.s, self.k);
+        let effect = part.acting.effect;
+        let mut made = [0.0];
+        // The lever is 1 here: what asks for the rate of the lozenge is given that one.
+        let rate = [[s.theta_b_rad[k], s.theta_dea_rate_rad_s[k], 0.0]];
+        let along = match effect.id() {
+            "x_electrode_viscosity" => Along {
+                theta_b: &rate,
+                ..self.along
+            },
+            _ => self.along,
+        };
+        effect.torque(&part.acting.values, &along, &mut made);
+        let on_bicep = matches!(effect.id(), "joint_damping" | "end_stop");
+        self.turn(on_bicep, made[0], action);
+    }
 }
 
 impl Addition for EffectAddition {
@@ -508,188 +729,20 @@ impl Addition for EffectAddition {
         for k in 0..3 {
             let sample = Sample::of(s, k);
             let along = self.along(s, k, &sample);
-            let lozenge = along.lozenge;
-            let slopes = lozenge.log_stretch_slopes(s.theta_dea_rad[k]);
-            let volume = lozenge.volume_m3();
-            // What acts here, with its values and the range of its states.
-            let here = || {
-                self.places()
-                    .filter(|(_, part)| !part.off && part.acting.on[k])
-                    .map(|(place, part)| {
-                        let n = part.sizes.len();
-                        let first = place + k * n;
-                        (part, &part.acting.values[..], first..first + n)
-                    })
+            let chain = Chain {
+                s,
+                k,
+                along,
+                slopes: along.lozenge.log_stretch_slopes(s.theta_dea_rad[k]),
+                volume: along.lozenge.volume_m3(),
             };
-            // Electrical chain
-            for (part, v, range) in here().filter(|p| p.0.acting.effect.site() == Site::Electrical)
-            {
-                let (z, rate) = (&states[range.clone()], &mut rates[range]);
-                let told = action.phi_v[k];
-                match part.memory {
-                    Memory::Charge => {
-                        let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
-                        let (ohm, leak) = match v {
-                            [_, _, wire] => (wire, leak(v, &along, 0, phi)),
-                            _ => (&v[0], 0.0),
-                        };
-                        rate[0] = (told - phi * (1.0 + leak)) / ohm / NANOCOULOMB;
-                        action.phi_v[k] = phi;
-                    }
-                    Memory::Polarisation => {
-                        for (j, time) in [v[1], SLOWER * v[1]].into_iter().enumerate() {
-                            rate[j] = (told - z[j]) / time;
-                        }
-                        let square = (1.0 - v[0] - v[2]) * told * told
-                            + v[0] * z[0] * z[0]
-                            + v[2] * z[1] * z[1];
-                        action.phi_v[k] = square.max(0.0).sqrt();
-                    }
-                    Memory::HeldOff => {
-                        rate[0] = (v[0] * told - z[0]) / v[1];
-                        action.phi_v[k] = told - z[0];
-                    }
-                    Memory::Output => {
-                        let sign = if told == 0.0 {
-                            z[0].signum()
-                        } else {
-                            told.signum()
-                        };
-                        let wanted = sign * (told - z[0]) / SLEW_S;
-                        rate[0] = sign * wanted.clamp(-v[1], v[0]);
-                        action.phi_v[k] = z[0];
-                    }
-                    Memory::Learnt(learnt) => {
-                        learnt.rates(&along, s.theta_dea_rate_rad_s[k], told, z, rate);
-                        let more = learnt.added(v, &along, told, z);
-                        action.phi_v[k] = Learnt::raised(told, more);
-                    }
-                    _ => {
-                        let mut phi = [told];
-                        part.acting.effect.voltage(v, &along, &mut phi);
-                        action.phi_v[k] = phi[0];
-                    }
-                }
+            for (part, range) in self.at_site(k, Site::Electrical) {
+                chain.electrical(part, &states[range.clone()], &mut rates[range], action);
             }
-            let phi = action.phi_v[k];
-            let plain = lozenge.half_capacitance_slope(s.theta_dea_rad[k], along.eps_f_m);
-            let mut half = [plain];
-            for (part, v, _) in here() {
-                part.acting.effect.capacitance(v, &along, &mut half);
-            }
-            if half[0] != plain {
-                action.torque_dea_n_m[k] += (half[0] - plain) * phi * phi;
-            }
-            // Film
-            let torque =
-                |stress: [f64; 2]| volume * (stress[0] * slopes[0] + stress[1] * slopes[1]);
-            let mut factor = [[1.0; 2]];
-            for (part, v, range) in here().filter(|p| p.0.acting.effect.site() == Site::Film) {
-                let (z, rate) = (&states[range.clone()], &mut rates[range]);
-                match part.memory {
-                    Memory::LargestEnergy => {
-                        let energy = self.equilibrium(s.stretch[k]).1;
-                        rate[0] = (energy - z[0]).max(0.0) / LARGEST_S;
-                        factor[0][0] *= softened(v, energy, z[0].max(energy));
-                    }
-                    Memory::Rest => {
-                        // The first value of the series is the one at rest.
-                        let theta = [sample.theta_dea[0]; 2];
-                        let along = Along {
-                            theta_dea_rad: &theta,
-                            ..along
-                        };
-                        let sigma = [z[0], s.film_stress_pa[k][1]];
-                        let mut change = [0.0; 2];
-                        let effect = part.acting.effect;
-                        effect.slack(v, &along, &sigma, &[phi; 2], &mut change);
-                        action.torque_dea_n_m[k] -= volume * change[1] * slopes[1];
-                    }
-                    _ => {
-                        let effect = part.acting.effect;
-                        effect.stress(v, &along, &self.film, &mut factor);
-                    }
-                }
-            }
-            let [equilibrium, branches] = factor[0];
-            if branches != 1.0 {
-                action.torque_dea_n_m[k] += (1.0 - branches) * torque(s.film_stress_pa[k]);
-            }
-            if equilibrium != branches {
-                let own = torque(self.equilibrium(s.stretch[k]).0);
-                action.torque_dea_n_m[k] += (branches - equilibrium) * own;
-            }
-            // Balance
-            for (part, v, range) in here().filter(|p| p.0.acting.effect.site() == Site::Balance) {
-                let (z, rate) = (&states[range.clone()], &mut rates[range]);
-                match part.memory {
-                    Memory::Presliding => {
-                        let omega = s.theta_b_rate_rad_s[k];
-                        let level = crate::effects::friction_level(v[2], omega);
-                        rate[0] = (omega - z[0] * omega.abs() / level) / v[1];
-                        action.torque_b_n_m[k] -= v[0] * z[0];
-                    }
-                    Memory::BicepRate => {
-                        rate[0] = (s.theta_b_rate_rad_s[k] - z[0]) / INERTIA_S;
-                        let weight = GRAVITY_M_S2 * s.theta_b_rad[k].sin();
-                        action.torque_b_n_m[k] -= v[0] * (along.bicep_m * rate[0] - weight);
-                    }
-                    Memory::Velocity => {
-                        rate[0] = (s.velocity_m_s[k] - z[0]) / INERTIA_S;
-                        if along.after(0, v[2], v[1]) {
-                            let weight = if k == 2 { GRAVITY_M_S2 } else { 0.0 };
-                            action.force_n[k] -= v[0] * (rate[0] + weight);
-                        }
-                    }
-                    Memory::Branch => {
-                        let (own, stress) = creep(v[1], squared(s.stretch[k]), [z[0], z[1]]);
-                        rate.copy_from_slice(&own);
-                        action.torque_dea_n_m[k] -= v[0] * torque(stress);
-                    }
-                    Memory::Flow => {
-                        let (own, stress, _) = flow(v, squared(s.stretch[k]), [z[0], z[1]]);
-                        rate.copy_from_slice(&own);
-                        action.torque_dea_n_m[k] -= v[0] * torque(stress);
-                    }
-                    Memory::Play => {
-                        let ahead = s.theta_b_rad[k] - z[0];
-                        let pushed = (ahead - v[1]).max(0.0) + (ahead + v[1]).min(0.0);
-                        rate[0] = pushed / PLAY_S;
-                        action.torque_b_n_m[k] -= v[0] * (z[0] - z[1]);
-                    }
-                    Memory::Learnt(learnt) if learnt.form.is_force() => {
-                        let pull = learnt.pull(v, &along, k, z, rate);
-                        action.force_n = [0, 1, 2].map(|i| action.force_n[i] + pull[i]);
-                    }
-                    Memory::Learnt(learnt) => {
-                        learnt.rates(&along, s.theta_dea_rate_rad_s[k], 0.0, z, rate);
-                        let made = learnt.added(v, &along, 0.0, z);
-                        if matches!(learnt.place, Place::Bicep | Place::Series) {
-                            action.torque_b_n_m[k] += made;
-                        } else {
-                            action.torque_dea_n_m[k] += made;
-                        }
-                    }
-                    _ => {
-                        let effect = part.acting.effect;
-                        let mut made = [0.0];
-                        // The lever is 1 here: what asks for the rate of the lozenge is given that one.
-                        let rate = [[s.theta_b_rad[k], s.theta_dea_rate_rad_s[k], 0.0]];
-                        let along = match effect.id() {
-                            "x_electrode_viscosity" => Along {
-                                theta_b: &rate,
-                                ..along
-                            },
-                            _ => along,
-                        };
-                        effect.torque(v, &along, &mut made);
-                        if matches!(effect.id(), "joint_damping" | "end_stop") {
-                            action.torque_b_n_m[k] += made[0];
-                        } else {
-                            action.torque_dea_n_m[k] += made[0];
-                        }
-                    }
-                }
+            self.capacitance(&chain, action);
+            self.film(&chain, states, action, rates);
+            for (part, range) in self.at_site(k, Site::Balance) {
+                chain.balance(part, &states[range.clone()], &mut rates[range], action);
             }
         }
     }

@@ -222,6 +222,21 @@ pub struct Energy {
 }
 
 impl Energy {
+    /// Enters what rose from `before` to `after` (as [`stored`] gives it), and the integrals.
+    fn close(&mut self, before: [f64; 5], after: [f64; 5], quadratures: [f64; QUADRATURES]) {
+        let rise = [0, 1, 2, 3, 4].map(|i| after[i] - before[i]);
+        let [maxwell, heat, added] = quadratures;
+        self.maxwell_j = maxwell;
+        self.electrical_j = rise[0] + maxwell;
+        self.electrostatic_j = rise[0];
+        self.elastic_j = rise[1];
+        self.forearm_j = rise[2];
+        self.gravity_j = rise[3];
+        self.kinetic_j = rise[4];
+        self.heat_j = heat;
+        self.additions_j = added;
+    }
+
     /// What is not accounted for, J: zero but for the errors of the integration.
     pub fn imbalance_j(&self) -> f64 {
         self.electrical_j + self.additions_j + self.payload_j
@@ -260,6 +275,22 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// No sample yet, and room for as many as are wanted.
+    fn with_room(options: &Options, samples: usize, initial: InitialState) -> Self {
+        Motion {
+            start_s: options.start_s,
+            step_s: options.sample_step_s,
+            position_m: Vec::with_capacity(samples),
+            velocity_m_s: Vec::with_capacity(samples),
+            acceleration_m_s2: Vec::with_capacity(samples),
+            phi_v: Vec::with_capacity(samples),
+            payload_kg: Vec::with_capacity(samples),
+            initial,
+            energy: Energy::default(),
+            effort: Effort::default(),
+        }
+    }
+
     /// The same motion as the inverse dynamics read it.
     pub fn track(&self) -> Track {
         Track {
@@ -304,6 +335,14 @@ struct Pose {
     chains: [ChainPose; 3],
     curvature: [ChainCurvature; 3],
     angles: [Angle; 3],
+}
+
+/// Where Newton's iteration of a stage stands.
+struct Iterate {
+    pose: Pose,
+    films: [Response; 3],
+    situation: Situation,
+    action: Action,
 }
 
 fn solve3(m: &[Vec3; 3], r: Vec3) -> Vec3 {
@@ -662,6 +701,171 @@ impl<'a> Plant<'a> {
         Ok(out)
     }
 
+    /// The state that a motion begins with.
+    fn state(&self, pose: &Pose, x: Vec3, v: Vec3, films: InitialState) -> State<3> {
+        let n = self.packs;
+        let mut out = State {
+            x,
+            v,
+            w: vec![[[1.0; LANES]; 2]; 3 * n],
+            z: vec![0.0; self.states],
+            y: Vec::new(),
+        };
+        for k in 0..3 {
+            let own = &mut out.w[k * n..(k + 1) * n];
+            match films {
+                InitialState::Relaxed => self.springs.relaxed(pose.angles[k].lambda_squared, own),
+                InitialState::Virgin => self.springs.virgin(own),
+            }
+        }
+        out
+    }
+
+    /// Largest jump of phi^2 times the square of the time between jumps that moves the end effector by a
+    /// ripple within the tolerance: a jump by d every h seconds lets it ripple by d h^2 sqrt(3)/216 of its
+    /// force a phi^2 over its mass.
+    fn largest_jump_v2_s2(&self, pose: &Pose, tolerance_m: f64) -> f64 {
+        let lever = (0..3).map(|k| {
+            let g = pose.chains[k].dtheta_dea_du;
+            0.5 * self.actuators[k].capacitance * dot(g, g).sqrt()
+        });
+        let force_n_v2 = lever.fold(0.0, f64::max);
+        let ripple_m = RIPPLE * tolerance_m;
+        ripple_m * 216.0 / 3f64.sqrt() * self.robot.effector_kg / force_n_v2
+    }
+
+    /// Film responses of an implicit stage.
+    fn implicit(
+        &mut self,
+        stage: &Stage<3>,
+        pose: &Pose,
+        state: &State<3>,
+    ) -> Result<[Response; 3], Trouble<Error>> {
+        let mut out = [Response::default(); 3];
+        let n = self.packs;
+        for k in 0..3 {
+            let own = k * n..(k + 1) * n;
+            let squared = pose.angles[k].lambda_squared;
+            out[k] = self.springs.implicit(
+                squared,
+                stage.weight_s,
+                &stage.star.w[own.clone()],
+                &state.w[own.clone()],
+                &mut self.elimination[own.clone()],
+            );
+            if out[k].least.is_nan() || out[k].least <= 0.0 {
+                let locked = self.locked(k, squared, &state.w[own], stage.t_s);
+                return Err(Trouble::Blocked(locked));
+            }
+        }
+        Ok(out)
+    }
+
+    /// Residual of a stage's balance and its derivatives by the accelerations.
+    fn lay_out_balance(&mut self, now: &Iterate, hg: f64, v: Vec3, a: Vec3, payload_kg: f64) {
+        let b = self.balance(&now.pose, v, a, payload_kg, &now.films, &now.action);
+        let size_of = 3 + self.states;
+        for i in 0..3 {
+            self.right[i] = -b.residual[i];
+            for k in 0..3 {
+                self.matrix[i * size_of + k] =
+                    b.mass[i][k] + hg * (b.damping[i][k] + hg * b.stiffness[i][k]);
+            }
+        }
+    }
+
+    /// The additions' derivatives with respect to a (through x and v) and z by differences; `rates` holds
+    /// their rates at the iterate, and has room for others.
+    fn lay_out_additions(
+        &mut self,
+        now: &Iterate,
+        stage: &Stage<3>,
+        state: &mut State<3>,
+        rates: &mut [Vec<f64>; 2],
+    ) {
+        let Iterate {
+            pose,
+            films,
+            situation,
+            action,
+        } = now;
+        let (nz, size_of, hg) = (self.states, 3 + self.states, stage.weight_s);
+        let base = self.force(pose, action);
+        for i in 0..nz {
+            self.right[3 + i] = stage.star.z[i] + hg * rates[0][i] - state.z[i];
+        }
+        for c in 0..size_of {
+            let (step, changed) = if c < 3 {
+                let step = 1e-6 / hg;
+                let mut e = [0.0; 3];
+                e[c] = step;
+                let dv = e.map(|e| hg * e);
+                let moved = self.moved(situation, pose, films, dv.map(|v| hg * v), dv);
+                (step, self.act(&moved, &state.z, &mut rates[1]))
+            } else {
+                let step = 1e-7 * self.z_scale(c - 3).max(state.z[c - 3].abs());
+                let kept = state.z[c - 3];
+                state.z[c - 3] = kept + step;
+                let changed = self.act(situation, &state.z, &mut rates[1]);
+                state.z[c - 3] = kept;
+                (step, changed)
+            };
+            let force = self.force(pose, &changed);
+            for i in 0..3 {
+                let slope = (force[i] - base[i]) / step;
+                if c < 3 {
+                    self.matrix[i * size_of + c] -= slope;
+                } else {
+                    self.matrix[i * size_of + c] = -slope;
+                }
+            }
+            for i in 0..nz {
+                let unit = if c == 3 + i { 1.0 } else { 0.0 };
+                let slope = (rates[1][i] - rates[0][i]) / step;
+                self.matrix[(3 + i) * size_of + c] = unit - hg * slope;
+            }
+        }
+    }
+
+    /// Takes the solution on to accelerations, additions and branches; its size over the tolerances.
+    fn correct(
+        &mut self,
+        pose: &Pose,
+        hg: f64,
+        state: &mut State<3>,
+        a: &mut Vec3,
+    ) -> Result<f64, Trouble<Error>> {
+        let n = self.packs;
+        let mut size = 0.0_f64;
+        let mut dx = [0.0; 3];
+        for i in 0..3 {
+            let d = self.right[i];
+            a[i] += d;
+            dx[i] = hg * hg * d;
+            size = size.max((dx[i] / self.scale.x).abs());
+            size = size.max((hg * d / self.scale.v).abs());
+        }
+        for i in 0..self.states {
+            let d = self.right[3 + i];
+            state.z[i] += d;
+            let unit = self.scale.w * self.z_scale(i).max(state.z[i].abs());
+            size = size.max((d / unit).abs());
+        }
+        for k in 0..3 {
+            let turn = dot(pose.chains[k].dtheta_dea_du, dx);
+            let increment = pose.angles[k].slope.map(|g| g * turn);
+            let own = k * n..(k + 1) * n;
+            let moved =
+                self.springs
+                    .follow(increment, &mut state.w[own.clone()], &self.elimination[own]);
+            if moved.is_nan() || moved > 0.5 {
+                return Err(Trouble::Diverged);
+            }
+            size = size.max(moved / self.scale.w);
+        }
+        Ok(size)
+    }
+
     fn locked(&self, k: usize, squared: [f64; 2], w: &[Pack], t_s: f64) -> Error {
         Error::Locked {
             chain: k + 1,
@@ -737,123 +941,40 @@ impl System<3> for Plant<'_> {
         let (t_s, hg) = (stage.t_s, stage.weight_s);
         let command = self.command(t_s, Side::Before).map_err(Trouble::Fatal)?;
         let payload = self.payload.mass_kg(t_s, Side::Before);
-        let nz = self.states;
-        let size_of = 3 + nz;
-        let n = self.packs;
-        let mut last_size = f64::INFINITY;
-        let mut done = false;
-        for iteration in 0..ITERATIONS {
+        let follow = |state: &mut State<3>, a: &Vec3| {
             for i in 0..3 {
                 state.v[i] = stage.star.v[i] + hg * a[i];
                 state.x[i] = stage.star.x[i] + hg * state.v[i];
             }
+        };
+        let mut last_size = f64::INFINITY;
+        let mut done = false;
+        for iteration in 0..ITERATIONS {
+            follow(state, a);
             let pose = self.pose(t_s, state.x).map_err(Trouble::Blocked)?;
-            let mut films = [Response::default(); 3];
-            let mut correction = 0.0_f64;
-            for k in 0..3 {
-                let own = k * n..(k + 1) * n;
-                let squared = pose.angles[k].lambda_squared;
-                films[k] = self.springs.implicit(
-                    squared,
-                    hg,
-                    &stage.star.w[own.clone()],
-                    &state.w[own.clone()],
-                    &mut self.elimination[own.clone()],
-                );
-                if films[k].least.is_nan() || films[k].least <= 0.0 {
-                    let locked = self.locked(k, squared, &state.w[own], t_s);
-                    return Err(Trouble::Blocked(locked));
-                }
-                correction = correction.max(films[k].correction);
-            }
+            let films = self.implicit(stage, &pose, state)?;
             let situation = self.situation(t_s, state.x, state.v, &pose, &films, command);
             let mut rates = std::mem::take(&mut self.rates);
             let action = self.act(&situation, &state.z, &mut rates[0]);
+            let now = Iterate {
+                pose,
+                films,
+                situation,
+                action,
+            };
             if done {
-                let powers = self.powers(&situation, &pose, &films, &action);
                 self.rates = rates;
-                return Ok(powers);
+                return Ok(self.powers(&now.situation, &now.pose, &now.films, &now.action));
             }
-            let b = self.balance(&pose, state.v, *a, payload, &films, &action);
-            let j =
-                |i: usize, k: usize| b.mass[i][k] + hg * (b.damping[i][k] + hg * b.stiffness[i][k]);
-            for i in 0..3 {
-                self.right[i] = -b.residual[i];
-                for k in 0..3 {
-                    self.matrix[i * size_of + k] = j(i, k);
-                }
-            }
+            self.lay_out_balance(&now, hg, state.v, *a, payload);
             if !self.additions.is_empty() {
-                // The additions' derivatives with respect to a (through x and v) and z by differences.
-                let base = self.force(&pose, &action);
-                for i in 0..nz {
-                    self.right[3 + i] = stage.star.z[i] + hg * rates[0][i] - state.z[i];
-                }
-                for c in 0..size_of {
-                    let (step, changed) = if c < 3 {
-                        let step = 1e-6 / hg;
-                        let mut e = [0.0; 3];
-                        e[c] = step;
-                        let dv = e.map(|e| hg * e);
-                        let moved = self.moved(&situation, &pose, &films, dv.map(|v| hg * v), dv);
-                        (step, self.act(&moved, &state.z, &mut rates[1]))
-                    } else {
-                        let step = 1e-7 * self.z_scale(c - 3).max(state.z[c - 3].abs());
-                        let kept = state.z[c - 3];
-                        state.z[c - 3] = kept + step;
-                        let changed = self.act(&situation, &state.z, &mut rates[1]);
-                        state.z[c - 3] = kept;
-                        (step, changed)
-                    };
-                    let force = self.force(&pose, &changed);
-                    for i in 0..3 {
-                        let slope = (force[i] - base[i]) / step;
-                        if c < 3 {
-                            self.matrix[i * size_of + c] -= slope;
-                        } else {
-                            self.matrix[i * size_of + c] = -slope;
-                        }
-                    }
-                    for i in 0..nz {
-                        let unit = if c == 3 + i { 1.0 } else { 0.0 };
-                        let slope = (rates[1][i] - rates[0][i]) / step;
-                        self.matrix[(3 + i) * size_of + c] = unit - hg * slope;
-                    }
-                }
+                self.lay_out_additions(&now, stage, state, &mut rates);
             }
             self.rates = rates;
             if !eliminate(&mut self.matrix, &mut self.right) {
                 return Err(Trouble::Diverged);
             }
-            let mut size = 0.0_f64;
-            let mut dx = [0.0; 3];
-            for i in 0..3 {
-                let d = self.right[i];
-                a[i] += d;
-                dx[i] = hg * hg * d;
-                size = size.max((dx[i] / self.scale.x).abs());
-                size = size.max((hg * d / self.scale.v).abs());
-            }
-            for i in 0..nz {
-                let d = self.right[3 + i];
-                state.z[i] += d;
-                let unit = self.scale.w * self.z_scale(i).max(state.z[i].abs());
-                size = size.max((d / unit).abs());
-            }
-            for k in 0..3 {
-                let turn = dot(pose.chains[k].dtheta_dea_du, dx);
-                let increment = pose.angles[k].slope.map(|g| g * turn);
-                let own = k * n..(k + 1) * n;
-                let moved = self.springs.follow(
-                    increment,
-                    &mut state.w[own.clone()],
-                    &self.elimination[own],
-                );
-                if moved.is_nan() || moved > 0.5 {
-                    return Err(Trouble::Diverged);
-                }
-                size = size.max(moved / self.scale.w);
-            }
+            let size = self.correct(&now.pose, hg, state, a)?;
             if iteration > 0 {
                 self.contraction = (size / last_size).clamp(1e-4, 0.9);
                 if size > 2.0 * last_size {
@@ -862,10 +983,7 @@ impl System<3> for Plant<'_> {
             }
             last_size = size;
             if size * self.contraction < stage.enough {
-                for i in 0..3 {
-                    state.v[i] = stage.star.v[i] + hg * a[i];
-                    state.x[i] = stage.star.x[i] + hg * state.v[i];
-                }
+                follow(state, a);
                 if !self.exact_power {
                     return Ok([0.0; QUADRATURES]);
                 }
@@ -1298,36 +1416,13 @@ pub fn motion_as_far(
     };
     let pose = plant.pose(t0, x)?;
     plant.orientation = rank(&pose.chains).0;
-    // A jump of phi^2 by d every h seconds lets the end effector ripple by d h^2 sqrt(3)/216 of its force a
-    // phi^2 over its mass.
-    let lever = (0..3).map(|k| {
-        let g = pose.chains[k].dtheta_dea_du;
-        0.5 * plant.actuators[k].capacitance * dot(g, g).sqrt()
-    });
-    let force_n_v2 = lever.fold(0.0, f64::max);
-    let ripple_m = RIPPLE * options.tolerance_m;
-    let limit = ripple_m * 216.0 / 3f64.sqrt() * robot.effector_kg / force_n_v2;
     let softened = match additions.is_empty() && !options.energy {
-        true => voltage.softened(limit),
+        true => voltage.softened(plant.largest_jump_v2_s2(&pose, options.tolerance_m)),
         false => None,
     };
     let driving: &dyn Voltage = softened.as_ref().map_or(voltage, |s| s);
     plant.voltage = driving;
-    let n = plant.packs;
-    let mut state = State {
-        x,
-        v,
-        w: vec![[[1.0; LANES]; 2]; 3 * n],
-        z: vec![0.0; plant.states],
-        y: Vec::new(),
-    };
-    for k in 0..3 {
-        let own = &mut state.w[k * n..(k + 1) * n];
-        match films {
-            InitialState::Relaxed => plant.springs.relaxed(pose.angles[k].lambda_squared, own),
-            InitialState::Virgin => plant.springs.virgin(own),
-        }
-    }
+    let mut state = plant.state(&pose, x, v, films);
     let films_now = plant.explicit(t0, &pose, &state.w)?;
     let situation = plant.situation(t0, x, v, &pose, &films_now, phi);
     plant.start(&situation, &mut state.z);
@@ -1345,18 +1440,7 @@ pub fn motion_as_far(
         z: state.z.clone(),
         y: Vec::new(),
     };
-    let mut out = Motion {
-        start_s: t0,
-        step_s: options.sample_step_s,
-        position_m: Vec::with_capacity(samples),
-        velocity_m_s: Vec::with_capacity(samples),
-        acceleration_m_s2: Vec::with_capacity(samples),
-        phi_v: Vec::with_capacity(samples),
-        payload_kg: Vec::with_capacity(samples),
-        initial: films,
-        energy: Energy::default(),
-        effort: Effort::default(),
-    };
+    let mut out = Motion::with_room(options, samples, films);
     let end = t0 + (samples - 1) as f64 * options.sample_step_s;
     let mut integrator = Integrator::start(&mut plant, t0, state, control)?;
     for i in 0..samples {
@@ -1393,17 +1477,6 @@ pub fn motion_as_far(
     }
     out.effort = integrator.effort;
     let after = stored(&mut plant, end, integrator.state(), Side::Before)?;
-    let rise = [0, 1, 2, 3, 4].map(|i| after[i] - before[i]);
-    let [maxwell, heat, added] = integrator.quadratures;
-    let e = &mut out.energy;
-    e.maxwell_j = maxwell;
-    e.electrical_j = rise[0] + maxwell;
-    e.electrostatic_j = rise[0];
-    e.elastic_j = rise[1];
-    e.forearm_j = rise[2];
-    e.gravity_j = rise[3];
-    e.kinetic_j = rise[4];
-    e.heat_j = heat;
-    e.additions_j = added;
+    out.energy.close(before, after, integrator.quadratures);
     Ok((out, None))
 }

@@ -53,19 +53,13 @@ const MOTIONS: [&str; 10] = [
 /// Longest step of the integration, as a share of a period.
 const STEP: f64 = 2.5e-4;
 
-/// Makes the recordings of a case on a bench.
-pub fn make(
-    seed: u64,
-    strength: f64,
-    cause: Option<(Maker, Needs)>,
-    stride: usize,
-) -> Result<Made, String> {
-    let mut dice = Dice::new(seed, 1);
+/// Draws a hinge and how it is led.
+fn hinge(dice: &mut Dice) -> Axis {
     let torque = dice.log_range(3e-3, 1.0);
     let stroke = dice.range(12.0, 29.0).to_radians();
     let base_hz = dice.log_range(0.03, 0.25);
     let rate = [10.0, 20.0, 50.0][dice.below(3)];
-    let a = Axis {
+    Axis {
         mass: 0.0,
         damping: 0.0,
         // no curve of a flexure has a corner: what is cubic and quadratic bends it little
@@ -84,10 +78,21 @@ pub fn make(
         duration_s: (dice.range(4.0, 12.0) / base_hz).min(4000.0 / rate),
         step_s: 1.0 / rate,
         zero: 0.0,
-    };
+    }
+}
+
+/// Makes the recordings of a case on a bench.
+pub fn make(
+    seed: u64,
+    strength: f64,
+    cause: Option<(Maker, Needs)>,
+    stride: usize,
+) -> Result<Made, String> {
+    let mut dice = Dice::new(seed, 1);
+    let a = hinge(&mut dice);
     let timed = dice.chance(0.7) || cause.is_some_and(|c| c.1 == Needs::Clock);
     let one_sided = dice.chance(0.3);
-    let sub = (a.step_s * base_hz / STEP).ceil();
+    let sub = (a.step_s * a.base_hz / STEP).ceil();
     let fine = 0.5 * a.step_s / sub;
     let paths = motions(seed, &mut dice, &MOTIONS, &a, one_sided, fine);
     let setting = setting(&a, &paths);
@@ -101,7 +106,7 @@ pub fn make(
     let sd = setting.force * channel.log_range(1.5e-3, 1.2e-2);
     let noise_torque = Noise::draw(&mut channel, sd);
     // an encoder is far finer than the torque cell
-    let noise_angle = Noise::draw(&mut channel, 0.1 * sd / setting.force * stroke);
+    let noise_angle = Noise::draw(&mut channel, 0.1 * sd / setting.force * a.stroke);
     let (mut recordings, mut balances) = (Vec::new(), Vec::new());
     for (number, (kind, p, cut_s)) in paths.iter().enumerate() {
         let course = simulate(&a, p, mechanism.as_ref(), stride);
@@ -131,7 +136,7 @@ pub fn make(
         }
         // a polynomial stands for any smooth curve
         let columns = (0..10)
-            .map(|n| x.iter().map(|x| (x / stroke).powi(n)).collect())
+            .map(|n| x.iter().map(|x| (x / a.stroke).powi(n)).collect())
             .collect();
         balances.push(Balance {
             columns,

@@ -310,14 +310,12 @@ fn pulled(
     out
 }
 
-/// Makes the recordings of a case on coupons of one film.
-pub fn make(seed: u64, strength: f64, cause: Option<Maker>, stride: usize) -> Result<Made, String> {
-    let mut dice = Dice::new(seed, 1);
+/// Draws a film, and the course on which it is pulled.
+fn film_on(dice: &mut Dice) -> (Film, Axis) {
     let stroke = dice.log_range(0.25, 2.2);
     let base_hz = dice.log_range(0.01, 0.15);
     let duration_s = dice.range(4.0, 9.0) / base_hz;
     let rows = dice.range(500.0, 1800.0);
-    let step_s = duration_s / rows;
     let equilibrium = dice.log_range(2e4, 4e5);
     let branches = 1 + dice.below(3);
     let (fastest, slowest) = (0.04 / base_hz, 0.25 * duration_s);
@@ -338,7 +336,7 @@ pub fn make(seed: u64, strength: f64, cause: Option<Maker>, stride: usize) -> Re
         // what Yeoh's series leaves out of Gent's is then below a ten-thousandth
         yeoh: reached / locking < 0.045,
     };
-    let a = Axis {
+    let course = Axis {
         mass: 0.0,
         damping: 0.0,
         spring: Spring::Linear(0.0),
@@ -349,12 +347,19 @@ pub fn make(seed: u64, strength: f64, cause: Option<Maker>, stride: usize) -> Re
         stroke,
         base_hz,
         duration_s,
-        step_s,
+        step_s: duration_s / rows,
         zero: 0.0,
     };
+    (film, course)
+}
+
+/// Makes the recordings of a case on coupons of one film.
+pub fn make(seed: u64, strength: f64, cause: Option<Maker>, stride: usize) -> Result<Made, String> {
+    let mut dice = Dice::new(seed, 1);
+    let (film, a) = film_on(&mut dice);
     let longest = film.time_s[0] / 12.0;
-    let sub = (step_s / longest.min(2e-3 / base_hz)).ceil();
-    let fine = 0.5 * step_s / sub;
+    let sub = (a.step_s / longest.min(2e-3 / a.base_hz)).ceil();
+    let fine = 0.5 * a.step_s / sub;
     let paths = motions(seed, &mut dice, &MOTIONS, &a, true, fine);
     let plain: Vec<Vec<f64>> = paths
         .iter()
@@ -369,39 +374,37 @@ pub fn make(seed: u64, strength: f64, cause: Option<Maker>, stride: usize) -> Re
             spring: a.spring,
             mass: 0.0,
             bias: 0.0,
-            stroke,
-            ends: [0.0, stroke],
-            speed: stroke * speeds.fold(0.0, |m, v| f64::max(m, v.abs())),
+            stroke: a.stroke,
+            ends: [0.0, a.stroke],
+            speed: a.stroke * speeds.fold(0.0, |m, v| f64::max(m, v.abs())),
             force: top,
-            duration_s,
-            base_hz,
-            step_s,
+            duration_s: a.duration_s,
+            base_hz: a.base_hz,
+            step_s: a.step_s,
         },
     };
     let mechanism = cause.map(|c| c(&mut draw));
     let mut channel = Dice::new(seed, 2);
     let sd = top * channel.log_range(1.5e-3, 1e-2);
     let noise_stress = Noise::draw(&mut channel, sd);
-    let noise_stretch = Noise::draw(&mut channel, 2e-5 * stroke);
+    let noise_stretch = Noise::draw(&mut channel, 2e-5 * a.stroke);
+    let cell = mechanism.as_ref().and_then(|m| m.cell.as_ref());
     let (mut recordings, mut balances) = (Vec::new(), Vec::new());
     for (number, (kind, p, _)) in paths.iter().enumerate() {
         let stress = pulled(&film, &a, p, mechanism.as_ref(), stride);
         let h = 2.0 * stride as f64 * p.step_s;
-        let count = (h * (stress.len() - 1) as f64 / step_s) as usize;
-        let time: Vec<f64> = (0..count).map(|i| i as f64 * step_s).collect();
+        let count = (h * (stress.len() - 1) as f64 / a.step_s) as usize;
+        let time: Vec<f64> = (0..count).map(|i| i as f64 * a.step_s).collect();
         let at =
             |values: &[f64]| -> Vec<f64> { time.iter().map(|t| between(values, h, *t)).collect() };
-        let course: Vec<f64> =
-            p.x.iter()
-                .step_by(2 * stride)
-                .map(|x| 1.0 + stroke * x)
-                .collect();
+        let course = p.x.iter().step_by(2 * stride);
+        let course: Vec<f64> = course.map(|x| 1.0 + a.stroke * x).collect();
         let (x, mut u) = (at(&course), at(&stress));
         let mut own = Dice::new(seed, 100 + number as u64);
         let read_x = noise_stretch.read(&x, &mut own);
         let mut read_u = noise_stress.read(&u, &mut own);
         let noise = read_u.iter().zip(&u).map(|(r, u)| r - u).collect();
-        if let Some(fault) = mechanism.as_ref().and_then(|m| m.cell.as_ref()) {
+        if let Some(fault) = cell {
             fault(&mut u);
             fault(&mut read_u);
         }

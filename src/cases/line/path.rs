@@ -132,121 +132,154 @@ fn mean(values: &[f64], h: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Draws a motion and works it out every `step_s`.
-pub fn path(plan: &Plan, dice: &mut Dice, step_s: f64) -> Path {
+/// A course in time.
+type Course = Box<dyn Fn(f64) -> f64>;
+
+/// One wave after the other, as drawn.
+fn in_waves(list: Vec<(f64, f64, f64)>, wave: fn(f64) -> f64) -> Course {
+    Box::new(move |t| waves(&list, wave, t))
+}
+
+/// Triangles at four rates, all as large or not.
+fn triangles(f: f64, total: f64, dice: &mut Dice) -> Course {
+    let order = [0.3, 1.0, 2.0, 0.6].map(|r| r * f);
+    let equal = dice.chance(0.5);
+    let amplitude = [1.0, 1.0, 0.6, 0.8].map(|a| if equal { 1.0 } else { a });
+    let list = fill(total, |i| (order[i % 4], amplitude[i % 4], 2.0));
+    in_waves(list, triangle)
+}
+
+/// Sines of other amplitude and frequency every three periods.
+fn sines(f: f64, total: f64, dice: &Dice) -> Course {
+    let mut own = dice.clone();
+    let list = fill(total, |i| {
+        let amplitude = if i == 0 { 1.0 } else { own.range(0.3, 1.0) };
+        (f * own.log_range(0.4, 2.5), amplitude, 3.0)
+    });
+    in_waves(list, sine)
+}
+
+/// Five to twelve sines at once.
+fn multisine(f: f64, dice: &mut Dice) -> Course {
+    let count = 5 + dice.below(8);
+    let lines: Vec<[f64; 3]> = (0..count)
+        .map(|i| {
+            let hz = f * 0.15 * 20f64.powf((i as f64 + dice.unit()) / count as f64);
+            [hz, dice.range(0.0, 1.0), (hz / f).max(0.3).powf(-0.8)]
+        })
+        .collect();
+    Box::new(move |t| lines.iter().map(|l| l[2] * sine(l[0] * t + l[1])).sum())
+}
+
+/// A sine that gets faster or slower.
+fn chirp(f: f64, total: f64, dice: &mut Dice) -> Course {
+    let (low, high) = (0.2 * f, f * dice.range(2.0, 3.5));
+    let falling = dice.chance(0.3);
+    let rate = (high / low).ln() / total;
+    Box::new(move |t| {
+        let s = if falling { total - t } else { t };
+        sine(low * ((rate * s).exp() - 1.0) / rate)
+    })
+}
+
+/// Levels and holds as they come.
+fn steps(f: f64, total: f64, dice: &Dice) -> Course {
+    let mut own = dice.clone();
+    let list = levels(total, |i| {
+        let level = if i == 1 { 1.0 } else { own.range(-1.0, 1.0) };
+        let level = if i == 0 { 0.0 } else { level };
+        (own.range(0.6, 1.6) / f, level)
+    });
+    Box::new(move |t| held(&list, t))
+}
+
+/// Even steps up, down, below and back.
+fn staircase(f: f64, total: f64, dice: &mut Dice) -> Course {
+    let count = 4 + dice.below(4);
+    let hold = (0.5 / f).max(total / (4.2 * count as f64 * 3.0));
+    let list = levels(total, |i| {
+        // up, down, below, back
+        let p = triangle(i as f64 / (4 * count) as f64);
+        (hold, p)
+    });
+    Box::new(move |t| held(&list, t))
+}
+
+/// From place to place with minimum jerk, a dwell after each.
+fn reaching(f: f64, total: f64, dice: &Dice) -> Course {
+    let mut own = dice.clone();
+    let (mut moves, mut now, mut at) = (Vec::new(), 0.0, 0.0);
+    while now < total {
+        let to = if moves.is_empty() {
+            1.0
+        } else {
+            own.range(-1.0, 1.0)
+        };
+        let length = own.log_range(0.25, 1.2) / f;
+        moves.push((now, length, at, to));
+        now += length + own.range(0.0, 0.5) / f;
+        at = to;
+    }
+    Box::new(move |t| {
+        let of = moves.iter().rev().find(|m| m.0 <= t);
+        of.map_or(0.0, |m| m.2 + (m.3 - m.2) * minimum_jerk((t - m.0) / m.1))
+    })
+}
+
+/// Waves that grow from small to large.
+fn growing(f: f64, total: f64, dice: &mut Dice) -> Course {
+    let wave = if dice.chance(0.5) { sine } else { triangle };
+    let each = 1.0 + dice.below(3) as f64;
+    let count = (total * f / each).floor().clamp(2.0, 8.0);
+    let list = fill(total, |i| {
+        let share = ((i as f64 + 1.0) / count).min(1.0);
+        (f, share, each)
+    });
+    in_waves(list, wave)
+}
+
+/// Draws the course of a motion over `total` seconds, and the share of a period over which a corner is
+/// rounded.
+fn course(plan: &Plan, total: f64, dice: &mut Dice) -> (Course, f64) {
     let f = plan.base_hz;
-    let total = plan.duration_s - 2.0 * plan.rest_s;
-    // share of a period over which a corner is rounded
     let mut round = dice.log_range(0.03, 0.1);
-    let course: Box<dyn Fn(f64) -> f64> = match plan.kind {
-        "slow_triangle" => {
-            let list = fill(total, |_| (0.6 * f, 1.0, 1.0));
-            Box::new(move |t| waves(&list, triangle, t))
-        }
-        "triangles" => {
-            let order = [0.3, 1.0, 2.0, 0.6].map(|r| r * f);
-            let equal = dice.chance(0.5);
-            let amplitude = [1.0, 1.0, 0.6, 0.8].map(|a| if equal { 1.0 } else { a });
-            let list = fill(total, |i| (order[i % 4], amplitude[i % 4], 2.0));
-            Box::new(move |t| waves(&list, triangle, t))
-        }
-        "sine" => {
-            let list = fill(total, |_| (f, 1.0, 1.0));
-            Box::new(move |t| waves(&list, sine, t))
-        }
-        "sines" => {
-            let mut own = dice.clone();
-            let list = fill(total, |i| {
-                let amplitude = if i == 0 { 1.0 } else { own.range(0.3, 1.0) };
-                (f * own.log_range(0.4, 2.5), amplitude, 3.0)
-            });
-            Box::new(move |t| waves(&list, sine, t))
-        }
-        "multisine" => {
-            let count = 5 + dice.below(8);
-            let lines: Vec<[f64; 3]> = (0..count)
-                .map(|i| {
-                    let hz = f * 0.15 * 20f64.powf((i as f64 + dice.unit()) / count as f64);
-                    [hz, dice.range(0.0, 1.0), (hz / f).max(0.3).powf(-0.8)]
-                })
-                .collect();
-            Box::new(move |t| lines.iter().map(|l| l[2] * sine(l[0] * t + l[1])).sum())
-        }
-        "chirp" => {
-            let (low, high) = (0.2 * f, f * dice.range(2.0, 3.5));
-            let falling = dice.chance(0.3);
-            let rate = (high / low).ln() / total;
-            Box::new(move |t| {
-                let s = if falling { total - t } else { t };
-                sine(low * ((rate * s).exp() - 1.0) / rate)
-            })
-        }
+    let course = match plan.kind {
+        "slow_triangle" => in_waves(fill(total, |_| (0.6 * f, 1.0, 1.0)), triangle),
+        "triangles" => triangles(f, total, dice),
+        "sine" => in_waves(fill(total, |_| (f, 1.0, 1.0)), sine),
+        "sines" => sines(f, total, dice),
+        "multisine" => multisine(f, dice),
+        "chirp" => chirp(f, total, dice),
         "steps" => {
             round = dice.log_range(0.08, 0.3);
-            let mut own = dice.clone();
-            let list = levels(total, |i| {
-                let level = if i == 1 { 1.0 } else { own.range(-1.0, 1.0) };
-                let level = if i == 0 { 0.0 } else { level };
-                (own.range(0.6, 1.6) / f, level)
-            });
-            Box::new(move |t| held(&list, t))
+            steps(f, total, dice)
         }
         "staircase" => {
             round = dice.log_range(0.08, 0.3);
-            let count = 4 + dice.below(4);
-            let hold = (0.5 / f).max(total / (4.2 * count as f64 * 3.0));
-            let list = levels(total, |i| {
-                // up, down, below, back
-                let p = triangle(i as f64 / (4 * count) as f64);
-                (hold, p)
-            });
-            Box::new(move |t| held(&list, t))
+            staircase(f, total, dice)
         }
-        "reaching" => {
-            let mut own = dice.clone();
-            let (mut moves, mut now, mut at) = (Vec::new(), 0.0, 0.0);
-            while now < total {
-                let to = if moves.is_empty() {
-                    1.0
-                } else {
-                    own.range(-1.0, 1.0)
-                };
-                let length = own.log_range(0.25, 1.2) / f;
-                moves.push((now, length, at, to));
-                now += length + own.range(0.0, 0.5) / f;
-                at = to;
-            }
-            Box::new(move |t| {
-                let of = moves.iter().rev().find(|m| m.0 <= t);
-                of.map_or(0.0, |m| m.2 + (m.3 - m.2) * minimum_jerk((t - m.0) / m.1))
-            })
-        }
-        "growing" => {
-            let wave = if dice.chance(0.5) { sine } else { triangle };
-            let each = 1.0 + dice.below(3) as f64;
-            let count = (total * f / each).floor().clamp(2.0, 8.0);
-            let list = fill(total, |i| {
-                let share = ((i as f64 + 1.0) / count).min(1.0);
-                (f, share, each)
-            });
-            Box::new(move |t| waves(&list, wave, t))
-        }
+        "reaching" => reaching(f, total, dice),
+        "growing" => growing(f, total, dice),
         "loops" => {
             // a move, a dwell, a move back; each loop larger, then each again
             let order = [0.4, 0.7, 1.0, 0.7, 1.0];
             let list = fill(total, |i| (0.5 * f, order[i % 5], 1.0));
-            let flat = |p: f64| (1.6 * triangle(p)).clamp(-1.0, 1.0);
-            Box::new(move |t| waves(&list, flat, t))
+            in_waves(list, |p| (1.6 * triangle(p)).clamp(-1.0, 1.0))
         }
         _ => {
             round = dice.log_range(0.08, 0.25);
             let list = fill(total, |_| (0.5 * f, 1.0, 1.0));
-            let square = |p: f64| {
-                if p.rem_euclid(1.0) < 0.5 { 1.0 } else { -1.0 }
-            };
-            Box::new(move |t| waves(&list, square, t))
+            in_waves(list, |p| if p.rem_euclid(1.0) < 0.5 { 1.0 } else { -1.0 })
         }
     };
+    (course, round)
+}
+
+/// Draws a motion and works it out every `step_s`.
+pub fn path(plan: &Plan, dice: &mut Dice, step_s: f64) -> Path {
+    let f = plan.base_hz;
+    let total = plan.duration_s - 2.0 * plan.rest_s;
+    let (course, round) = course(plan, total, dice);
     // at rest before and after: faded in and out over a while
     let n = (plan.duration_s / step_s).ceil() as usize + 1;
     let fade = 0.5 / f;

@@ -110,110 +110,142 @@ fn raw(label: &str, symbol: &str, values: Vec<f64>) -> RawColumn {
     }
 }
 
+/// What one kind of recording makes of its columns: manifest, table, and what is read back of it.
+struct Written {
+    toml: String,
+    table: String,
+    axis: Option<RawAxis>,
+    bench: Option<RawBench>,
+    coupon: Option<RawCoupon>,
+}
+
+impl Written {
+    /// Nothing read back yet.
+    fn new(toml: String, table: String) -> Self {
+        Written {
+            toml,
+            table,
+            axis: None,
+            bench: None,
+            coupon: None,
+        }
+    }
+}
+
+/// An axis: time, position, input.
+fn written_axis(id: &str, text: &AxisText, [time_s, position_m, input]: [&[f64]; 3]) -> Written {
+    let estimate = |v: Option<f64>| v.map_or("\"estimate\"".to_owned(), |v| format!("{v:?}"));
+    let symbol = if text.force_cell { "N" } else { "V" };
+    let label = format!("u_{symbol}");
+    let toml = format!(
+        "[recording]\nid = \"{id}\"\nkind = \"axis\"\n\n[axis]\nfile = \"run.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"{label}\"\nunits = {{ time = \"s\", position = \"m\", input = \"{symbol}\" }}\ninput_gain = {}\nmass_kg = {}\ndamping = {}\nstiffness = {}\n",
+        estimate(text.gain),
+        estimate(text.mass),
+        estimate(text.damping),
+        estimate(text.stiffness),
+    );
+    let (table, mut read) = csv(&format!("t_s,x_m,{label}"), &[time_s, position_m, input]);
+    let (u, x, t) = (
+        read.pop().unwrap_or_default(),
+        read.pop().unwrap_or_default(),
+        read.pop().unwrap_or_default(),
+    );
+    Written {
+        axis: Some(RawAxis {
+            time_s: t,
+            input_time_s: None,
+            coordinate: RawCoordinate::Position(raw("x_m", "m", x)),
+            input: raw(&label, symbol, u),
+            input_unit: symbol.into(),
+            load: None,
+        }),
+        ..Written::new(toml, table)
+    }
+}
+
+/// A bench, with or without a time.
+fn written_bench(id: &str, time_s: Option<&[f64]>, angle: &[f64], torque: &[f64]) -> Written {
+    let (clock, time_unit) = match time_s {
+        Some(_) => ("time = \"t_s\"\n", "time = \"s\", "),
+        None => ("", ""),
+    };
+    let toml = format!(
+        "[recording]\nid = \"{id}\"\nkind = \"hinge-bench\"\n\n[bench]\nfile = \"run.csv\"\n{clock}angle = \"angle_rad\"\ntorque = \"torque_Nm\"\nunits = {{ {time_unit}angle = \"rad\", torque = \"N m\" }}\n"
+    );
+    let mut list: Vec<&[f64]> = vec![angle, torque];
+    let mut header = "angle_rad,torque_Nm".to_owned();
+    if let Some(t) = time_s {
+        list.insert(0, t);
+        header.insert_str(0, "t_s,");
+    }
+    let (table, mut read) = csv(&header, &list);
+    let torque = read.pop().unwrap_or_default();
+    let angle = read.pop().unwrap_or_default();
+    Written {
+        bench: Some(RawBench {
+            time_s: read.pop(),
+            angle: raw("angle_rad", "rad", angle),
+            torque: raw("torque_Nm", "N m", torque),
+        }),
+        ..Written::new(toml, table)
+    }
+}
+
+/// A coupon: time, stretch, stress.
+fn written_coupon(id: &str, columns: [&[f64]; 3]) -> Written {
+    let toml = format!(
+        "[recording]\nid = \"{id}\"\nkind = \"film-coupon\"\nfilm_state = \"virgin\"\n\n[coupon]\nfile = \"run.csv\"\nmode = \"uniaxial\"\ntime = \"t_s\"\nstretch = \"stretch\"\nnominal_stress = \"stress_Pa\"\nunits = {{ time = \"s\", stretch = \"1\", nominal_stress = \"Pa\" }}\n"
+    );
+    let (table, mut read) = csv("t_s,stretch,stress_Pa", &columns);
+    let stress = read.pop().unwrap_or_default();
+    let stretch = read.pop().unwrap_or_default();
+    Written {
+        coupon: Some(RawCoupon {
+            mode: CouponMode::Uniaxial,
+            time_s: read.pop(),
+            time_steps_back: Vec::new(),
+            elongation: RawElongation::Stretch(raw("stretch", "1", stretch)),
+            load: RawLoad::NominalStress(raw("stress_Pa", "Pa", stress)),
+        }),
+        ..Written::new(toml, table)
+    }
+}
+
 /// The files of a recording: `recording.toml` and `run.csv`; and the recording that opening them gives.
 ///
 /// # Errors
 /// A manifest that does not read back.
 pub fn write(id: &str, text: &Text, columns: &Columns) -> Result<(Files, Recording), String> {
-    let mut toml = String::new();
-    let estimate = |v: Option<f64>| v.map_or("\"estimate\"".to_owned(), |v| format!("{v:?}"));
-    let table;
-    let (mut raw_axis, mut raw_bench, mut raw_coupon) = (None, None, None);
-    match columns {
-        Columns::Axis {
-            time_s,
-            position_m,
-            input,
-        } => {
-            let Text::Axis(text) = text else {
-                return Err("an axis without constants".into());
-            };
-            let symbol = if text.force_cell { "N" } else { "V" };
-            let label = format!("u_{symbol}");
-            let _ = write!(
-                toml,
-                "[recording]\nid = \"{id}\"\nkind = \"axis\"\n\n[axis]\nfile = \"run.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"{label}\"\nunits = {{ time = \"s\", position = \"m\", input = \"{symbol}\" }}\ninput_gain = {}\nmass_kg = {}\ndamping = {}\nstiffness = {}\n",
-                estimate(text.gain),
-                estimate(text.mass),
-                estimate(text.damping),
-                estimate(text.stiffness),
-            );
-            let (words, mut read) = csv(&format!("t_s,x_m,{label}"), &[time_s, position_m, input]);
-            table = words;
-            let (u, x, t) = (
-                read.pop().unwrap_or_default(),
-                read.pop().unwrap_or_default(),
-                read.pop().unwrap_or_default(),
-            );
-            raw_axis = Some(RawAxis {
-                time_s: t,
-                input_time_s: None,
-                coordinate: RawCoordinate::Position(raw("x_m", "m", x)),
-                input: raw(&label, symbol, u),
-                input_unit: symbol.into(),
-                load: None,
-            });
-        }
-        Columns::Bench {
-            time_s,
-            angle_rad,
-            torque_n_m,
-        } => {
-            let clock = if time_s.is_some() {
-                "time = \"t_s\"\n"
-            } else {
-                ""
-            };
-            let time_unit = if time_s.is_some() {
-                "time = \"s\", "
-            } else {
-                ""
-            };
-            let _ = write!(
-                toml,
-                "[recording]\nid = \"{id}\"\nkind = \"hinge-bench\"\n\n[bench]\nfile = \"run.csv\"\n{clock}angle = \"angle_rad\"\ntorque = \"torque_Nm\"\nunits = {{ {time_unit}angle = \"rad\", torque = \"N m\" }}\n"
-            );
-            let mut list: Vec<&[f64]> = vec![angle_rad, torque_n_m];
-            let mut header = "angle_rad,torque_Nm".to_owned();
-            if let Some(t) = time_s {
-                list.insert(0, t);
-                header.insert_str(0, "t_s,");
-            }
-            let (words, mut read) = csv(&header, &list);
-            table = words;
-            let torque = read.pop().unwrap_or_default();
-            let angle = read.pop().unwrap_or_default();
-            raw_bench = Some(RawBench {
-                time_s: read.pop(),
-                angle: raw("angle_rad", "rad", angle),
-                torque: raw("torque_Nm", "N m", torque),
-            });
-        }
-        Columns::Coupon {
-            time_s,
-            stretch,
-            stress_pa,
-        } => {
-            let _ = write!(
-                toml,
-                "[recording]\nid = \"{id}\"\nkind = \"film-coupon\"\nfilm_state = \"virgin\"\n\n[coupon]\nfile = \"run.csv\"\nmode = \"uniaxial\"\ntime = \"t_s\"\nstretch = \"stretch\"\nnominal_stress = \"stress_Pa\"\nunits = {{ time = \"s\", stretch = \"1\", nominal_stress = \"Pa\" }}\n"
-            );
-            let (words, mut read) = csv("t_s,stretch,stress_Pa", &[time_s, stretch, stress_pa]);
-            table = words;
-            let stress = read.pop().unwrap_or_default();
-            let stretch = read.pop().unwrap_or_default();
-            raw_coupon = Some(RawCoupon {
-                mode: CouponMode::Uniaxial,
-                time_s: read.pop(),
-                time_steps_back: Vec::new(),
-                elongation: RawElongation::Stretch(raw("stretch", "1", stretch)),
-                load: RawLoad::NominalStress(raw("stress_Pa", "Pa", stress)),
-            });
-        }
-    }
+    let written = match (columns, text) {
+        (
+            Columns::Axis {
+                time_s,
+                position_m,
+                input,
+            },
+            Text::Axis(text),
+        ) => written_axis(id, text, [time_s, position_m, input]),
+        (Columns::Axis { .. }, _) => return Err("an axis without constants".into()),
+        (
+            Columns::Bench {
+                time_s,
+                angle_rad,
+                torque_n_m,
+            },
+            _,
+        ) => written_bench(id, time_s.as_deref(), angle_rad, torque_n_m),
+        (
+            Columns::Coupon {
+                time_s,
+                stretch,
+                stress_pa,
+            },
+            _,
+        ) => written_coupon(id, [time_s, stretch, stress_pa]),
+    };
     let path = Path::new("recording.toml");
     let recording = Recording {
-        manifest: Manifest::parse(path, &toml).map_err(|e| e.to_string())?,
+        manifest: Manifest::parse(path, &written.toml).map_err(|e| e.to_string())?,
         rig: None,
         rig_path: None,
         path: path.into(),
@@ -221,15 +253,15 @@ pub fn write(id: &str, text: &Text, columns: &Columns) -> Result<(Files, Recordi
         motion: None,
         voltage: None,
         monitor: None,
-        coupon: raw_coupon,
-        bench: raw_bench,
-        axis: raw_axis,
+        coupon: written.coupon,
+        bench: written.bench,
+        axis: written.axis,
         sources: Vec::new(),
         notes: Vec::new(),
     };
     let files = [
-        ("recording.toml", toml.into_bytes()),
-        ("run.csv", table.into_bytes()),
+        ("recording.toml", written.toml.into_bytes()),
+        ("run.csv", written.table.into_bytes()),
     ];
     Ok((files, recording))
 }

@@ -28,61 +28,43 @@ const DAMPING: f64 = 0.05;
 const WAVE_HZ: f64 = 8.0;
 const PEAKS: usize = 3;
 
-/// The groups of a robot's recordings, of which a film without terms leaves `residual`.
-pub(in crate::diagnosis) fn of_robot(robot: &RobotResidual, residual: &DVector<f64>) -> Vec<Group> {
-    let ranges = Ranges::of(robot);
-    let mut out = Vec::new();
-    let together = |out: &mut Vec<Group>, place: Place, smooth: bool, forms: Vec<Form>| {
-        out.push(Group {
-            place,
-            forms,
-            smooth,
-        });
-    };
-    let one = |out: &mut Vec<Group>, place: Place, smooth: bool, form: Form| {
-        together(out, place, smooth, vec![form]);
-    };
-    let lag = |of: Variable, by: Option<Variable>| Form::Lag {
+/// A group of one form.
+fn group(place: Place, smooth: bool, form: Form) -> Group {
+    together(place, smooth, vec![form])
+}
+
+/// A group of several forms.
+fn together(place: Place, smooth: bool, forms: Vec<Form>) -> Group {
+    Group {
+        place,
+        forms,
+        smooth,
+    }
+}
+
+/// What lags behind a variable, at all times.
+fn lag(of: Variable, by: Option<Variable>) -> Form {
+    Form::Lag {
         of,
         times_s: TIMES_S.to_vec(),
         by,
-    };
-    use Variable as V;
-    together(
-        &mut out,
-        Place::Film,
-        false,
-        vec![
-            lag(V::SquaredVoltage, Some(V::Voltage)),
-            lag(V::SquaredVoltage, Some(V::SquaredVoltage)),
-        ],
-    );
-    let knots = |of: Variable, count: usize| ranges.knots(of, count);
-    let spline = |of: Variable, count: usize, by: Option<Variable>| Form::Spline {
-        of,
-        knots: knots(of, count),
-        by,
-    };
-    for count in [KNOTS, FINE] {
-        one(
-            &mut out,
-            Place::Bicep,
-            true,
-            spline(V::BicepAngle, count, None),
-        );
     }
-    one(
-        &mut out,
-        Place::Bicep,
-        true,
-        spline(V::BicepRate, KNOTS + 1, None),
-    );
-    one(
-        &mut out,
-        Place::Bicep,
-        true,
-        spline(V::BicepAngle, KNOTS, Some(V::BicepRate)),
-    );
+}
+
+/// The groups of a robot's recordings, of which a film without terms leaves `residual`.
+pub(in crate::diagnosis) fn of_robot(robot: &RobotResidual, residual: &DVector<f64>) -> Vec<Group> {
+    let ranges = Ranges::of(robot);
+    let mut out = of_joints(&ranges);
+    out.extend(of_voltage(&ranges));
+    out.extend(of_force(&ranges));
+    out.extend(of_waves(robot, residual));
+    out
+}
+
+/// What film and joints do beside their model.
+fn of_joints(ranges: &Ranges) -> Vec<Group> {
+    use Variable as V;
+    let spline = |of: Variable, count: usize, by: Option<Variable>| ranges.spline(of, count, by);
     let grips = |of: Variable| {
         let (low, high) = ranges.span(of);
         Form::Presliding {
@@ -90,95 +72,82 @@ pub(in crate::diagnosis) fn of_robot(robot: &RobotResidual, residual: &DVector<f
             ranges: GRIPS.map(|g| g * (high - low)).to_vec(),
         }
     };
-    one(&mut out, Place::Bicep, false, grips(V::BicepAngle));
-    one(&mut out, Place::Bicep, false, lag(V::BicepAngle, None));
-    one(&mut out, Place::Film, false, grips(V::LozengeAngle));
-    one(
-        &mut out,
-        Place::Film,
-        true,
-        spline(V::LargestStretch, KNOTS, None),
-    );
-    one(
-        &mut out,
-        Place::Electrical,
-        true,
-        spline(V::Voltage, KNOTS, Some(V::Voltage)),
-    );
-    one(
-        &mut out,
-        Place::Electrical,
-        true,
-        spline(V::VoltageRate, KNOTS + 1, Some(V::Voltage)),
-    );
-    one(
-        &mut out,
-        Place::Electrical,
-        false,
-        lag(V::Voltage, Some(V::Voltage)),
-    );
-    one(&mut out, Place::Electrical, false, Form::Neighbours);
-    one(
-        &mut out,
-        Place::Capacitance,
-        true,
-        spline(V::AreaStretch, KNOTS, None),
-    );
-    one(
-        &mut out,
-        Place::Capacitance,
-        true,
-        spline(V::SeriesTime, KNOTS, None),
-    );
-    one(
-        &mut out,
-        Place::Series,
-        true,
-        spline(V::SeriesTime, KNOTS, None),
-    );
+    let slow = [V::Voltage, V::SquaredVoltage].map(|by| lag(V::SquaredVoltage, Some(by)));
+    let (angle, rate) = (V::BicepAngle, V::BicepRate);
+    vec![
+        together(Place::Film, false, slow.to_vec()),
+        group(Place::Bicep, true, spline(angle, KNOTS, None)),
+        group(Place::Bicep, true, spline(angle, FINE, None)),
+        group(Place::Bicep, true, spline(rate, KNOTS + 1, None)),
+        group(Place::Bicep, true, spline(angle, KNOTS, Some(rate))),
+        group(Place::Bicep, false, grips(angle)),
+        group(Place::Bicep, false, lag(angle, None)),
+        group(Place::Film, false, grips(V::LozengeAngle)),
+        group(Place::Film, true, spline(V::LargestStretch, KNOTS, None)),
+    ]
+}
+
+/// What the electrical chain and the capacitance do beside their model, and what drifts.
+fn of_voltage(ranges: &Ranges) -> Vec<Group> {
+    use Place::{Capacitance, Electrical, Series};
+    use Variable as V;
+    let spline = |of: Variable, count: usize, by: Option<Variable>| ranges.spline(of, count, by);
+    let volt = Some(V::Voltage);
+    vec![
+        group(Electrical, true, spline(V::Voltage, KNOTS, volt)),
+        group(Electrical, true, spline(V::VoltageRate, KNOTS + 1, volt)),
+        group(Electrical, false, lag(V::Voltage, volt)),
+        group(Electrical, false, Form::Neighbours),
+        group(Capacitance, true, spline(V::AreaStretch, KNOTS, None)),
+        group(Capacitance, true, spline(V::SeriesTime, KNOTS, None)),
+        group(Series, true, spline(V::SeriesTime, KNOTS, None)),
+    ]
+}
+
+/// What pulls at the end effector.
+fn of_force(ranges: &Ranges) -> Vec<Group> {
+    let mut out = Vec::new();
+    let mut one = |smooth: bool, form: Form| out.push(group(Place::Force, smooth, form));
     let (centres_m, about_m, span_m) = ranges.centres();
     for width in WIDTHS {
-        one(
-            &mut out,
-            Place::Force,
-            false,
-            Form::Potential {
-                centres_m: centres_m.clone(),
-                width_m: width * span_m,
-            },
-        );
+        let potential = Form::Potential {
+            centres_m: centres_m.clone(),
+            width_m: width * span_m,
+        };
+        one(false, potential);
     }
     for along in directions() {
         let knots = ranges.along(along, KNOTS + 2);
-        one(&mut out, Place::Force, true, Form::Ridge { along, knots });
+        one(true, Form::Ridge { along, knots });
     }
-    one(&mut out, Place::Force, false, Form::Affine { about_m });
-    one(&mut out, Place::Force, false, Form::Drag);
+    one(false, Form::Affine { about_m });
+    one(false, Form::Drag);
     for i in 0..SWINGS_HZ.2 {
-        let form = Form::Oscillator {
+        let swing = Form::Oscillator {
             frequency_hz: SWINGS_HZ.0 * SWINGS_HZ.1.powi(i as i32),
             damping: DAMPING,
         };
-        one(&mut out, Place::Force, false, form);
+        one(false, swing);
     }
+    out
+}
+
+/// Waves at the frequencies at which the residual has peaks: of the bicep, and of the voltage itself and of
+/// the share that its load makes.
+fn of_waves(robot: &RobotResidual, residual: &DVector<f64>) -> Vec<Group> {
+    use Variable as V;
+    let mut out = Vec::new();
     for frequency_hz in peaks(robot, residual, Place::Bicep, None) {
         let by = None;
-        one(
-            &mut out,
-            Place::Bicep,
-            false,
-            Form::Wave { frequency_hz, by },
-        );
+        out.push(group(Place::Bicep, false, Form::Wave { frequency_hz, by }));
     }
-    // of the voltage itself, and of the share that its load makes
-    let of_voltage = [V::Voltage, V::SquaredVoltage, V::CubedVoltage];
     for frequency_hz in peaks(robot, residual, Place::Electrical, Some(V::SquaredVoltage)) {
         let wave = |by| Form::Wave {
             frequency_hz,
             by: Some(by),
         };
-        let forms = of_voltage.map(wave).to_vec();
-        together(&mut out, Place::Electrical, false, forms);
+        let forms = [V::Voltage, V::SquaredVoltage, V::CubedVoltage].map(wave);
+        out.push(together(Place::Electrical, false, forms.to_vec()));
     }
     out
 }
@@ -302,6 +271,15 @@ impl Ranges {
             (Some(a), Some(b)) if b > a => (*a, *b),
             (Some(a), _) => (*a, a + a.abs().max(1e-9)),
             _ => (0.0, 1.0),
+        }
+    }
+
+    /// A curve over a variable, with knots over the range.
+    fn spline(&self, of: Variable, count: usize, by: Option<Variable>) -> Form {
+        Form::Spline {
+            of,
+            knots: self.knots(of, count),
+            by,
         }
     }
 

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::chance::{self, Chance};
 use super::errors::{above_noise, raises_error, taken_away};
-use super::explain::explain;
 use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, refit, with_partner};
 use super::judge::{Judged, Odds, alike};
 use super::outcome::*;
@@ -41,7 +40,7 @@ type Parts = (Built, Fitted);
 enum Round {
     /// Another one is needed, with these parts.
     Again(Box<Parts>),
-    Told(Box<Diagnosis>),
+    Told(Box<(Field, Choice)>),
 }
 
 impl Round {
@@ -98,32 +97,37 @@ pub(super) struct Choice {
     pub best: Judged,
     pub odds: Odds,
     pub verdict: Verdict,
+    /// Whether what is named acts at the edge of the range, where angles do not tell what it does.
+    pub at_edge: bool,
 }
 
-/// Doubts the plain model of `problem`. `watch` is told what is being done.
-pub(super) fn doubt<S: Subject>(
-    mut problem: Problem<S>,
-    remarks: Vec<String>,
-    request: &Request,
-    watch: &(dyn Fn(&str) + Sync),
-) -> Result<Diagnosis, Error> {
-    let mut case = Case {
-        holdout: problem.holdout.take(),
-        problem,
-        remarks,
-        request,
-        watch,
-    };
-    let mut parts = None;
-    loop {
-        match case.round(parts)? {
-            Round::Again(told) => parts = Some(*told),
-            Round::Told(diagnosis) => return Ok(*diagnosis),
+impl<'a, S: Subject> Case<'a, S> {
+    pub fn new(
+        mut problem: Problem<S>,
+        remarks: Vec<String>,
+        request: &'a Request,
+        watch: &'a (dyn Fn(&str) + Sync),
+    ) -> Self {
+        Case {
+            holdout: problem.holdout.take(),
+            problem,
+            remarks,
+            request,
+            watch,
         }
     }
-}
 
-impl<S: Subject> Case<'_, S> {
+    /// Round after round until no parts ask for another.
+    pub fn rounds(&mut self) -> Result<(Field, Choice), Error> {
+        let mut parts = None;
+        loop {
+            match self.round(parts)? {
+                Round::Again(told) => parts = Some(*told),
+                Round::Told(told) => return Ok(*told),
+            }
+        }
+    }
+
     /// From the plain fit to a verdict, or to parts with which it is to be asked again; with `parts`, of a
     /// robot that has them.
     fn round(&mut self, parts: Option<Parts>) -> Result<Round, Error> {
@@ -156,7 +160,7 @@ impl<S: Subject> Case<'_, S> {
         if choice.verdict == Verdict::MissingPhysics {
             self.ask_what_matters(&field, &mut choice)?;
         }
-        Ok(Round::Told(Box::new(explain(self, field, choice)?)))
+        Ok(Round::Told(Box::new((field, choice))))
     }
 
     /// The plain model, fitted from nothing or, with parts, from where they were told.
@@ -399,6 +403,7 @@ impl<S: Subject> Case<'_, S> {
             pair,
             odds,
             verdict: Verdict::Adequate,
+            at_edge: false,
         })
     }
 
@@ -617,6 +622,18 @@ impl Field {
 
     fn weigh_down(&self, list: &mut [Judged]) {
         weigh_down(list, &self.plain, self.overstated);
+    }
+
+    /// The same recordings, where one model is known to be right of those of a robot with parts `built`.
+    pub fn of_one(self, built: Option<Built>, plain: Judged, named: Judged) -> Self {
+        Field {
+            built,
+            start: None,
+            fall: plain.fitted.cost() - named.fitted.cost(),
+            singles: vec![named],
+            plain,
+            ..self
+        }
     }
 
     /// The odds of the plain model, those of one cause, and `partners`.

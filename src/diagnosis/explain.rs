@@ -11,7 +11,7 @@ use super::problem::{Fitted, Problem};
 use super::subject::Subject;
 use super::verdict::{fails_held_out, ids};
 use super::words::{
-    candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
+    How, candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
     says_of_part,
 };
 use super::{forms, law, learn, parts, tolerance};
@@ -123,17 +123,12 @@ pub(super) fn explain<S: Subject>(
         Some(part) => of_part(&field, part, &train, problem),
         None => {
             remarks.extend(tolerance::remark(&departed));
-            let as_built = built.is_some();
             let held = holdout.as_ref();
-            let mut says = says(
-                verdict,
-                &candidates,
-                &train,
-                held,
-                &places,
-                &words,
-                as_built,
-            );
+            let how = How {
+                as_built: built.is_some(),
+                at_edge: choice.at_edge,
+            };
+            let mut says = says(verdict, &candidates, &train, held, &places, &words, how);
             if let Some(learnt) = &learnt {
                 says += &format!(" Learnt from the recordings: {}", learnt.says);
             }

@@ -121,6 +121,11 @@ impl Odds {
         Odds(models.iter().map(|j| ids(j)).zip(probabilities).collect())
     }
 
+    /// Those of sets of causes that are told otherwise.
+    pub fn told(sets: Vec<(Vec<&'static str>, f64)>) -> Self {
+        Odds(sets)
+    }
+
     /// That of no cause.
     pub fn nothing(&self) -> f64 {
         let none = self.0.iter().filter(|m| m.0.is_empty());

@@ -51,37 +51,34 @@ fn best_run(mean: &[f64], count: &[f64]) -> Option<(usize, usize, f64)> {
     best
 }
 
-/// Where the excess lives, most telling first.
-pub(super) fn locate(
-    spots: &[Spot],
-    entries: &[Whereabouts],
-    coordinates: &[Coordinate],
-    chains: usize,
-    words: &Words,
-    named: &[Acting],
-) -> Vec<Place> {
-    let excess = |s: &Spot| s.before - s.after;
-    let total: f64 = spots.iter().map(excess).sum::<f64>().max(1e-9);
-    let n = spots.len() as f64;
-    // Neighbours are not independent: the statistic counts one in so many.
-    let independent = 0.5;
-    let tests = 120.0_f64;
-    let normal = Normal::standard();
-    let p_value = |ratio: f64| {
-        let z = (2.0 * (ratio * independent).max(0.0)).sqrt();
-        (tests * 2.0 * (1.0 - normal.cdf(z))).clamp(1e-300, 1.0)
-    };
-    let share = |inside: &dyn Fn(&Spot) -> bool| {
+/// What the plain model leaves beyond another one.
+struct Excess<'a> {
+    spots: &'a [Spot],
+    total: f64,
+}
+
+/// A place with how much more likely it is than none, in ln.
+type Rated = (f64, Place);
+
+impl Excess<'_> {
+    fn count(&self) -> f64 {
+        self.spots.len() as f64
+    }
+
+    /// Shares of the excess and of the samples that lie inside.
+    fn share(&self, inside: &dyn Fn(&Spot) -> bool) -> (f64, f64) {
         let (mut e, mut c) = (0.0, 0.0);
-        for s in spots.iter().filter(|s| inside(s)) {
-            e += excess(s);
+        for s in self.spots.iter().filter(|s| inside(s)) {
+            e += s.before - s.after;
             c += 1.0;
         }
-        ((e / total).clamp(0.0, 1.0), c / n)
-    };
-    let ratio_of = |inside: &dyn Fn(&Spot) -> bool| {
+        ((e / self.total).clamp(0.0, 1.0), c / self.count())
+    }
+
+    /// By how much a variance of its own inside is likelier than one for all, in ln; 0 where it is no larger.
+    fn ratio(&self, inside: &dyn Fn(&Spot) -> bool) -> f64 {
         let (mut m, mut c) = ([0.0; 2], [0.0; 2]);
-        for s in spots {
+        for s in self.spots {
             let i = usize::from(inside(s));
             m[i] += s.before;
             c[i] += 1.0;
@@ -89,26 +86,26 @@ pub(super) fn locate(
         if c[0] < 1.0 || c[1] < 1.0 || m[1] / c[1] <= m[0] / c[0] {
             return 0.0;
         }
+        let n = self.count();
         let all = (m[0] + m[1]) / n;
         0.5 * (n * all.ln() - c[1] * (m[1] / c[1]).ln() - c[0] * (m[0] / c[0]).max(1e-12).ln())
-    };
-    let mut found: Vec<(f64, Place)> = Vec::new();
-    let push = |found: &mut Vec<(f64, Place)>, ratio: f64, place: Place| found.push((ratio, place));
-    // What a named cause says of its own place comes first; on a single coordinate its values are in units of
-    // the recordings, and its place is found as any other.
-    for a in named.iter().filter(|_| chains > 1) {
-        for place in own_places(a, entries, spots) {
-            let inside = place.1;
-            let (e, c) = share(&*inside);
-            let mut p = place.0;
-            (p.share_of_excess, p.share_of_samples) = (e, c);
-            p.p_value = p_value(ratio_of(&*inside));
-            push(&mut found, f64::INFINITY, p);
-        }
     }
-    for c in coordinates {
-        let (dimension, unit, at, rounding) = (c.dimension, c.unit.as_str(), c.at, c.rounding);
-        let says = c.says;
+
+    /// The places that a named cause says of itself, which come first.
+    fn own(&self, acting: &Acting, entries: &[Whereabouts]) -> Vec<Rated> {
+        let places = own_places(acting, entries, self.spots).into_iter();
+        let told = places.map(|(mut place, inside)| {
+            let (excess, samples) = self.share(&*inside);
+            (place.share_of_excess, place.share_of_samples) = (excess, samples);
+            place.p_value = p_value(self.ratio(&*inside));
+            (f64::INFINITY, place)
+        });
+        told.collect()
+    }
+
+    /// The range of a coordinate in which most lies; none where all is at one value.
+    fn along(&self, coordinate: &Coordinate) -> Option<Rated> {
+        let (spots, at, says) = (self.spots, coordinate.at, coordinate.says);
         let mut order: Vec<usize> = (0..spots.len()).collect();
         order.sort_by(|&a, &b| spots[a].at[at].total_cmp(&spots[b].at[at]));
         let edge = |i: usize| spots[order[(i * spots.len() / BINS).min(spots.len() - 1)]].at[at];
@@ -121,104 +118,116 @@ pub(super) fn locate(
         for (m, c) in mean.iter_mut().zip(&count) {
             *m /= f64::max(*c, 1.0);
         }
-        let Some((a, b, ratio)) = best_run(&mean, &count) else {
-            continue;
-        };
+        let (a, b, ratio) = best_run(&mean, &count)?;
         // no -0
-        let round = |x: f64| (x * rounding).round() / rounding + 0.0;
+        let round = |x: f64| (x * coordinate.rounding).round() / coordinate.rounding + 0.0;
         let range = [round(edge(a)), round(edge(b + 1))];
         if range[0] >= range[1] {
-            continue; // all at one value
+            return None;
         }
-        let inside = move |s: &Spot| (range[0]..=range[1]).contains(&s.at[at]);
-        let (e, c) = share(&inside);
-        let behind = match unit {
+        let (e, c) = self.share(&|s: &Spot| (range[0]..=range[1]).contains(&s.at[at]));
+        let behind = match coordinate.unit.as_str() {
             "1" => String::new(),
             unit => format!(" {unit}"),
         };
-        push(
-            &mut found,
-            ratio,
-            Place {
-                dimension,
-                called: says,
-                range: Some(range),
-                unit: unit.to_owned(),
-                value: None,
-                recording: None,
-                actuators: Vec::new(),
-                share_of_excess: e,
-                share_of_samples: c,
-                p_value: p_value(ratio),
-                says: format!(
-                    "{:.0} % of the excess lies at {} {says} of {} to {}{behind}, where {:.0} % of the samples are",
-                    100.0 * e,
-                    article(says),
-                    range[0],
-                    range[1],
-                    100.0 * c
-                ),
-            },
-        );
-    }
-    // Words: actuator, direction, recording; and time within each recording.
-    for k in 0..if chains > 1 { chains } else { 0 } {
-        let inside = move |s: &Spot| s.actuator == k;
-        let ratio = ratio_of(&inside);
-        let (e, c) = share(&inside);
-        push(
-            &mut found,
-            ratio,
-            word(
-                "actuator",
-                (k + 1).to_string(),
-                &format!("in actuator {}", k + 1),
-                None,
-                vec![k + 1],
-                (e, c),
-                p_value(ratio),
+        let place = Place {
+            dimension: coordinate.dimension,
+            called: says,
+            range: Some(range),
+            unit: coordinate.unit.clone(),
+            value: None,
+            recording: None,
+            actuators: Vec::new(),
+            share_of_excess: e,
+            share_of_samples: c,
+            p_value: p_value(ratio),
+            says: format!(
+                "{:.0} % of the excess lies at {} {says} of {} to {}{behind}, where {:.0} % of the samples are",
+                100.0 * e,
+                article(says),
+                range[0],
+                range[1],
+                100.0 * c
             ),
-        );
+        };
+        Some((ratio, place))
     }
-    let (directed, moving) = (words.directed, words.moving);
+
+    /// A place that is a word, as `says` has it.
+    fn word(
+        &self,
+        dimension: &'static str,
+        [value, says]: [&str; 2],
+        recording: Option<String>,
+        actuators: Vec<usize>,
+        inside: &dyn Fn(&Spot) -> bool,
+    ) -> Rated {
+        let ratio = self.ratio(inside);
+        let (e, c) = self.share(inside);
+        let place = Place {
+            dimension,
+            called: dimension,
+            range: None,
+            unit: String::new(),
+            value: Some(value.into()),
+            recording,
+            actuators,
+            share_of_excess: e,
+            share_of_samples: c,
+            p_value: p_value(ratio),
+            says: format!(
+                "{:.0} % of the excess lies {says}, {:.0} % of the samples",
+                100.0 * e,
+                100.0 * c
+            ),
+        };
+        (ratio, place)
+    }
+}
+
+/// Probability that noise finds a place as telling in so many tests. Neighbours are not independent: the
+/// statistic counts one in so many.
+fn p_value(ratio: f64) -> f64 {
+    let (independent, tests) = (0.5, 120.0_f64);
+    let z = (2.0 * (ratio * independent).max(0.0)).sqrt();
+    (tests * 2.0 * (1.0 - Normal::standard().cdf(z))).clamp(1e-300, 1.0)
+}
+
+/// Where the excess lives, most telling first.
+pub(super) fn locate(
+    spots: &[Spot],
+    entries: &[Whereabouts],
+    coordinates: &[Coordinate],
+    chains: usize,
+    words: &Words,
+    named: &[Acting],
+) -> Vec<Place> {
+    let total = spots.iter().map(|s| s.before - s.after).sum::<f64>();
+    let excess = Excess {
+        spots,
+        total: total.max(1e-9),
+    };
+    // On a single coordinate a cause's values are in units of the recordings, and its place is found as any
+    // other.
+    let several = chains > 1;
+    let named = named.iter().filter(|_| several);
+    let mut found: Vec<Rated> = named.flat_map(|a| excess.own(a, entries)).collect();
+    found.extend(coordinates.iter().filter_map(|c| excess.along(c)));
+    for k in 0..if several { chains } else { 0 } {
+        let (value, says) = ((k + 1).to_string(), format!("in actuator {}", k + 1));
+        let inside = |s: &Spot| s.actuator == k;
+        found.push(excess.word("actuator", [&value, &says], None, vec![k + 1], &inside));
+    }
     for (value, sign) in [("rising", 1.0), ("falling", -1.0)] {
-        let inside = move |s: &Spot| s.at[1] * sign > moving;
-        let ratio = ratio_of(&inside);
-        let (e, c) = share(&inside);
-        push(
-            &mut found,
-            ratio,
-            word(
-                "direction",
-                value.into(),
-                &format!("where the {directed} is {value}"),
-                None,
-                Vec::new(),
-                (e, c),
-                p_value(ratio),
-            ),
-        );
+        let says = format!("where the {} is {value}", words.directed);
+        let inside = |s: &Spot| s.at[1] * sign > words.moving;
+        found.push(excess.word("direction", [value, &says], None, Vec::new(), &inside));
     }
-    for (r, entry) in entries.iter().enumerate() {
-        let id = entry.id.clone();
-        let inside = move |s: &Spot| s.recording == r;
-        let ratio = ratio_of(&inside);
-        let (e, c) = share(&inside);
-        if entries.len() > 1 {
-            push(
-                &mut found,
-                ratio,
-                word(
-                    "recording",
-                    id.clone(),
-                    &format!("in recording {id}"),
-                    Some(id),
-                    Vec::new(),
-                    (e, c),
-                    p_value(ratio),
-                ),
-            );
-        }
+    for (r, entry) in entries.iter().enumerate().filter(|_| entries.len() > 1) {
+        let says = format!("in recording {}", entry.id);
+        let id = Some(entry.id.clone());
+        let inside = |s: &Spot| s.recording == r;
+        found.push(excess.word("recording", [&entry.id, &says], id, Vec::new(), &inside));
     }
     found.retain(|f| f.0 > 0.0 && (f.0.is_infinite() || f.1.share_of_excess > SHOWN));
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -235,35 +244,6 @@ fn article(word: &str) -> &'static str {
         "an"
     } else {
         "a"
-    }
-}
-
-/// A place that is a word: what holds `e` of the excess and `c` of the samples lies `here`.
-fn word(
-    dimension: &'static str,
-    value: String,
-    here: &str,
-    recording: Option<String>,
-    actuators: Vec<usize>,
-    (e, c): (f64, f64),
-    p_value: f64,
-) -> Place {
-    Place {
-        dimension,
-        called: dimension,
-        range: None,
-        unit: String::new(),
-        value: Some(value),
-        recording,
-        actuators,
-        share_of_excess: e,
-        share_of_samples: c,
-        p_value,
-        says: format!(
-            "{:.0} % of the excess lies {here}, {:.0} % of the samples",
-            100.0 * e,
-            100.0 * c
-        ),
     }
 }
 

@@ -21,6 +21,7 @@
 mod blocks;
 mod chain;
 mod chance;
+mod contact;
 mod errors;
 mod experiment;
 mod explain;

@@ -5,7 +5,9 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::DRAWN;
-use super::chain::doubt;
+use super::chain::Case;
+use super::contact;
+use super::explain::explain;
 use super::learn::{self, Group, Made};
 use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
@@ -41,7 +43,16 @@ pub fn diagnose(
     let mut problem = open(robot, train, holdout, &mut remarks)?;
     problem.memory = request.memory.clone();
     problem.tally = request.tally.clone();
-    let mut diagnosis = doubt(problem, remarks, request, watch)?;
+    let mut case = Case::new(problem, remarks, request, watch);
+    let (mut field, mut choice) = case.rounds()?;
+    if let Some(rests) = contact::rests([train, holdout], robot, &case, &choice)? {
+        (field, choice) = rests.instead(&mut case, field);
+    }
+    let at_edge = choice.at_edge;
+    let mut diagnosis = explain(&mut case, field, choice)?;
+    if at_edge {
+        contact::widen(&mut diagnosis.candidates);
+    }
     diagnosis.eps_r = robot.eps_r;
     diagnosis.pose = Some(Pose {
         robot: robot.clone(),

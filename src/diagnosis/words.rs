@@ -303,6 +303,14 @@ pub(super) fn next_experiment(
     }
 }
 
+/// How a verdict was come to: with parts that differ within their tolerances; with a cause at the edge of the
+/// range.
+#[derive(Clone, Copy)]
+pub(super) struct How {
+    pub as_built: bool,
+    pub at_edge: bool,
+}
+
 pub(super) fn says(
     verdict: Verdict,
     candidates: &[Candidate],
@@ -310,9 +318,9 @@ pub(super) fn says(
     holdout: Option<&Gain>,
     places: &[Place],
     words: &subject::Words,
-    as_built: bool,
+    how: How,
 ) -> String {
-    let built = if as_built {
+    let built = if how.as_built {
         " for a robot whose parts differ within their tolerances"
     } else {
         ""
@@ -338,7 +346,9 @@ pub(super) fn says(
                 .filter(|c| c.in_model)
                 .map(|c| format!("{} ({})", c.acting.effect.id(), c.acting.effect.says()))
                 .collect();
-            let left = if train.after_v > STRUCTURE_LEFT * train.noise_floor_v {
+            let left = if how.at_edge {
+                " Away from the edge of the range noise alone is left; at it angles within their tolerances do not tell so stiff a torque."
+            } else if train.after_v > STRUCTURE_LEFT * train.noise_floor_v {
                 " More than noise is still left: something else acts as well."
             } else {
                 ""

@@ -46,7 +46,13 @@ pub fn profile<P: SeparableResidual + Sync>(
         .map(|job| {
             let sign = if job % 2 == 0 { -1.0 } else { 1.0 };
             let candidate = &candidates[job / 2];
-            reach(problem, nonlinear, linear, best, candidate, sign, memory)
+            reach(
+                problem,
+                [nonlinear, linear],
+                best,
+                (candidate, sign),
+                memory,
+            )
         })
         .collect();
     let evaluations = sides.iter().map(|s| s.1).sum();
@@ -55,14 +61,11 @@ pub fn profile<P: SeparableResidual + Sync>(
 }
 
 /// How far the interval goes on one side.
-#[allow(clippy::too_many_arguments)]
 fn reach<P: SeparableResidual>(
     problem: &P,
-    nonlinear: &[Unknown],
-    linear: &[Unknown],
+    [nonlinear, linear]: [&[Unknown]; 2],
     best: &State,
-    candidate: &Candidate,
-    sign: f64,
+    (candidate, sign): (&Candidate, f64),
     (memory, tag): (&Memory, &str),
 ) -> (f64, usize) {
     let split = nonlinear.len();

@@ -1240,8 +1240,7 @@ impl<'a> RobotResidual<'a> {
                     &parameters,
                     offset,
                     (mechanics, effects),
-                    &other,
-                    effect,
+                    (&other, effect),
                     &base,
                 )?;
                 let mut column = self.filtered(recording, &change);
@@ -1256,15 +1255,13 @@ impl<'a> RobotResidual<'a> {
     /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which
     /// differ from them in the effect number `changed` only. `base` keeps what the next call at the same
     /// parameters, offset and `effects` needs of these.
-    #[allow(clippy::too_many_arguments)]
     fn change(
         &self,
         recording: usize,
         parameters: &Parameters,
         offset_s: f64,
         (mechanics, effects): (&Mechanics, &[Acting]),
-        other: &[Acting],
-        changed: usize,
+        (other, changed): (&[Acting], usize),
         base: &OnceLock<(FilmTorques, Chains)>,
     ) -> Result<[Vec<f64>; 3], Locked> {
         let r = &self.recordings[recording];
@@ -1370,8 +1367,7 @@ impl<'a> RobotResidual<'a> {
                 &parameters,
                 offset,
                 (&mechanics, &effects),
-                &other,
-                effects.len(),
+                (&other, effects.len()),
                 &OnceLock::new(),
             )?;
             if acting.effect.share_of_made(&acting.values) != 0.0 {
@@ -1427,7 +1423,14 @@ impl<'a> RobotResidual<'a> {
                             other.push(acting.clone());
                             let own = (&*mechanics, &effects[..]);
                             let number = effects.len();
-                            self.change(recording, &parameters, offset, own, &other, number, &base)?
+                            self.change(
+                                recording,
+                                &parameters,
+                                offset,
+                                own,
+                                (&other, number),
+                                &base,
+                            )?
                         }
                         Departure::Spring {
                             chain,
@@ -1622,8 +1625,7 @@ impl<'a> RobotResidual<'a> {
                 &parameters,
                 offset,
                 (&mechanics, &effects),
-                &other,
-                effects.len(),
+                (&other, effects.len()),
                 &OnceLock::new(),
             )?;
             let filtered = self.filtered(recording, &change);

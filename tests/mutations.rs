@@ -574,6 +574,8 @@ fn spoil(path: &Path, generator: &mut ChaCha12Rng) -> String {
                 if let Some(c) = cells.get_mut(column) {
                     match c.parse::<f64>() {
                         Ok(v) if scaled => *c = format!("{}", v * factor),
+                        // a column of that name would be printed
+                        Err(_) if cell.parse::<f64>().is_ok_and(f64::is_nan) => {}
                         _ => *c = cell.to_owned(),
                     }
                 }

@@ -199,6 +199,20 @@ pub fn ordinary(dice: &mut Dice, share: f64) -> Result<Vec<Planned>, String> {
     Ok(out)
 }
 
+/// What the paper drives alone: all together, one after the other; a circle held out. `share` of the usual
+/// voltages.
+///
+/// # Errors
+/// A drive that makes no sense.
+pub fn few(dice: &mut Dice, share: f64) -> Result<Vec<Planned>, String> {
+    let high = 5400.0 * share;
+    Ok(vec![
+        planned("symmetric", true, symmetric(dice, high)?),
+        planned("single", true, single(dice, high)?),
+        planned("circle", false, circle(dice, 0.9 * high)?),
+    ])
+}
+
 /// Two short recordings to train on, one held out: for cases that travel with a program.
 ///
 /// # Errors

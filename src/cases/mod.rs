@@ -8,6 +8,7 @@
 //! | what is true of it | [`Truth`] |
 //! | its files | [`Case::files`] |
 
+mod bench;
 mod dice;
 mod drives;
 mod effect;
@@ -19,6 +20,7 @@ mod measurement;
 mod truth;
 mod unknown;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -33,6 +35,8 @@ use crate::model::{ForearmTorque, Parameters, Robot};
 use crate::recording::{Rig, RobotRig};
 use crate::simulate::write::{Capture, Noise, Placement, RecordingText, VoltageLog};
 use crate::simulate::{Addition, Motion, Options, Payload, Sampled, motion, rest, write};
+pub use bench::Likeness;
+use bench::{Bench, Made};
 use dice::Dice;
 use drives::Planned;
 use effect::{Draw, Effect, Hook, Lag, Setting, Slot};
@@ -140,7 +144,7 @@ pub struct Case {
     /// The robot that the user believes in.
     pub robot: Robot,
     /// Its rig file.
-    pub rig_toml: &'static str,
+    pub rig_toml: String,
     /// The film and the forearm of the robot, without the effect.
     pub parameters: Parameters,
     /// To train on.
@@ -252,21 +256,21 @@ impl Spec {
 /// The rig that every case is built on.
 const RIG: &str = include_str!("../../datasets/twin2026_delta/rig.toml");
 
-fn rig() -> Result<RobotRig, String> {
-    match Rig::parse(Path::new("rig.toml"), RIG).map_err(|e| e.to_string())? {
+fn rig(text: &str) -> Result<RobotRig, String> {
+    match Rig::parse(Path::new("rig.toml"), text).map_err(|e| e.to_string())? {
         Rig::Robot(rig) => Ok(rig),
         Rig::FilmSample(_) => Err("the built-in rig is no robot".into()),
     }
 }
 
 /// A film and a forearm of their own for each case: batches scatter by a fifth.
-fn parameters(dice: &mut Dice) -> Result<Parameters, String> {
+fn parameters(dice: &mut Dice, [modulus, torque]: [f64; 2]) -> Result<Parameters, String> {
     const MU_PA: [f64; 7] = [1.14e6, 2.2e5, 1.1e5, 5.5e4, 4.4e4, 3.5e4, 3.0e4];
     const TIME_S: [f64; 6] = [0.02, 0.115, 0.65, 3.7, 24.0, 140.0];
     let common = 1.0 + 0.12 * dice.range(-1.0, 1.0);
     let mu_pa = MU_PA
         .iter()
-        .map(|mu| mu * common * (1.0 + 0.08 * dice.range(-1.0, 1.0)));
+        .map(|mu| modulus * mu * common * (1.0 + 0.08 * dice.range(-1.0, 1.0)));
     let mu_pa = mu_pa.collect();
     let relaxation_time_s = TIME_S
         .iter()
@@ -278,7 +282,7 @@ fn parameters(dice: &mut Dice) -> Result<Parameters, String> {
         .iter()
         .map(|d| d.to_radians())
         .collect();
-    let end = dice.range(1.4e-3, 2.2e-3);
+    let end = torque * dice.range(1.4e-3, 2.2e-3);
     let linear = dice.range(0.35, 0.55);
     let torque = nodes.iter().map(|x| {
         let s = x / 30f64.to_radians();
@@ -300,16 +304,15 @@ fn parameters(dice: &mut Dice) -> Result<Parameters, String> {
 /// # Errors
 /// A sentence when no drive could be found that the robot follows.
 pub fn generate(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, false, None, false)
+    generate_with(spec, false, None, Likeness::Drawn)
 }
 
-/// The same case on a robot that is only nearly its drawing: films, links, angles, axes, marker and clocks
-/// are off by a share of usual workshop tolerances, 3 % to all of them.
+/// The same case on a robot and a bench that are only nearly their model.
 ///
 /// # Errors
 /// As [`generate`].
-pub fn generate_built(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, false, None, true)
+pub fn generate_on(spec: &Spec, likeness: Likeness) -> Result<Case, String> {
+    generate_with(spec, false, None, likeness)
 }
 
 /// The same case, with its effects in the form that `simulate` gives them.
@@ -317,7 +320,7 @@ pub fn generate_built(spec: &Spec) -> Result<Case, String> {
 /// # Errors
 /// As [`generate`].
 pub fn generate_as(spec: &Spec, simulate: Simulate) -> Result<Case, String> {
-    generate_with(spec, false, Some(simulate), false)
+    generate_with(spec, false, Some(simulate), Likeness::Drawn)
 }
 
 /// Share of the usual voltages, tried one after the other where the robot leaves its workspace.
@@ -331,17 +334,26 @@ const WEAKER: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 /// # Errors
 /// As [`generate`].
 pub fn generate_off(spec: &Spec) -> Result<Case, String> {
-    generate_with(spec, true, None, false)
+    generate_with(spec, true, None, Likeness::Drawn)
 }
 
 fn generate_with(
     spec: &Spec,
     off: bool,
     simulate: Option<Simulate>,
-    built: bool,
+    likeness: Likeness,
 ) -> Result<Case, String> {
-    let believed = Robot::from_rig(&rig()?, None)?;
-    let parameters = parameters(&mut Dice::new(spec.seed, 1))?;
+    let mut bench = Bench::new(likeness, spec.seed);
+    let rig_toml = bench.rig(RIG);
+    let believed = Robot::from_rig(&rig(&rig_toml)?, None)?;
+    let parameters = parameters(&mut Dice::new(spec.seed, 1), bench.stiffness())?;
+    bench.draw_film(&parameters);
+    let lab = Lab {
+        bench,
+        rig_toml,
+        believed,
+        parameters,
+    };
     let mut last = String::new();
     for weaker in WEAKER {
         let spec = Spec {
@@ -349,7 +361,7 @@ fn generate_with(
             ..*spec
         };
         for share in SHARES {
-            match attempt(&spec, off, &believed, &parameters, share, simulate, built) {
+            match attempt(&spec, off, &lab, share, simulate) {
                 Ok(case) => return Ok(case),
                 Err(why) => last = why,
             }
@@ -363,22 +375,34 @@ fn generate_with(
     ))
 }
 
+/// A robot on its bench.
+struct Lab {
+    bench: Bench,
+    rig_toml: String,
+    /// The robot that the user believes in.
+    believed: Robot,
+    /// Film and forearm.
+    parameters: Parameters,
+}
+
 fn attempt(
     spec: &Spec,
     off: bool,
-    believed: &Robot,
-    parameters: &Parameters,
+    lab: &Lab,
     share: f64,
     simulate: Option<Simulate>,
-    built: bool,
 ) -> Result<Case, String> {
-    let made = if built {
-        Made::new(spec.seed, believed)
-    } else {
-        Made::as_drawn(believed)
-    };
+    let Lab {
+        bench,
+        believed,
+        parameters,
+        ..
+    } = lab;
+    let made = bench.made(believed);
+    let share = share * bench.voltage();
     let mut dice = Dice::new(spec.seed, 2);
     let planned = match spec.drive {
+        DriveSet::Ordinary if bench.few_drives => drives::few(&mut dice, share)?,
         DriveSet::Ordinary => drives::ordinary(&mut dice, share)?,
         DriveSet::Protocol => drives::protocol(&mut dice, share)?,
         DriveSet::Short => drives::short(&mut dice, share)?,
@@ -389,7 +413,8 @@ fn attempt(
     let mut train = Vec::new();
     let mut holdout = Vec::new();
     let mut recordings = Vec::new();
-    let capture = capture(spec.seed);
+    let mut capture = capture(spec.seed);
+    bench.capture(&mut capture);
     let order = order(&slots);
     let names: Vec<&str> = order.iter().map(|o| &slots[o.0].name[..]).collect();
     let details: Vec<&Detail> = effects.iter().map(|e| &e.detail).collect();
@@ -411,6 +436,7 @@ fn attempt(
             id: format!("{name}/{}", slot.name),
             planned,
             stated: &capture,
+            bench,
         };
         let scene = match simulate {
             Some(_) => take.scene(&made, parameters, &[]),
@@ -427,10 +453,13 @@ fn attempt(
         }
     }
     Ok(Case {
-        truth: truth(spec, effects, parameters, recordings),
+        truth: Truth {
+            bench: bench.words(&capture),
+            ..truth(spec, effects, parameters, recordings)
+        },
         name,
         robot: believed.clone(),
-        rig_toml: RIG,
+        rig_toml: lab.rig_toml.clone(),
         parameters: parameters.clone(),
         train,
         holdout,
@@ -539,60 +568,9 @@ fn truth(
         },
         recordings,
         rmse: None,
-        clock: "voltage-file time = offset + (1 + skew) true time; motion frame f at (f - 1)/100 s"
+        clock: "voltage-file time = offset + (1 + skew) true time; motion frame f at (f - 1)/rate"
             .into(),
-    }
-}
-
-/// A robot and its capture as they are made.
-struct Made {
-    robot: Robot,
-    marker_m: Vec3,
-    tilt_deg: Vec3,
-    /// Standard deviation of the clock offset of a recording.
-    clock_s: f64,
-}
-
-impl Made {
-    fn as_drawn(robot: &Robot) -> Self {
-        Made {
-            robot: robot.clone(),
-            marker_m: [0.0; 3],
-            tilt_deg: [0.0; 3],
-            clock_s: 0.0,
-        }
-    }
-
-    /// Off by a share of these tolerances: films 3 %, links 0.2 %, angles and axes 0.2 degrees, marker 0.1
-    /// mm, clocks 1 ms.
-    fn new(seed: u64, drawn: &Robot) -> Self {
-        let mut dice = Dice::new(seed, 6);
-        let share = dice.log_range(0.03, 1.0);
-        let mut off = |tolerance: f64| share * tolerance * dice.normal();
-        let mut out = Made::as_drawn(drawn);
-        for (chain, lozenge) in (out.robot.mechanism.chains.iter_mut()).zip(&mut out.robot.lozenges)
-        {
-            lozenge.l3_m *= 1.0 + off(0.03);
-            let bar = &mut chain.four_bar;
-            for length in [
-                &mut chain.base_radius_m,
-                &mut chain.effector_radius_m,
-                &mut chain.bicep_m,
-                &mut chain.forearm_m,
-                &mut bar.a_m,
-                &mut bar.b_m,
-                &mut bar.c_m,
-                &mut bar.d_m,
-            ] {
-                *length *= 1.0 + off(0.002);
-            }
-            chain.input_offset_rad += off(0.2_f64.to_radians());
-            chain.dea_offset_rad += off(0.2_f64.to_radians());
-        }
-        out.marker_m = [0, 1, 2].map(|_| off(1e-4));
-        out.tilt_deg = [0, 1, 2].map(|_| off(0.2));
-        out.clock_s = share * 1e-3;
-        out
+        bench: BTreeMap::new(),
     }
 }
 
@@ -653,6 +631,7 @@ struct Take<'a> {
     id: String,
     planned: &'a Planned,
     stated: &'a Capture,
+    bench: &'a Bench,
 }
 
 /// What a recording is really made of.
@@ -694,6 +673,7 @@ impl Take<'_> {
             to.end_effector_offset_m[i] += made.marker_m[i];
             to.rotation_deg[i] += made.tilt_deg[i];
         }
+        out.hooks.extend(self.bench.hook(&out.robot));
         for effect in effects {
             if let Some(alter) = &effect.alter {
                 alter(self.index, &mut out.robot, &mut out.parameters);
@@ -727,6 +707,7 @@ impl Take<'_> {
         let options = Options {
             duration_s: planned.duration_s(),
             tolerance_m: 1e-7,
+            sample_step_s: 1.0 / self.stated.rate_hz,
             payload: Payload::steps(scene.steps[0].1, scene.steps[1..].to_vec())?,
             ..Options::default()
         };
@@ -742,7 +723,8 @@ impl Take<'_> {
             None => truth.position_m.clone(),
         };
         self.spoil(&mut scene.capture, seen.len());
-        let logged = logged(drive, scene.clock)?;
+        let quantum_v = self.bench.monitor_v.unwrap_or(drives::QUANTUM_V);
+        let logged = logged(drive, scene.clock, quantum_v)?;
         let written = self.write(&scene.capture, &seen, &logged)?;
         let payload = Payload::steps(planned.payload_kg[0].1, planned.payload_kg[1..].to_vec())?;
         let payload_kg = (0..written.measured_m.len())
@@ -784,10 +766,16 @@ impl Take<'_> {
         }
     }
 
+    /// A file of motion as it leaves the capture system.
+    fn exported(&self, csv: Vec<u8>, noise: bool) -> Vec<u8> {
+        let rate_hz = self.stated.rate_hz;
+        self.bench.exported(csv, rate_hz, self.index, noise)
+    }
+
     /// The files of what was seen and logged; and what is measured, with and without noise and gaps.
     fn write(&self, capture: &Capture, seen: &[Vec3], logged: &Sampled) -> Result<Written, String> {
         let log = VoltageLog {
-            quantum_v: drives::QUANTUM_V,
+            quantum_v: self.bench.monitor_v.unwrap_or(drives::QUANTUM_V),
             ..VoltageLog::default()
         };
         let text = RecordingText {
@@ -800,6 +788,7 @@ impl Take<'_> {
         let fail = |e: std::io::Error| e.to_string();
         let (mut motion_csv, mut voltage_csv, mut toml) = (Vec::new(), Vec::new(), Vec::new());
         write::nexus_csv(&mut motion_csv, capture, seen).map_err(fail)?;
+        let motion_csv = self.exported(motion_csv, true);
         write::voltage_csv(&mut voltage_csv, &log, logged).map_err(fail)?;
         write::recording_toml(&mut toml, &text, capture, &log).map_err(fail)?;
         let (measured_m, base_mm) = measured(&motion_csv, &self.stated.placement)?;
@@ -808,6 +797,7 @@ impl Take<'_> {
         silent.gaps.clear();
         let mut clean_csv = Vec::new();
         write::nexus_csv(&mut clean_csv, &silent, seen).map_err(fail)?;
+        let clean_csv = self.exported(clean_csv, false);
         let (clean_m, _) = measured(&clean_csv, &self.stated.placement)?;
         Ok(Written {
             files: [
@@ -882,13 +872,13 @@ fn lagged(motion: &Motion, lag: Lag) -> Vec<Vec3> {
 }
 
 /// The drive as a logger with its own clock writes it: file time = offset + (1 + skew) true time.
-fn logged(drive: &Sampled, clock: (f64, f64)) -> Result<Sampled, String> {
+fn logged(drive: &Sampled, clock: (f64, f64), quantum_v: f64) -> Result<Sampled, String> {
     use crate::simulate::{Hold, Side, Voltage as _};
-    if clock == (0.0, 0.0) {
+    if clock == (0.0, 0.0) && quantum_v == drives::QUANTUM_V {
         return Ok(drive.clone());
     }
     let n = drive.samples_v().len();
-    let q = drives::QUANTUM_V;
+    let q = quantum_v;
     let samples = (0..n).map(|i| {
         let t = (i as f64 * drive.step_s() - clock.0) / (1.0 + clock.1);
         drive.phi_v(t, Side::After).map(|v| (v / q).round() * q)

@@ -32,6 +32,9 @@ pub struct Truth {
     pub rmse: Option<BTreeMap<String, f64>>,
     /// Meaning of the clocks.
     pub clock: String,
+    /// What else is not as the model has it, and is no cause: film, capture, size.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub bench: BTreeMap<String, Value>,
 }
 
 /// One effect of a case.

@@ -14,7 +14,7 @@ use super::shard::{Campaign, Part, Shard, short};
 use super::{Failure, Talk, diagnose, load};
 use super::{series, stop};
 use crate::cases::line::{self, Rig};
-use crate::cases::{Case, DriveSet, Spec, Truth, generate, generate_built, plan};
+use crate::cases::{Case, DriveSet, Likeness, Spec, Truth, generate_on, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
 use crate::proof::{
     Proof, StandsOut, Trial, compare, own_form, run as run_own, score, stands_out, trial,
@@ -57,6 +57,10 @@ pub(super) struct Arguments {
     /// workshop tolerances
     #[arg(long, conflicts_with_all = ["cases", "own_form"])]
     built: bool,
+    /// The same, of other sizes and softness too, some with a film of another law, captured at 50 to 240 Hz
+    /// through filters, slow noise, spikes and coarse digits
+    #[arg(long, conflicts_with_all = ["cases", "own_form", "built"])]
+    realistic: bool,
     /// Kinds of the planned cases that are made: clean, single, pair, unknown (default: all)
     #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = ["clean", "single", "pair", "unknown"], conflicts_with = "cases")]
     kinds: Vec<String>,
@@ -459,10 +463,11 @@ fn of_plan(share: &Share) -> Result<Option<(Numbered, Pieces)>, Failure> {
         for spec in &mut specs {
             spec.drive = a.drive;
         }
-        let (make, form): (Make, &str) = match (a.own_form, a.built) {
-            (true, _) => (own_form, ", own form"),
-            (_, true) => (generate_built, ", as built"),
-            _ => (generate, ""),
+        let (make, form): (Make, &str) = match (a.own_form, a.built, a.realistic) {
+            (true, ..) => (own_form, ", own form"),
+            (_, true, _) => (|s| generate_on(s, Likeness::Built), ", as built"),
+            (.., true) => (|s| generate_on(s, Likeness::Real), ", realistic"),
+            _ => (|s| generate_on(s, Likeness::Drawn), ""),
         };
         let of = format!("{} own cases of seed {}{form}: {specs:?}", a.number, a.seed);
         return try_all(share, specs, of, make, trial, |case| {
@@ -473,10 +478,14 @@ fn of_plan(share: &Share) -> Result<Option<(Numbered, Pieces)>, Failure> {
             )
         });
     }
-    if a.own_form || a.built || a.drive != DriveSet::Ordinary || a.rigs.iter().any(|r| r == "robot")
+    if a.own_form
+        || a.built
+        || a.realistic
+        || a.drive != DriveSet::Ordinary
+        || a.rigs.iter().any(|r| r == "robot")
     {
         return Err(
-            "--own-form, --built, --drive and --rigs robot do not go with single coordinates: prove these apart"
+            "--own-form, --built, --realistic, --drive and --rigs robot do not go with single coordinates: prove these apart"
                 .into(),
         );
     }

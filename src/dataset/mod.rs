@@ -281,7 +281,7 @@ impl Dataset {
 
     /// Takes the colour of the capture's noise from a marker that stands still (the base), as measured, in
     /// any unit.
-    pub fn colour_from(&mut self, still: &[Vec3]) {
+    fn colour_from(&mut self, still: &[Vec3]) {
         let axes = about_the_mean(still);
         let moves = axes
             .iter()

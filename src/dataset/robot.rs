@@ -6,6 +6,7 @@ use nalgebra::{Rotation3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 
+use super::colour::{self, Filtered};
 use super::{Clocks, Dataset, Error, Event, OffsetSource, Parts, Plan, SyncPlan, Voltage};
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
@@ -29,6 +30,19 @@ const SPARSE: usize = 10;
 const SPARSE_AND: usize = 100_000;
 
 impl Dataset {
+    /// A recording of a robot beside whose end effector the marker `still` was captured, in units of `unit`, m:
+    /// it tells the colour of the noise, and what a filter took of it, which is put back.
+    ///
+    /// # Errors
+    /// As [`Dataset::new`].
+    pub fn beside(mut parts: Parts, still: &[Vec3], unit: f64) -> Result<Self, Error> {
+        let mut still = Cow::Borrowed(still);
+        unfiltered(&mut parts.measured_m, &mut still, unit, parts.step_s);
+        let mut out = Dataset::new(parts, None)?;
+        out.colour_from(&still);
+        Ok(out)
+    }
+
     /// Puts a recording of kind `robot` on one clock and into the world frame, in SI, and smooths its motion.
     ///
     /// The base marker's mean is taken as the position that the recording states; what the recording leaves
@@ -128,13 +142,30 @@ fn still_marker<'m>(
         .as_ref()
         .filter(|b| b.xyz.len() == motion.end_effector.xyz.len());
     let mut still = base.map_or_else(Cow::default, |b| Cow::Borrowed(&b.xyz[..]));
-    let Some(filter) = super::colour::filtered(&super::about_the_mean(&still), step_s) else {
+    let unit = motion.unit.to_si;
+    let Some(filter) = unfiltered(measured_m, &mut still, unit, step_s) else {
         return still;
     };
-    // Nothing of the motion is above the corner that the filter left; what it took of the noise would be
-    // missed by every weight.
+    notes.push(format!(
+        "the capture was filtered before it was exported, at about {:.0} Hz: its noise ends there. White noise of {:.3} mm is put back above, so that weights and floors are right; export it unfiltered",
+        filter.corner_hz,
+        1e3 * unit * filter.noise
+    ));
+    still
+}
+
+/// Puts back what a filter took of the noise before the export, in positions, m, and in the marker `still`,
+/// in units of `unit`, m, which tells of it: nothing of the motion is above the corner that the filter left,
+/// but what it took of the noise would be missed by every weight. `None` where there was no filter.
+fn unfiltered(
+    measured_m: &mut [Vec3],
+    still: &mut Cow<[Vec3]>,
+    unit: f64,
+    step_s: f64,
+) -> Option<Filtered> {
+    let filter = colour::filtered(&super::about_the_mean(still), step_s)?;
     let mut generator = ChaCha12Rng::seed_from_u64(UNFILTERED);
-    let (unit, frames) = (motion.unit.to_si, measured_m.len());
+    let frames = measured_m.len();
     for k in 0..3 {
         let mut missing = || filter.missing(frames, step_s, &mut generator);
         for (m, n) in measured_m.iter_mut().zip(missing()) {
@@ -144,12 +175,7 @@ fn still_marker<'m>(
             b[k] += n;
         }
     }
-    notes.push(format!(
-        "the capture was filtered before it was exported, at about {:.0} Hz: its noise ends there. White noise of {:.3} mm is put back above, so that weights and floors are right; export it unfiltered",
-        filter.corner_hz,
-        1e3 * unit * filter.noise
-    ));
-    still
+    Some(filter)
 }
 
 /// State of the film at the first frame.

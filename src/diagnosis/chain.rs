@@ -381,6 +381,10 @@ impl<'a, S: Subject> Case<'a, S> {
         {
             partners = self.partners(field, first)?;
             pair = self.pair(field, first, &partners)?;
+            if let Some(alone) = pair.as_ref().and_then(|p| self.alone(field, p)) {
+                pair = None;
+                field.singles.insert(0, alone);
+            }
         }
         let odds = field.odds(&partners);
         // a second cause that is a part within its tolerance is none
@@ -481,6 +485,21 @@ impl<'a, S: Subject> Case<'a, S> {
             }
         }
         Ok(Some(pair.clone()))
+    }
+
+    /// The cause of a pair that does as well alone, where it is led from the values that it has there: a slow
+    /// creep whose time no start was near is found beside a drift.
+    fn alone(&self, field: &Field, pair: &Judged) -> Option<Judged> {
+        let problem = &self.problem;
+        let alone = |own: &Acting| {
+            let fit = problem.fit_near(&pair.fitted, std::slice::from_ref(own), POLISH);
+            Judged::new(problem, &field.seen.chance.blocks, fit)
+        };
+        let mut each: Vec<Judged> = pair.fitted.effects.par_iter().map(alone).collect();
+        field.weigh_down(&mut each);
+        let suffices = |j: &Judged| !joins(j, pair, 3.0 * field.by_chance);
+        let each = each.into_iter().filter(suffices);
+        each.min_by(|a, b| a.score.total_cmp(&b.score))
     }
 
     /// Parts far beyond their tolerances may stand in for a second cause: they are told once more beside the

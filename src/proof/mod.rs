@@ -93,9 +93,9 @@ pub struct Trial {
 fn datasets(case: &Case, list: &[CaseRecording]) -> Result<Vec<Dataset>, String> {
     list.iter()
         .map(|r| {
-            let mut d = Dataset::new(r.parts.clone(), None).map_err(|e| e.to_string())?;
+            let d = Dataset::beside(r.parts.clone(), &r.base_mm, 1e-3);
+            let mut d = d.map_err(|e| e.to_string())?;
             d.pivot_m = case.pivot_m;
-            d.colour_from(&r.base_mm);
             Ok(d)
         })
         .collect()

@@ -1,7 +1,7 @@
 //! Concealed cases: the same seed gives the same bytes, every effect can be made at every strength, switched
 //! off it changes nothing, and the files read back to what the case holds in memory.
 
-use deacal::cases::{self, DriveSet, Kind, Spec};
+use deacal::cases::{self, DriveSet, Kind, Likeness, Spec};
 
 fn spec(kind: Kind, seed: u64, strength: f64) -> Spec {
     Spec {
@@ -244,6 +244,42 @@ fn the_files_read_back() {
                 }
             }
         }
+    }
+}
+
+/// A proof weighs the noise of a filtered capture as whoever imports its files does.
+#[test]
+fn a_realistic_case_is_taken_as_its_files_are() {
+    use deacal::dataset::Dataset;
+    use deacal::recording::Recording;
+    let filtered = (1..40).find_map(|seed| {
+        let spec = Spec {
+            drive: DriveSet::Short,
+            ..spec(Kind::Clean, seed, 0.0)
+        };
+        let case = cases::generate_on(&spec, Likeness::Real).unwrap();
+        let by = |key: &str| !case.truth.bench[key].is_null();
+        (by("filter_hz") && by("film")).then_some(case)
+    });
+    let case = filtered.expect("one in seven is filtered and has another film");
+    let folder = tempfile::tempdir().unwrap();
+    for (path, bytes) in case.files() {
+        let path = folder.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+    let made = &case.train[1];
+    let own = made.id.rsplit('/').next().unwrap();
+    let place = folder.path().join(&case.name).join("train").join(own);
+    let recording = Recording::open(&place.join("recording.toml")).unwrap();
+    let read = Dataset::from_recording(&recording, None).unwrap();
+    let kept = Dataset::beside(made.parts.clone(), &made.base_mm, 1e-3).unwrap();
+    let filtered = |note: &String| note.contains("was filtered before it was exported");
+    assert!(read.notes.iter().any(filtered), "{:?}", read.notes);
+    assert_eq!(read.step_s, kept.step_s);
+    for i in 0..3 {
+        let (a, b) = (read.noise_m()[i], kept.noise_m()[i]);
+        assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
     }
 }
 

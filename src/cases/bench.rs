@@ -6,16 +6,17 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use super::dice::Dice;
+use super::drives::QUANTUM_V;
 use super::effect::{Hook, film_torque};
+use crate::film::Film;
 use crate::kinematics::Vec3;
-use crate::model::{Parameters, Robot};
+use crate::model::Robot;
 use crate::simulate::write::Capture;
 
 /// How nearly the robots of cases are their models.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Likeness {
     /// Exactly.
-    #[default]
     Drawn,
     /// Films, links, angles, axes, marker and clocks are off by a share of usual workshop tolerances, 3 % to
     /// all of them.
@@ -80,15 +81,17 @@ impl Elastic {
 /// A film of another law.
 #[derive(Debug, Clone)]
 pub struct OtherFilm {
+    /// The film of the model in whose place it is.
+    of: Film,
     elastic: Elastic,
     /// Modulus over the elastic one, and time, s, of each branch.
     branches: Vec<[f64; 2]>,
 }
 
 impl OtherFilm {
-    /// A film as stiff as the one of `parameters` at small stretch.
-    fn draw(dice: &mut Dice, parameters: &Parameters) -> Self {
-        let mu = parameters.film.mu_pa[0];
+    /// One as stiff as the film `of` the model at small stretch.
+    fn draw(dice: &mut Dice, of: &Film) -> Self {
+        let mu = of.mu_pa[0];
         let elastic = match dice.below(3) {
             0 => {
                 let c1 = 0.5 * mu;
@@ -120,6 +123,7 @@ impl OtherFilm {
             .collect();
         let sum: f64 = weights.iter().sum();
         OtherFilm {
+            of: of.clone(),
             elastic,
             branches: (weights.iter().zip(&times))
                 .map(|(w, t)| [whole * w / sum, *t])
@@ -127,18 +131,25 @@ impl OtherFilm {
         }
     }
 
-    /// Takes the stress of the film of the model away and puts its own there.
-    fn hook(&self, robot: &Robot) -> Hook {
-        let (film, lozenges) = (self.clone(), robot.lozenges);
+    /// Takes the stress of the film of the model away and puts its own there. Where the model's is stiffer and
+    /// slower now than it was, so is this one.
+    fn hook(&self, robot: &Robot, now: &Film) -> Hook {
+        let lozenges = robot.lozenges;
+        let stiffer = now.mu_pa[0] / self.of.mu_pa[0];
+        let slower = now.relaxation_time_s[0] / self.of.relaxation_time_s[0];
         let elastic = self.elastic.clone();
-        let n = film.branches.len();
-        let scale = self.elastic.stress([1.3, 1.3])[0].abs();
+        let stress = move |l: [f64; 2]| elastic.stress(l).map(|s| stiffer * s);
+        let relaxed = stress.clone();
+        let branches: Vec<[f64; 2]> = (self.branches.iter())
+            .map(|[share, time_s]| [*share, slower * time_s])
+            .collect();
+        let n = branches.len();
         Hook::with_states(
             6 * n,
-            scale,
+            stress([1.3, 1.3])[0].abs(),
             move |s, states| {
                 for k in 0..3 {
-                    let own = elastic.stress(s.stretch[k]);
+                    let own = relaxed(s.stretch[k]);
                     for at in 0..2 * n {
                         states[2 * n * k + at] = own[at % 2];
                     }
@@ -146,9 +157,9 @@ impl OtherFilm {
             },
             move |s, states, action, rates| {
                 for k in 0..3 {
-                    let own = film.elastic.stress(s.stretch[k]);
+                    let own = stress(s.stretch[k]);
                     let mut sigma = own;
-                    for (b, [share, time_s]) in film.branches.iter().enumerate() {
+                    for (b, [share, time_s]) in branches.iter().enumerate() {
                         for i in 0..2 {
                             let at = 2 * (n * k + b) + i;
                             sigma[i] += share * (own[i] - states[at]);
@@ -183,13 +194,14 @@ pub struct Bench {
     seed: u64,
     likeness: Likeness,
     /// Lengths, thickness of the film and its modulus over those of the rig that is known best.
-    pub size: [f64; 3],
+    size: [f64; 3],
+    /// Whether parts are off.
+    as_built: bool,
     /// Smallest step of the voltages' monitor, V.
-    pub monitor_v: Option<f64>,
+    pub monitor_v: f64,
     /// Whether the drives are those of the paper alone.
     pub few_drives: bool,
-    /// A film of another law.
-    pub film: Option<OtherFilm>,
+    film: Option<OtherFilm>,
     chain: Chain,
 }
 
@@ -201,7 +213,8 @@ impl Bench {
             seed,
             likeness,
             size: [1.0; 3],
-            monitor_v: None,
+            as_built: likeness == Likeness::Built,
+            monitor_v: QUANTUM_V,
             few_drives: false,
             film: None,
             chain: Chain::default(),
@@ -216,7 +229,10 @@ impl Bench {
                 dice.log_range(0.6, 1.4),
             ];
         }
-        out.monitor_v = dice.chance(0.3).then(|| dice.log_range(0.5, 10.0));
+        out.as_built = dice.chance(0.7);
+        if dice.chance(0.3) {
+            out.monitor_v = dice.log_range(0.5, 10.0);
+        }
         out.few_drives = dice.chance(0.2);
         out.chain = Chain {
             filter_hz: dice.chance(0.35).then(|| [6.0, 10.0, 20.0][dice.below(3)]),
@@ -226,11 +242,11 @@ impl Bench {
         out
     }
 
-    /// Gives the robot a film of another law, in two cases of five.
-    pub fn draw_film(&mut self, parameters: &Parameters) {
+    /// Gives the robot, in two cases of five, another film than that `of` the model.
+    pub fn draw_film(&mut self, of: &Film) {
         let mut dice = Dice::new(self.seed, 8);
         if self.likeness == Likeness::Real && dice.chance(0.4) {
-            self.film = Some(OtherFilm::draw(&mut dice, parameters));
+            self.film = Some(OtherFilm::draw(&mut dice, of));
         }
     }
 
@@ -275,18 +291,16 @@ impl Bench {
 
     /// Makes a robot from its drawing.
     pub fn made(&self, drawn: &Robot) -> Made {
-        match self.likeness {
-            Likeness::Drawn => Made::as_drawn(drawn),
-            Likeness::Built => Made::new(self.seed, drawn),
-            // some are well made
-            Likeness::Real if Dice::new(self.seed, 9).chance(0.3) => Made::as_drawn(drawn),
-            Likeness::Real => Made::new(self.seed, drawn),
+        if self.as_built {
+            Made::new(self.seed, drawn)
+        } else {
+            Made::as_drawn(drawn)
         }
     }
 
-    /// What the film does beside that of the model.
-    pub fn hook(&self, robot: &Robot) -> Option<Hook> {
-        self.film.as_ref().map(|f| f.hook(robot))
+    /// What the film of a robot does beside that of the model as it is now.
+    pub fn hook(&self, robot: &Robot, now: &Film) -> Option<Hook> {
+        self.film.as_ref().map(|f| f.hook(robot, now))
     }
 
     /// Another rate and noise of the capture.
@@ -294,7 +308,7 @@ impl Bench {
         if self.likeness != Likeness::Real {
             return;
         }
-        let mut dice = Dice::new(self.seed, 11);
+        let mut dice = Dice::new(self.seed, 9);
         capture.rate_hz = [50.0, 100.0, 100.0, 100.0, 120.0, 200.0, 240.0][dice.below(7)];
         if dice.chance(0.3) {
             capture.noise.coloured_m = dice.range(1e-5, 5e-5);
@@ -375,8 +389,7 @@ impl Bench {
         say("monitor_V", json!(self.monitor_v));
         say("few_drives", json!(self.few_drives));
         say("film", json!(self.film.as_ref().map(|f| f.elastic.name())));
-        let made = self.likeness == Likeness::Built || !Dice::new(self.seed, 9).chance(0.3);
-        say("as_built", json!(made));
+        say("as_built", json!(self.as_built));
         out
     }
 }
@@ -454,17 +467,7 @@ impl Made {
         for (chain, lozenge) in (out.robot.mechanism.chains.iter_mut()).zip(&mut out.robot.lozenges)
         {
             lozenge.l3_m *= 1.0 + off(0.03);
-            let bar = &mut chain.four_bar;
-            for length in [
-                &mut chain.base_radius_m,
-                &mut chain.effector_radius_m,
-                &mut chain.bicep_m,
-                &mut chain.forearm_m,
-                &mut bar.a_m,
-                &mut bar.b_m,
-                &mut bar.c_m,
-                &mut bar.d_m,
-            ] {
+            for length in chain.lengths_mut() {
                 *length *= 1.0 + off(0.002);
             }
             chain.input_offset_rad += off(0.2_f64.to_radians());

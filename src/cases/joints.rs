@@ -173,18 +173,7 @@ pub fn link_length_error(draw: &mut Draw) -> Effect {
     out.alter = Some(Box::new(move |_, robot, _| {
         for k in 0..3 {
             if on[k] {
-                let chain = &mut robot.mechanism.chains[k];
-                let length = match link {
-                    0 => &mut chain.base_radius_m,
-                    1 => &mut chain.effector_radius_m,
-                    2 => &mut chain.bicep_m,
-                    3 => &mut chain.forearm_m,
-                    4 => &mut chain.four_bar.a_m,
-                    5 => &mut chain.four_bar.b_m,
-                    6 => &mut chain.four_bar.c_m,
-                    _ => &mut chain.four_bar.d_m,
-                };
-                *length *= 1.0 + error;
+                *robot.mechanism.chains[k].lengths_mut()[link] *= 1.0 + error;
             }
         }
     }));

@@ -347,7 +347,7 @@ fn generate_with(
     let rig_toml = bench.rig(RIG);
     let believed = Robot::from_rig(&rig(&rig_toml)?, None)?;
     let parameters = parameters(&mut Dice::new(spec.seed, 1), bench.stiffness())?;
-    bench.draw_film(&parameters);
+    bench.draw_film(&parameters.film);
     let lab = Lab {
         bench,
         rig_toml,
@@ -408,7 +408,7 @@ fn attempt(
         DriveSet::Short => drives::short(&mut dice, share)?,
     };
     let slots = slots(spec.seed, &planned);
-    let effects = planted_effects(spec, off, believed, parameters, &slots, 5400.0 * share)?;
+    let effects = planted_effects(spec, off, lab, &slots, 5400.0 * share)?;
     let name = spec.name();
     let mut train = Vec::new();
     let mut holdout = Vec::new();
@@ -488,13 +488,14 @@ fn slots(seed: u64, planned: &[Planned]) -> Vec<Slot> {
 fn planted_effects(
     spec: &Spec,
     off: bool,
-    believed: &Robot,
-    parameters: &Parameters,
+    lab: &Lab,
     slots: &[Slot],
     peak_v: f64,
 ) -> Result<Vec<Effect>, String> {
-    let none: [&dyn Addition; 0] = [];
-    let free = rest(believed, parameters, [0.0; 3], 0.0, &none).map_err(|e| e.to_string())?;
+    let (believed, parameters) = (&lab.believed, &lab.parameters);
+    let film = lab.bench.hook(believed, &parameters.film);
+    let film: Vec<&dyn Addition> = film.iter().map(|h| h as &dyn Addition).collect();
+    let free = rest(believed, parameters, [0.0; 3], 0.0, &film).map_err(|e| e.to_string())?;
     let chains = believed
         .mechanism
         .pose(free.position_m)
@@ -673,7 +674,6 @@ impl Take<'_> {
             to.end_effector_offset_m[i] += made.marker_m[i];
             to.rotation_deg[i] += made.tilt_deg[i];
         }
-        out.hooks.extend(self.bench.hook(&out.robot));
         for effect in effects {
             if let Some(alter) = &effect.alter {
                 alter(self.index, &mut out.robot, &mut out.parameters);
@@ -692,6 +692,8 @@ impl Take<'_> {
             out.clock.1 += effect.clock.1;
             out.lag = out.lag.or(effect.lag);
         }
+        let film = self.bench.hook(&out.robot, &out.parameters.film);
+        out.hooks.extend(film);
         out
     }
 
@@ -723,8 +725,7 @@ impl Take<'_> {
             None => truth.position_m.clone(),
         };
         self.spoil(&mut scene.capture, seen.len());
-        let quantum_v = self.bench.monitor_v.unwrap_or(drives::QUANTUM_V);
-        let logged = logged(drive, scene.clock, quantum_v)?;
+        let logged = logged(drive, scene.clock, self.bench.monitor_v)?;
         let written = self.write(&scene.capture, &seen, &logged)?;
         let payload = Payload::steps(planned.payload_kg[0].1, planned.payload_kg[1..].to_vec())?;
         let payload_kg = (0..written.measured_m.len())
@@ -775,7 +776,7 @@ impl Take<'_> {
     /// The files of what was seen and logged; and what is measured, with and without noise and gaps.
     fn write(&self, capture: &Capture, seen: &[Vec3], logged: &Sampled) -> Result<Written, String> {
         let log = VoltageLog {
-            quantum_v: self.bench.monitor_v.unwrap_or(drives::QUANTUM_V),
+            quantum_v: self.bench.monitor_v,
             ..VoltageLog::default()
         };
         let text = RecordingText {

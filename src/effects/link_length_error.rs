@@ -59,18 +59,7 @@ impl Effect for LinkLengthError {
     }
     fn geometry(&self, v: &[f64], on: [bool; 3], mechanism: &mut Mechanism, _: &mut [Lozenge; 3]) {
         for (chain, _) in mechanism.chains.iter_mut().zip(on).filter(|(_, on)| *on) {
-            let bar = &mut chain.four_bar;
-            let length = [
-                &mut chain.base_radius_m,
-                &mut chain.effector_radius_m,
-                &mut chain.bicep_m,
-                &mut chain.forearm_m,
-                &mut bar.a_m,
-                &mut bar.b_m,
-                &mut bar.c_m,
-                &mut bar.d_m,
-            ];
-            if let Some(length) = length.into_iter().nth(v[0] as usize) {
+            if let Some(length) = chain.lengths_mut().into_iter().nth(v[0] as usize) {
                 *length *= 1.0 + v[1];
             }
         }

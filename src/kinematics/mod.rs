@@ -334,6 +334,21 @@ impl FixedChain {
 }
 
 impl Chain {
+    /// Its eight lengths, m: l_ch, l_end, q, n0, a, b, c, d.
+    pub fn lengths_mut(&mut self) -> [&mut f64; 8] {
+        let bar = &mut self.four_bar;
+        [
+            &mut self.base_radius_m,
+            &mut self.effector_radius_m,
+            &mut self.bicep_m,
+            &mut self.forearm_m,
+            &mut bar.a_m,
+            &mut bar.b_m,
+            &mut bar.c_m,
+            &mut bar.d_m,
+        ]
+    }
+
     /// Radial and tangential unit vectors r_k and t_k.
     fn axes(&self) -> (Vec3, Vec3) {
         let (s, c) = self.azimuth_rad.sin_cos();

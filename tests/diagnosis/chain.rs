@@ -304,6 +304,38 @@ fn practice_cases_are_named() {
     }
 }
 
+/// A creep that no start is near is found beside a drift, which it does not need.
+#[test]
+fn a_cause_that_does_as_well_alone_is_named_alone() {
+    let Some(shared) = std::env::var_os("DEACAL_SHARED") else {
+        println!("skipped: DEACAL_SHARED is not set");
+        return;
+    };
+    let case = Path::new(&shared).join("datasets/practice-built/built-07");
+    let recordings = |set: &str| {
+        let entries = std::fs::read_dir(case.join(set)).unwrap();
+        let mut list: Vec<_> = entries.map(|e| e.unwrap().path()).collect();
+        list.sort();
+        list
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let out = common::run(|deacal| {
+        deacal
+            .args(["diagnose", "--json", "--quiet", "--rig"])
+            .arg(case.join("rig.toml"))
+            .args(recordings("train"))
+            .arg("--holdout")
+            .args(recordings("holdout"))
+            .arg("-o")
+            .arg(dir.path().join("out"))
+    });
+    let json: serde_json::Value = serde_json::from_slice(&out).unwrap();
+    let candidates = json["candidates"].as_array().unwrap();
+    let named = candidates.iter().filter(|c| c["in_model"] == true);
+    let named: Vec<_> = named.map(|c| c["effect"].as_str().unwrap()).collect();
+    assert_eq!(named, ["slow_creep"]);
+}
+
 #[test]
 fn an_answer_is_opened_only_after_the_diagnosis() {
     // The comparison takes the finished diagnosis as a value; the diagnosis takes no answer.

@@ -122,7 +122,7 @@ pub(super) fn explain<S: Subject>(
     let (confidence, says, next_experiment) = match &ruled.beyond {
         Some(part) => of_part(&field, part, &train, problem),
         None => {
-            remarks.extend(tolerance::remark(&departed));
+            remarks.extend(built.into_iter().flat_map(|b| b.remarks(augmented)));
             let held = holdout.as_ref();
             let how = How {
                 as_built: built.is_some(),
@@ -167,7 +167,7 @@ pub(super) fn explain<S: Subject>(
         traces,
         departed,
         beyond: ruled.beyond,
-        built: built.map_or(f64::NAN, |b| b.scale),
+        built: built.map_or(f64::NAN, |b| b.scales.parts),
         remarks: std::mem::take(remarks),
         says,
         evidence: evidence(&field, &choice, case.request.false_alarm_rate),

@@ -1,12 +1,14 @@
 //! How robots are built: parts that differ within their tolerances are no cause.
 //!
 //! Each tolerance is one column of the linearised residual, the change that one standard deviation of it
-//! makes, and has a normal prior. Those that the rig states are taken as stated. The others are defaults of
+//! makes, and has a normal prior. So has the law of the film: rubber that relaxes linearly is no fault either,
+//! and its branches differ from the model's by what no refit of these absorbs. Those that the rig states are taken as stated. The others are defaults of
 //! good workshop practice, and how well this robot was built is told from the recordings: all defaults are
-//! multiplied by one scale between 0 and 1, that of largest marginal likelihood
+//! multiplied by one scale between 0 and 1, and linear branches by another, those of largest
+//! marginal likelihood
 //!
 //! ```text
-//! -2 ln L(scale) = r'r - g'D (I + D G D)^-1 D g + ln det(I + D G D),     D = scale times tolerances
+//! -2 ln L(scales) = r'r - g'D (I + D G D)^-1 D g + ln det(I + D G D),     D = scales times tolerances
 //! ```
 //!
 //! where G and g are the products of the columns with each other and with the residual, the plain model's
@@ -19,12 +21,16 @@
 //! do not take its place; where none does, such parts are said and nothing is named.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use rayon::prelude::*;
 
 use super::BASELINE;
 use super::outcome::Departed;
 use super::problem::{Fitted, Problem, Tangent, value_unknowns};
 use super::subject::Subject;
-use crate::effects::{Acting, AngleError, Site, ThicknessError, by_id};
+use super::words::in_unit;
+use crate::effects::{
+    Acting, AngleError, Effect, LinearBranch, Site, StretchExponent, ThicknessError, by_id,
+};
 use crate::film::Locked;
 use crate::fit::separable::{Prior, Unknown};
 use crate::recording::Stated;
@@ -42,6 +48,16 @@ const TILT_DEG: f64 = 0.2;
 const MARKER_MM: f64 = 0.1;
 const CLOCK_MS: f64 = 1.0;
 
+/// Another law of all films: one standard deviation of the exponent of stretch (2 in the model; rubbers have
+/// 1.3 to 5, most of their stress less than 3), and the modulus that each linear branch may have over what all
+/// springs of the model have together, as large as that of a branch of the model; their relaxation times, and
+/// the powers of I - 3 in the elastic stress that they relax; the modulus at which all of them are told.
+const EXPONENT: f64 = 0.5;
+const BRANCH: f64 = 0.1;
+const BRANCH_TIMES_S: [f64; 7] = [0.01, 0.05, 0.25, 1.25, 6.25, 31.0, 156.0];
+const BRANCH_POWERS: [f64; 2] = [0.0, 1.0];
+const LAW_PA: f64 = 1e5;
+
 /// Links as `link_length_error` numbers them, with their keys in the rig.
 const LINKS: [(&str, &str); 8] = [
     ("l_ch", "l_ch_mm"),
@@ -56,6 +72,9 @@ const LINKS: [(&str, &str); 8] = [
 /// Steps of the scale, each by this factor, from 1 down to the last.
 const SCALE_STEP: f64 = 0.7;
 const LEAST_SCALE: f64 = 0.003;
+/// The same of linear branches.
+const LAW_STEP: f64 = 0.5;
+const LEAST_LAW: f64 = 0.05;
 /// A direction in which one standard deviation changes the sum of squares by less is left out: its prior is
 /// all that is known of it.
 const VISIBLE: f64 = 0.25;
@@ -71,10 +90,29 @@ pub(super) struct Tolerance {
     pub tolerance: f64,
     /// Its unit.
     pub unit: &'static str,
-    /// Whether the rig states it.
-    pub stated: bool,
+    /// What is known of it.
+    pub known: Known,
     /// What it changes.
     pub departure: Departure,
+}
+
+/// What is known of a tolerance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Known {
+    /// The rig states it.
+    Stated,
+    /// A default of good practice, which counts by how well this robot was built.
+    Default,
+    /// No part, but the law of all films: the exponent of stretch may be another.
+    Exponent,
+    /// The same: a linear branch, which counts by how far films follow such a law.
+    Branch,
+}
+
+impl Known {
+    fn is_law(self) -> bool {
+        matches!(self, Known::Exponent | Known::Branch)
+    }
 }
 
 /// The tolerances of a robot with this end effector on so many recordings.
@@ -91,11 +129,16 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
                    unit: &'static str,
                    departure: Departure| {
         if tolerance > 0.0 {
+            let known = if stated {
+                Known::Stated
+            } else {
+                Known::Default
+            };
             out.push(Tolerance {
                 what,
                 tolerance,
                 unit,
-                stated,
+                known,
                 departure,
             });
         }
@@ -214,7 +257,49 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
         let what = format!("clocks of recording {}", recording + 1);
         add(what, clock, "ms", departure);
     }
+    out.extend(law());
     out
+}
+
+/// By what films may follow another law.
+fn law() -> impl Iterator<Item = Tolerance> {
+    let term = |known: Known, effect: &'static dyn Effect, values: Vec<f64>| Tolerance {
+        what: "law of the film".into(),
+        tolerance: LAW_PA,
+        unit: "Pa",
+        known,
+        departure: Departure::Effect {
+            acting: Acting {
+                effect,
+                values,
+                on: [true; 3],
+            },
+            only: None,
+        },
+    };
+    let branches = (BRANCH_POWERS.iter())
+        .flat_map(|power| BRANCH_TIMES_S.map(|time_s| vec![LAW_PA, time_s, *power]));
+    let branches = branches.map(move |values| term(Known::Branch, &LinearBranch, values));
+    let exponent = term(Known::Exponent, &StretchExponent, vec![LAW_PA]);
+    std::iter::once(exponent).chain(branches)
+}
+
+/// 0, and steps from 1 down to the least by a factor.
+fn steps(factor: f64, least: f64) -> Vec<f64> {
+    let down = |s: &f64| Some(s * factor).filter(|s| *s >= least);
+    let list = std::iter::successors(Some(1.0), down);
+    std::iter::once(0.0).chain(list).collect()
+}
+
+/// What tolerances that the rig does not state are multiplied by.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Scales {
+    /// Those of parts.
+    pub parts: f64,
+    /// Whether the exponent of stretch is another.
+    pub exponent: bool,
+    /// That of linear branches.
+    pub branches: f64,
 }
 
 /// Products of all departures at a fitted model, everything projected out that a refit could absorb.
@@ -224,6 +309,8 @@ struct Spread<'a> {
     score: DVector<f64>,
     /// Sum of squares with priors at the tangent's minimum, over the noise.
     base: f64,
+    /// Modulus of all springs of the film together, over the one at which another law is told.
+    film: f64,
 }
 
 impl<'a> Spread<'a> {
@@ -235,6 +322,7 @@ impl<'a> Spread<'a> {
         cost: f64,
         noise: f64,
         mean: &DVector<f64>,
+        film_pa: f64,
     ) -> Self {
         let along = tangent.columns.tr_mul(rows);
         let absorbed = tangent.absorb(&along);
@@ -247,32 +335,36 @@ impl<'a> Spread<'a> {
         let back = &gram * mean;
         Spread {
             list,
+            film: film_pa / LAW_PA,
             base: (cost - rest) / noise + 2.0 * mean.dot(&score) + mean.dot(&back),
             score: score + back,
             gram,
         }
     }
 
-    fn sizes(&self, scale: f64) -> DVector<f64> {
-        DVector::from_iterator(
-            self.list.len(),
-            self.list.iter().map(|t| if t.stated { 1.0 } else { scale }),
-        )
+    fn sizes(&self, scales: Scales) -> DVector<f64> {
+        let of = |t: &Tolerance| match t.known {
+            Known::Stated => 1.0,
+            Known::Default => scales.parts,
+            Known::Exponent => f64::from(u8::from(scales.exponent)) * EXPONENT * self.film,
+            Known::Branch => scales.branches * BRANCH * self.film,
+        };
+        DVector::from_iterator(self.list.len(), self.list.iter().map(of))
     }
 
     /// D G D.
-    fn scaled(&self, scale: f64) -> DMatrix<f64> {
-        let d = self.sizes(scale);
+    fn scaled(&self, scales: Scales) -> DMatrix<f64> {
+        let d = self.sizes(scales);
         DMatrix::from_fn(d.len(), d.len(), |i, j| d[i] * self.gram[(i, j)] * d[j])
     }
 
-    /// -2 ln L at a scale, but for a constant.
-    fn at(&self, scale: f64) -> f64 {
-        let mut a = self.scaled(scale);
+    /// -2 ln L at these scales, but for a constant.
+    fn at(&self, scales: Scales) -> f64 {
+        let mut a = self.scaled(scales);
         for i in 0..a.nrows() {
             a[(i, i)] += 1.0;
         }
-        let b = self.sizes(scale).component_mul(&self.score);
+        let b = self.sizes(scales).component_mul(&self.score);
         let Some(c) = a.cholesky() else {
             return f64::INFINITY;
         };
@@ -280,18 +372,27 @@ impl<'a> Spread<'a> {
         self.base - b.dot(&c.solve(&b)) + log_det
     }
 
-    /// The scale of largest likelihood.
-    fn best(&self) -> f64 {
-        let mut best = (0.0, self.at(0.0));
-        let mut scale = 1.0;
-        while scale >= LEAST_SCALE {
-            let value = self.at(scale);
-            if value < best.1 {
-                best = (scale, value);
+    /// The scales of largest likelihood.
+    fn best(&self) -> Scales {
+        let parts: Vec<f64> = steps(SCALE_STEP, LEAST_SCALE);
+        let has_law = self.list.iter().any(|t| t.known.is_law());
+        let laws = match has_law {
+            true => steps(LAW_STEP, LEAST_LAW),
+            false => vec![0.0],
+        };
+        let mut all = Vec::new();
+        for exponent in [false, has_law] {
+            for &branches in &laws {
+                all.extend(parts.iter().map(|&parts| Scales {
+                    parts,
+                    exponent,
+                    branches,
+                }));
             }
-            scale *= SCALE_STEP;
         }
-        best.0
+        let told = all.into_par_iter().map(|s| (s, self.at(s)));
+        let best = told.min_by(|a, b| a.1.total_cmp(&b.1));
+        best.map_or(Scales::default(), |b| b.0)
     }
 
     /// Directions (columns, in tolerances) that the recordings can see at a scale, each with a normal prior
@@ -299,14 +400,14 @@ impl<'a> Spread<'a> {
     /// eigenvalues.
     fn directions(
         &self,
-        scale: f64,
+        scales: Scales,
         mean: &DVector<f64>,
     ) -> (DMatrix<f64>, Vec<f64>, DVector<f64>) {
-        let eigen = SymmetricEigen::new(self.scaled(scale));
+        let eigen = SymmetricEigen::new(self.scaled(scales));
         let seen: Vec<usize> = (0..self.list.len())
             .filter(|&i| eigen.eigenvalues[i] > VISIBLE)
             .collect();
-        let d = self.sizes(scale);
+        let d = self.sizes(scales);
         let combine = DMatrix::from_fn(d.len(), seen.len(), |i, j| {
             d[i] * eigen.eigenvectors[(i, seen[j])]
         });
@@ -323,8 +424,8 @@ impl<'a> Spread<'a> {
 pub(super) struct Built {
     /// The tolerances.
     pub list: Vec<Tolerance>,
-    /// The scale of those that the rig does not state.
-    pub scale: f64,
+    /// The scales of those that the rig does not state.
+    pub scales: Scales,
     /// -2 ln L there, as the linear theory has it.
     promised: f64,
     /// Eigenvalues of D G D.
@@ -391,21 +492,25 @@ impl Built {
         let rows = problem.train.departure_rows(&train);
         let mean = -&base;
         let cost = tangent.residual.norm_squared() + priors(problem, plain);
-        let spread = Spread::new(&list, &rows, &tangent, cost, noise, &mean);
-        let scale = spread.best();
-        let (combine, means, mut seen) = spread.directions(scale, &mean);
+        let film = problem
+            .train
+            .parameters(&plain.state.eta, &plain.state.beta);
+        let film_pa: f64 = film.film.mu_pa.iter().sum();
+        let spread = Spread::new(&list, &rows, &tangent, cost, noise, &mean, film_pa);
+        let scales = spread.best();
+        let (combine, means, mut seen) = spread.directions(scales, &mean);
         // What parts may do costs the same whether a cause that does the like is beside them or not.
         if !plain.free.is_empty() {
             let mut held = plain.clone();
             held.free.clear();
             held.state.eta.truncate(problem.nonlinear.len());
             let film = Tangent::new(problem, &held)?;
-            let whole = Spread::new(&list, &rows, &film, cost, noise, &mean);
-            seen = whole.scaled(scale).symmetric_eigenvalues();
+            let whole = Spread::new(&list, &rows, &film, cost, noise, &mean, film_pa);
+            seen = whole.scaled(scales).symmetric_eigenvalues();
         }
         Ok(Built {
-            scale,
-            promised: spread.at(scale),
+            scales,
+            promised: spread.at(scales),
             seen,
             noise,
             colour,
@@ -666,20 +771,69 @@ impl Built {
     /// How much less likely, in ln, normal parts are to be as far off as the farthest is than not to: 0 up to
     /// where the largest of so many lies.
     pub fn strange(&self, fitted: &Fitted) -> f64 {
-        (0.5 * self.farthest(fitted).powi(2) - (self.list.len() as f64).ln()).max(0.0)
+        (0.5 * self.farthest(fitted).powi(2) - (self.departed(fitted).len() as f64).ln()).max(0.0)
     }
 
-    /// What a fit makes of each tolerance.
+    /// Torque that linear branches make of a film in a fit, N m: root mean square over films and samples.
+    fn branches_n_m(&self, found: &DVector<f64>) -> f64 {
+        let all = 0..self.list.len();
+        let branches: Vec<usize> = all
+            .filter(|&i| self.list[i].known == Known::Branch)
+            .collect();
+        let (mut squares, mut count) = (0.0, 0);
+        for torques in &self.train {
+            for k in 0..3 {
+                let samples = torques.first().map_or(0, |t| t[k].len());
+                let at = |i: usize| -> f64 {
+                    let each = |&b: &usize| found[b] * torques[b][k][i];
+                    branches.iter().map(each).sum()
+                };
+                squares += (0..samples).map(|i| at(i).powi(2)).sum::<f64>();
+                count += samples;
+            }
+        }
+        (squares / count.max(1) as f64).sqrt()
+    }
+
+    /// What is said of what a fit makes of parts and of the film's law.
+    pub fn remarks(&self, fitted: &Fitted) -> Vec<String> {
+        let mut out: Vec<String> = remark(&self.departed(fitted)).into_iter().collect();
+        let found = self.found(fitted);
+        let mut law = Vec::new();
+        let exponent = self.list.iter().position(|t| t.known == Known::Exponent);
+        if let Some(at) = exponent.filter(|_| self.scales.exponent) {
+            let exponent = 2.0 + found[at] * LAW_PA / fitted.state.beta[0];
+            law.push(format!(
+                "its stress grows with stretch to the power of about {exponent:.1}, where the model has 2"
+            ));
+        }
+        if self.scales.branches > 0.0 {
+            let torque = in_unit(1e3 * self.branches_n_m(&found), "mN m");
+            law.push(format!(
+                "it relaxes rather as a sum of linear branches ({torque} of torque, rms)"
+            ));
+        }
+        if !law.is_empty() {
+            out.push(format!(
+                "The film may follow another law than the model's: {}. That is no cause, but stiff electrodes or hinges may hide in it; pull a strip of bare film to tell.",
+                law.join("; ")
+            ));
+        }
+        out
+    }
+
+    /// What a fit makes of each tolerance of a part.
     pub fn departed(&self, fitted: &Fitted) -> Vec<Departed> {
         self.list
             .iter()
             .zip(self.found(fitted).iter())
+            .filter(|(t, _)| !t.known.is_law())
             .map(|(t, found)| Departed {
                 what: t.what.clone(),
                 found: found * t.tolerance,
                 tolerance: t.tolerance,
                 unit: t.unit,
-                stated: t.stated,
+                stated: t.known == Known::Stated,
             })
             .collect()
     }
@@ -725,7 +879,7 @@ fn largest(departed: &[Departed]) -> Option<&Departed> {
 }
 
 /// What is said of departures: the largest of them.
-pub(super) fn remark(departed: &[Departed]) -> Option<String> {
+fn remark(departed: &[Departed]) -> Option<String> {
     let largest = largest(departed).filter(|d| d.times() >= WORTH_SAYING)?;
     let says = largest.says();
     Some(if largest.times() < WITHIN {
@@ -767,6 +921,7 @@ mod tests {
             gram: DMatrix::identity(n, n) * 1e4,
             score: DVector::from_vec(score),
             base: 0.0,
+            film: 1.0,
         }
     }
 
@@ -780,9 +935,9 @@ mod tests {
                 .map(|i| if i % 2 == 0 { 2e3 } else { -2e3 })
                 .collect(),
         );
-        let scale = off.best();
+        let scale = off.best().parts;
         assert!((0.14..0.3).contains(&scale), "{scale}");
-        assert_eq!(spread(&list, vec![0.0; 40]).best(), 0.0);
+        assert_eq!(spread(&list, vec![0.0; 40]).best(), Scales::default());
     }
 
     #[test]
@@ -793,12 +948,21 @@ mod tests {
             tolerance: 0.5,
         }];
         let list = of_robot(&stated, 6e-3, 1);
-        let own: Vec<&Tolerance> = list.iter().filter(|t| t.stated).collect();
+        let own: Vec<&Tolerance> = list.iter().filter(|t| t.known == Known::Stated).collect();
         assert_eq!(own.len(), 3);
         assert!(own.iter().all(|t| (t.tolerance - 0.01).abs() < 1e-12));
         let spread = spread(&list, vec![0.0; list.len()]);
-        let sum = 3.0 + 0.1 * (list.len() - 3) as f64;
-        assert!((spread.sizes(0.1).sum() - sum).abs() < 1e-9);
+        let laws = list.iter().filter(|t| t.known.is_law()).count();
+        let sum = 3.0
+            + 0.1 * (list.len() - laws - 3) as f64
+            + EXPONENT
+            + 0.2 * BRANCH * (laws - 1) as f64;
+        let scales = Scales {
+            parts: 0.1,
+            exponent: true,
+            branches: 0.2,
+        };
+        assert!((spread.sizes(scales).sum() - sum).abs() < 1e-9);
     }
 
     #[test]

@@ -20,6 +20,7 @@ mod electrode_failure;
 mod electrode_stiffness;
 mod electrode_viscosity;
 mod end_stop;
+mod film_law;
 mod frame_tilt;
 mod hinge_stiffness;
 mod joint_damping;
@@ -176,6 +177,7 @@ impl Reach {
 }
 
 pub(crate) use angle_error::AngleError;
+pub(crate) use film_law::{LinearBranch, StretchExponent};
 pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
 pub(crate) use nonlinear_flow::flow;

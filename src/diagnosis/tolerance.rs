@@ -1,11 +1,11 @@
 //! How robots are built: parts that differ within their tolerances are no cause.
 //!
 //! Each tolerance is one column of the linearised residual, the change that one standard deviation of it
-//! makes, and has a normal prior. So has the law of the film: rubber that relaxes linearly is no fault either,
-//! and its branches differ from the model's by what no refit of these absorbs. Those that the rig states are taken as stated. The others are defaults of
-//! good workshop practice, and how well this robot was built is told from the recordings: all defaults are
-//! multiplied by one scale between 0 and 1, and linear branches by another, those of largest
-//! marginal likelihood
+//! makes, and has a normal prior. So has the law of the film: rubber that relaxes linearly is no fault
+//! either, and its branches differ from the model's by what no refit of these absorbs. Those that the rig
+//! states are taken as stated. The others are defaults of good workshop practice, and how well this robot
+//! was built is told from the recordings: all defaults are multiplied by one scale between 0 and 1, and
+//! linear branches by another, those of largest marginal likelihood
 //!
 //! ```text
 //! -2 ln L(scales) = r'r - g'D (I + D G D)^-1 D g + ln det(I + D G D),     D = scales times tolerances

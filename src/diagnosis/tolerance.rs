@@ -49,9 +49,9 @@ const MARKER_MM: f64 = 0.1;
 const CLOCK_MS: f64 = 1.0;
 
 /// Another law of all films: one standard deviation of the exponent of stretch (2 in the model; rubbers have
-/// 1.3 to 5, most of their stress less than 3), and the modulus that each linear branch may have over what all
-/// springs of the model have together, as large as that of a branch of the model; their relaxation times, and
-/// the powers of I - 3 in the elastic stress that they relax; the modulus at which all of them are told.
+/// 1.3 to 5, most of their stress less than 3), and the modulus that each linear branch may have over what
+/// all springs of the model have together, as large as that of a branch of the model; their relaxation times,
+/// and the powers of I - 3 in the elastic stress that they relax; the modulus at which all of them are told.
 const EXPONENT: f64 = 0.5;
 const BRANCH: f64 = 0.1;
 const BRANCH_TIMES_S: [f64; 7] = [0.01, 0.05, 0.25, 1.25, 6.25, 31.0, 156.0];
@@ -801,10 +801,12 @@ impl Built {
         let found = self.found(fitted);
         let mut law = Vec::new();
         let exponent = self.list.iter().position(|t| t.known == Known::Exponent);
-        if let Some(at) = exponent.filter(|_| self.scales.exponent) {
-            let exponent = 2.0 + found[at] * LAW_PA / fitted.state.beta[0];
+        // over the modulus of the equilibrium spring it is the exponent's distance from 2
+        let beyond = |at: usize| found[at] * LAW_PA / fitted.state.beta[0];
+        if let Some(more) = exponent.map(beyond).filter(|m| m.abs() >= WORTH_SAYING) {
             law.push(format!(
-                "its stress grows with stretch to the power of about {exponent:.1}, where the model has 2"
+                "its stress grows with stretch to the power of about {:.1}, where the model has 2",
+                2.0 + more
             ));
         }
         if self.scales.branches > 0.0 {
@@ -893,7 +895,7 @@ fn remark(departed: &[Departed]) -> Option<String> {
     })
 }
 
-/// Departure, in tolerances, that is worth a word.
+/// Departure, in tolerances or of an exponent, that is worth a word.
 const WORTH_SAYING: f64 = 0.05;
 /// Times that departures are told, each about the mechanism and the film of the last, at least and at most;
 /// and the share of the cost before from which they are settled.

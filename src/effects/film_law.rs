@@ -5,8 +5,8 @@
 //! sigma_i = (2 mu/alpha) (lambda_i^alpha - lambda_3^alpha),
 //! ```
 //!
-//! with alpha at 2, where it is neo-Hookean, but for what scales all of it. [`LinearBranch`] relaxes an elastic
-//! stress linearly, as the sums of exponentials do by which most data sheets and finite element codes
+//! with alpha at 2, where it is neo-Hookean, but for what scales all of it. [`LinearBranch`] relaxes an
+//! elastic stress linearly, as the sums of exponentials do by which most data sheets and finite element codes
 //! describe rubber: to first order in the stroke it is a branch of the model; beyond, it differs.
 
 use super::{Along, Effect, Part, Quantity, Reach, Site, decays, shape, size};
@@ -120,20 +120,21 @@ mod tests {
     use super::*;
     use crate::kinematics::Lozenge;
 
+    const LOZENGE: Lozenge = Lozenge {
+        side_m: 0.05,
+        l1_m: 0.0629,
+        l2_m: 0.04065,
+        l3_m: 8.5e-5,
+        films: 2.0,
+    };
+
     /// Torques of an effect along a step of the lozenge's angle.
     fn along_a_step(effect: &dyn Effect, values: &[f64]) -> Vec<f64> {
-        let lozenge = Lozenge {
-            side_m: 0.05,
-            l1_m: 0.0629,
-            l2_m: 0.04065,
-            l3_m: 8.5e-5,
-            films: 2.0,
-        };
         let angles: Vec<f64> = (0..200).map(|i| if i < 10 { 2.3 } else { 2.4 }).collect();
         let along = Along {
             step_s: 0.01,
             when: Default::default(),
-            lozenge: &lozenge,
+            lozenge: &LOZENGE,
             eps_f_m: 2.5e-11,
             bicep_m: 0.05,
             theta_dea_rad: &angles,
@@ -176,20 +177,13 @@ mod tests {
     #[test]
     fn an_exponent_is_what_it_changes_of_an_ogden_spring() {
         // (2/alpha) (lambda^alpha - ...) about alpha = 2: what the exponent adds, and a share of the whole
-        let lozenge = Lozenge {
-            side_m: 0.05,
-            l1_m: 0.0629,
-            l2_m: 0.04065,
-            l3_m: 8.5e-5,
-            films: 2.0,
-        };
         let torque = along_a_step(&StretchExponent, &[1e5]);
         for (t, angle) in [(torque[0], 2.3), (torque[199], 2.4)] {
-            let (l, slope) = (lozenge.stretches(angle), lozenge.log_stretch_slopes(angle));
+            let (l, slope) = (LOZENGE.stretches(angle), LOZENGE.log_stretch_slopes(angle));
             let ogden = |alpha: f64| {
                 let third = (l[0] * l[1]).powf(-alpha);
                 let s = |l: f64| 2.0 / alpha * (l.powf(alpha) - third);
-                -1e5 * lozenge.volume_m3() * (s(l[0]) * slope[0] + s(l[1]) * slope[1])
+                -1e5 * LOZENGE.volume_m3() * (s(l[0]) * slope[0] + s(l[1]) * slope[1])
             };
             let change = (ogden(2.0 + 1e-4) - ogden(2.0 - 1e-4)) / 2e-4;
             let own = change + 0.5 * ogden(2.0);

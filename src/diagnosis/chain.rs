@@ -50,12 +50,12 @@ impl Round {
 }
 
 /// The plain model before anything else was looked at.
-struct Ground {
+pub(super) struct Ground {
     /// Parts that differ.
     built: Option<Built>,
     /// The fit with causes beside which they were told.
     start: Option<Fitted>,
-    plain: Fitted,
+    pub plain: Fitted,
     /// Noise of an ordinary film ([`Problem::log_noise`]).
     ordinary: [f64; 2],
 }
@@ -119,19 +119,22 @@ impl<'a, S: Subject> Case<'a, S> {
 
     /// Round after round until no parts ask for another.
     pub fn rounds(&mut self) -> Result<(Field, Choice), Error> {
-        let mut parts = None;
+        let ground = self.ground(None)?;
+        self.rounds_from(ground)
+    }
+
+    /// The same, from a plain model that is fitted already.
+    pub fn rounds_from(&mut self, mut ground: Ground) -> Result<(Field, Choice), Error> {
         loop {
-            match self.round(parts)? {
-                Round::Again(told) => parts = Some(*told),
+            match self.round(ground)? {
+                Round::Again(parts) => ground = self.ground(Some(*parts))?,
                 Round::Told(told) => return Ok(*told),
             }
         }
     }
 
-    /// From the plain fit to a verdict, or to parts with which it is to be asked again; with `parts`, of a
-    /// robot that has them.
-    fn round(&mut self, parts: Option<Parts>) -> Result<Round, Error> {
-        let mut ground = self.ground(parts)?;
+    /// From the plain fit to a verdict, or to parts with which it is to be asked again.
+    fn round(&mut self, mut ground: Ground) -> Result<Round, Error> {
         let mut seen = self.look(&mut ground)?;
         let fits = self.lead(&mut ground, &mut seen)?;
         let mut field = self.judge(ground, seen, fits);
@@ -164,7 +167,7 @@ impl<'a, S: Subject> Case<'a, S> {
     }
 
     /// The plain model, fitted from nothing or, with parts, from where they were told.
-    fn ground(&mut self, parts: Option<Parts>) -> Result<Ground, Error> {
+    pub fn ground(&mut self, parts: Option<Parts>) -> Result<Ground, Error> {
         (self.watch)("fitting the plain model");
         let problem = &mut self.problem;
         let Some((built, start)) = parts else {
@@ -180,6 +183,15 @@ impl<'a, S: Subject> Case<'a, S> {
         problem.put_back_smoothing();
         let ordinary = ordinary(problem)?;
         problem.weigh_if_believed(&start, ordinary)?;
+        // what was told at other weights is told once more where these show more than noise
+        let with = problem.fit_near(&start, &start.effects, BASELINE);
+        let (mut built, mut start) = (built, start);
+        if with.cost() > PAIR_ABOVE * with.state.rows as f64 {
+            match built.settled(problem, &with) {
+                Ok(Some(told)) => (built, start) = told,
+                _ => built.restore(problem)?,
+            }
+        }
         let plain = problem.fit_near(&start, &[], BASELINE);
         Ok(Ground {
             built: Some(built),

@@ -259,18 +259,15 @@ impl Blocks {
     /// over the drawn tracks. Where an axis hardly moves, what is left of its noise is so slow that all rows
     /// say the same few things.
     fn independent<S: Subject>(&self, problem: &Problem<S>) -> Vec<f64> {
-        let count = self.tracks.len() as f64;
         let mut first = 0;
         (0..problem.train_when.len())
             .map(|number| {
                 let rows = S::CHAINS * problem.train.kept_times_s(number).len();
-                let each = self.tracks.iter();
-                let each: Vec<f64> = each.map(|t| t.rows(first, rows).norm_squared()).collect();
+                let squares = self.tracks.iter();
+                let squares = squares.map(|t| t.rows(first, rows).norm_squared());
+                let squares: Vec<f64> = squares.collect();
                 first += rows;
-                let mean = each.iter().sum::<f64>() / count;
-                let squares = each.iter().map(|e| (e / mean - 1.0).powi(2)).sum::<f64>();
-                let variance = squares / (count - 1.0).max(1.0);
-                (2.0 / variance).clamp(1.0, INDEPENDENT * rows.max(2) as f64)
+                independent_rows(&squares, rows)
             })
             .collect()
     }
@@ -460,6 +457,18 @@ pub(super) fn chance<S: Subject>(
     Ok(out)
 }
 
+/// How many of so many rows count as independent, from their sum of squares on each drawn track; 1 of none.
+fn independent_rows(squares: &[f64], rows: usize) -> f64 {
+    let count = squares.len() as f64;
+    let mean = squares.iter().sum::<f64>() / count;
+    let scatter: f64 = squares.iter().map(|s| (s / mean - 1.0).powi(2)).sum();
+    let variance = scatter / (count - 1.0).max(1.0);
+    // f64::max takes the number where there is none
+    (2.0 / variance)
+        .max(1.0)
+        .min(INDEPENDENT * rows.max(2) as f64)
+}
+
 /// Mean square that as many independent residuals exceed once in a thousand times.
 fn noise_makes(independent: f64) -> f64 {
     ChiSquared::new(independent).map_or(1.0, |d| d.inverse_cdf(0.999) / independent)
@@ -601,6 +610,16 @@ impl Hypothesis {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rows_count_by_how_their_squares_scatter() {
+        // chi-squared of n degrees of freedom scatters by 2/n
+        let squares: Vec<f64> = [-1.0, 1.0, -1.0, 1.0].map(|s| 1.0 + 0.1 * s).to_vec();
+        let n = independent_rows(&squares, 1000);
+        assert!((n - 150.0).abs() < 1e-9, "{n}");
+        assert_eq!(independent_rows(&squares, 100), INDEPENDENT * 100.0);
+        assert_eq!(independent_rows(&[0.0; 4], 0), 1.0);
+    }
 
     #[test]
     fn an_estimated_covariance_has_the_tail_of_the_f_distribution() {

@@ -27,6 +27,9 @@ const STOP: &str = "end_stop";
 /// Depths of the edge that are tried, rad: what a stop gives under the film's pull, and what tolerances make
 /// of its angle over the workspace.
 const EDGES_RAD: [f64; 2] = [0.006, 0.015];
+/// Share of what the plain model of a robot as drawn leaves, up to which it leaves what is away from the edge:
+/// of a stop that is to be found at the edge it must leave much less there.
+const AWAY: f64 = 0.75;
 /// Torque over its scatter elsewhere from which it is one of contact.
 const TOUCHES: f64 = 4.0;
 /// Samples that touch, at least, and share of them as many of which may pull as hard.
@@ -77,6 +80,7 @@ pub(super) fn rests<'a>(
     entries: [&[Entry<'a>]; 2],
     robot: &'a Robot,
     case: &Case<RobotResidual<'a>>,
+    field: &Field,
     choice: &Choice,
 ) -> Result<Option<Rests<'a>>, Error> {
     let only = &case.request.only;
@@ -86,8 +90,13 @@ pub(super) fn rests<'a>(
     }
     (case.watch)("looking at the edge of the range");
     let top = top_rad(&case.problem.train);
+    let most = match field.built {
+        Some(_) => f64::INFINITY,
+        None => AWAY * field.plain.mean_square,
+    };
     for edge_rad in EDGES_RAD {
-        let Some((built, fitted, away)) = without_edge(entries, robot, case, top, edge_rad) else {
+        let away = without_edge(entries, robot, case, (top, most), edge_rad);
+        let Some((built, fitted, away)) = away else {
             continue;
         };
         let mut problem = open(robot, entries[0], entries[1], &mut Vec::new())?;
@@ -129,13 +138,14 @@ fn top_rad(residual: &RobotResidual) -> [f64; 3] {
     top
 }
 
-/// The doubt without the frames at the edge: parts and fit of a model that suffices there, or that has another
+/// The doubt without the frames at the edge, from `top` down by `edge_rad`, where the plain model as drawn
+/// leaves no more than `most` without them: parts and fit of a model that suffices there, or that has another
 /// cause and leaves only noise. Recordings that are too short without them say nothing.
 fn without_edge(
     [train, holdout]: [&[Entry]; 2],
     robot: &Robot,
     case: &Case<RobotResidual>,
-    top: [f64; 3],
+    (top, most): ([f64; 3], f64),
     edge_rad: f64,
 ) -> Option<(Option<Built>, Fitted, Away)> {
     let inside = |residual: &RobotResidual, entries: &[Entry]| -> Vec<Dataset> {
@@ -163,7 +173,11 @@ fn without_edge(
         ..case.request.clone()
     };
     let mut inner = Case::new(problem.ok()?, remarks, &request, case.watch);
-    let (field, choice) = inner.rounds().ok()?;
+    let ground = inner.ground(None).ok()?;
+    if ground.plain.cost() > most * ground.plain.state.rows as f64 {
+        return None;
+    }
+    let (field, choice) = inner.rounds_from(ground).ok()?;
     let (judged, odds) = match choice.verdict {
         Verdict::Adequate => (&field.plain, 1.0),
         Verdict::MissingPhysics => {

@@ -194,12 +194,11 @@ pub(super) fn raises_error<S: Subject>(
     before: &Fitted,
     after: &Fitted,
 ) -> Result<bool, Error> {
-    let rises = |g: &Gain| g.after_v > g.before_v;
-    if rises(&train_gain(problem, before, after)?.0) {
+    if train_gain(problem, before, after)?.0.rises() {
         return Ok(true);
     }
     let held_out = holdout_gain(problem, problem.holdout.as_ref(), before, after)?;
-    Ok(held_out.is_some_and(|(g, _)| rises(&g)))
+    Ok(held_out.is_some_and(|(g, _)| g.rises()))
 }
 
 /// Error that a model takes away from another's, as a root of the difference of squares, and what noise

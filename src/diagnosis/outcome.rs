@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use super::verdict::MATTERS;
 use crate::effects::Acting;
 use crate::effects::learnt::wider;
 use crate::fit::memory::Memory;
@@ -131,10 +132,36 @@ pub struct Gain {
     pub all_v: [f64; 3],
 }
 
+/// Mean square over the noise's that a model takes away, from errors before and after and the noise's.
+fn taken([before, after, noise]: [f64; 3]) -> f64 {
+    (before.powi(2) - after.powi(2)) / noise.powi(2)
+}
+
 /// Error over what noise makes of it from which on there is a gap between them.
 const GAP: f64 = 1.05;
 
 impl Gain {
+    /// Errors of the plain and the augmented model and the noise's, with what they are over: `over`, or all
+    /// samples where they fall there alone, by what acts at low voltage.
+    pub(crate) fn told(&self, over: &'static str) -> ([f64; 3], &'static str) {
+        let basis = self.of_basis();
+        match taken(self.all_v) > MATTERS && taken(basis).max(0.0) <= MATTERS {
+            true => (self.all_v, " over all samples"),
+            false => (basis, over),
+        }
+    }
+
+    /// Whether the augmented model's error is larger: by less than what matters only where that over all
+    /// samples is not smaller by as much.
+    pub(super) fn rises(&self) -> bool {
+        let taken_away = taken(self.of_basis());
+        taken_away < 0.0 && (taken_away < -MATTERS || taken(self.all_v) <= MATTERS)
+    }
+
+    fn of_basis(&self) -> [f64; 3] {
+        [self.before_v, self.after_v, self.noise_floor_v]
+    }
+
     /// Share of the way from the plain model's error to what noise makes that the augmented one goes; NaN
     /// where there is no way to go.
     #[must_use]
@@ -526,6 +553,27 @@ impl Default for Request {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_is_told_where_it_falls() {
+        let gain = |basis: [f64; 3], all_v| Gain {
+            before_v: basis[0],
+            after_v: basis[1],
+            noise_floor_v: basis[2],
+            all_v,
+        };
+        let low = gain([27.1, 27.2, 30.0], [130.0, 85.0, 80.0]);
+        let told = low.told(" above 1 kV");
+        assert_eq!(told, ([130.0, 85.0, 80.0], " over all samples"));
+        let both = gain([40.0, 30.0, 30.0], [130.0, 85.0, 80.0]);
+        assert_eq!(both.told(" above 1 kV").1, " above 1 kV");
+        let neither = gain([30.0, 30.0, 30.0], [80.0, 80.0, 80.0]);
+        assert_eq!(neither.told(" above 1 kV").1, " above 1 kV");
+        // a hair above 1 kV, which much at low voltage makes good; more, or nothing that does
+        assert!(!low.rises() && !both.rises() && !neither.rises());
+        assert!(gain([27.1, 28.0, 30.0], [130.0, 85.0, 80.0]).rises());
+        assert!(gain([27.1, 27.2, 30.0], [80.0, 80.0, 80.0]).rises());
+    }
 
     #[test]
     fn a_tally_tells_what_is_done() {

@@ -30,8 +30,9 @@ const BEYOND_NOISE: f64 = 1.1;
 /// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
 /// stand in for a cause go there, and so do parts that shrink all torques with one.
 pub(super) const FAR: f64 = 10.0;
-/// Causes that are fitted beside parts that differ.
+/// Causes that are fitted beside parts that differ, and those of them beside which parts are told to the end.
 const BESIDE_PARTS: usize = 6;
+const SETTLED: usize = 2;
 
 /// What the robot as drawn is given.
 pub(super) struct Causes<'a> {
@@ -85,19 +86,23 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
     let noise = colour.max(1.0) * least.max(1.0);
     let told: Vec<f64> = tried.iter().map(|t| t.told(noise)).collect();
     let whole = |at: usize| tried[at].prior + tried[at].chance + told[at];
-    // Parts within their tolerances that do with some of the names, or with none, are no other form of them:
-    // they are held against all that the names leave. (Parts beyond may be what is named, or take up its
-    // form.) Names that leave what noise does keep their place.
+    // Parts within their tolerances that do with some of the names, with none, or with another beside them all
+    // are no other form of them: they are held against all that the names leave. (Parts beyond may be what is
+    // named, or take up its form.) Names that leave what noise does keep their place.
     let own = &tried[0];
-    let fewer = |t: &Tried| {
-        let known = |a: &Acting| {
-            let mut names = own.fitted.effects.iter();
+    let agree = |t: &Tried| {
+        let has = |of: &Fitted, a: &Acting| {
+            let mut names = of.effects.iter();
             names.any(|o| o.effect.id() == a.effect.id())
         };
-        let within = |p: &Built| p.beyond(&t.fitted).is_none();
-        t.parts.as_ref().is_some_and(within) && t.fitted.effects.iter().all(known)
+        let (a, b) = (&own.fitted, &t.fitted);
+        b.effects.iter().all(|e| has(a, e)) || a.effects.iter().all(|e| has(b, e))
     };
-    let loses = |at: usize| fewer(&tried[at]) && whole(at) < whole(0);
+    let within = |t: &Tried| {
+        let parts = t.parts.as_ref();
+        parts.is_some_and(|p| p.beyond(&t.fitted).is_none())
+    };
+    let loses = |at: usize| within(&tried[at]) && agree(&tried[at]) && whole(at) < whole(0);
     let gives_way = own.square > PAIR_ABOVE && (1..tried.len()).any(loses);
     let likeliest =
         (tried.iter().zip(&told)).min_by(|a, b| (a.1 + a.0.prior).total_cmp(&(b.1 + b.0.prior)));
@@ -156,7 +161,7 @@ impl Causes<'_> {
         // does not, and the second of two names, to parts beside a cause too.
         let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
         let doubtful = expected || self.unexplained || loud;
-        let beside = expected || own.effects.len() > 1 || (loud && self.unexplained);
+        let beside = expected || own.effects.len() > 1 || loud;
         let mut search = Search {
             causes: self,
             problem,
@@ -174,7 +179,7 @@ impl Causes<'_> {
         if beside || search.likeliest() > 0 {
             for start in self.beside(search.problem, &list) {
                 if let Some((parts, fitted)) = search.told(&start) {
-                    search.enter_near(parts, fitted);
+                    search.beside_causes(parts, fitted)?;
                 }
                 Built::leave(search.problem)?;
             }
@@ -284,24 +289,45 @@ where
         Ok(Built::leave(self.problem)?)
     }
 
+    /// Parts beside causes. Where a cause that is named leaves parts that are too far off to be believed, or
+    /// more than noise, another one that a scan beside them finds joins it, if that takes the parts within
+    /// their tolerances.
+    fn beside_causes(&mut self, parts: Built, fitted: Fitted) -> Result<(), Error> {
+        let loud = self.square(&fitted) > BEYOND_NOISE * self.causes.colour.max(1.0);
+        let far = parts.farthest(&fitted) >= FAR;
+        let is_named = |a: &Acting| self.causes.best.fitted.effects.iter().any(|o| o.is(a));
+        if let [one] = &fitted.effects[..]
+            && is_named(one)
+            && (loud || far)
+        {
+            let within = |p: &Built, f: &Fitted| p.beyond(f).is_none();
+            self.one_more(&parts, &fitted, &within)?;
+            parts.restore(self.problem)?;
+        }
+        self.enter_near(parts, fitted);
+        Ok(())
+    }
+
     /// Parts with one cause that a scan beside them finds; with two where nothing explains a robot as drawn,
     /// and parts stand in for a second one.
     fn grow(&mut self, parts: &Built, fitted: &Fitted) -> Result<(), Error> {
-        let far = self.one_more(parts, fitted)?;
+        let near = |p: &Built, f: &Fitted| p.farthest(f) < FAR;
+        let far = self.one_more(parts, fitted, &near)?;
         if let Some((parts, fitted)) = far.filter(|_| self.causes.unexplained) {
             parts.restore(self.problem)?;
-            self.one_more(&parts, &fitted)?;
+            self.one_more(&parts, &fitted, &near)?;
         }
         Ok(())
     }
 
     /// Parts and a fit with them, with one more cause. Both are told once more: parts that are not settled
-    /// yet leave something to any cause. Those that are too far off to be believed are given back, of the
-    /// cause with which they leave least.
+    /// yet leave something to any cause. Those that are not `believed` are given back, of the cause with which
+    /// they leave least.
     fn one_more(
         &mut self,
         parts: &Built,
         fitted: &Fitted,
+        believed: &dyn Fn(&Built, &Fitted) -> bool,
     ) -> Result<Option<(Built, Fitted)>, Error> {
         let known = |id: &str| fitted.effects.iter().any(|a| a.effect.id() == id);
         let mut beside = (self.scanned)(self.problem, fitted)?;
@@ -311,20 +337,28 @@ where
         let with = with.into_par_iter().map(|f| (self.square(&f), f));
         let mut with: Vec<(f64, Fitted)> = with.collect();
         with.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut far: Option<(Built, Fitted)> = None;
+        let mut told: Vec<(Built, Fitted)> = Vec::new();
         for (_, with) in &with {
-            let again = parts.settled(self.problem, with);
+            told.extend(parts.again(self.problem, with).ok());
             parts.restore(self.problem)?;
-            let Some((parts, with)) = again.ok().flatten() else {
+        }
+        told.sort_by(|a, b| a.1.cost().total_cmp(&b.1.cost()));
+        told.truncate(SETTLED);
+        let mut far: Option<(Built, Fitted)> = None;
+        for (built, with) in &told {
+            built.restore(self.problem)?;
+            let again = built.settled(self.problem, with);
+            parts.restore(self.problem)?;
+            let Some((built, with)) = again.ok().flatten() else {
                 continue;
             };
-            if parts.farthest(&with) < FAR {
-                parts.restore(self.problem)?;
-                self.enter(Some(parts), with);
+            if believed(&built, &with) {
+                built.restore(self.problem)?;
+                self.enter(Some(built), with);
                 return Ok(None);
             }
             if far.as_ref().is_none_or(|f| with.cost() < f.1.cost()) {
-                far = Some((parts, with));
+                far = Some((built, with));
             }
         }
         Ok(far)

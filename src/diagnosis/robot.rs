@@ -45,7 +45,7 @@ pub fn diagnose(
     problem.tally = request.tally.clone();
     let mut case = Case::new(problem, remarks, request, watch);
     let (mut field, mut choice) = case.rounds()?;
-    if let Some(rests) = contact::rests([train, holdout], robot, &case, &choice)? {
+    if let Some(rests) = contact::rests([train, holdout], robot, &case, &field, &choice)? {
         (field, choice) = rests.instead(&mut case, field);
     }
     let at_edge = choice.at_edge;

@@ -328,11 +328,14 @@ pub(super) fn says(
     let number = |x: f64| in_unit(x, &words.unit);
     let over = words.over;
     let on_new = holdout.map_or(String::new(), |h| {
+        let ([before, after, noise], on) = h.told(over);
+        let said = train.told(over).1;
+        let on = if on == said { "" } else { on };
         format!(
-            " On recordings that were not fitted it goes from {} to {} (noise: {}).",
-            number(h.before_v),
-            number(h.after_v),
-            number(h.noise_floor_v)
+            " On recordings that were not fitted it goes{on} from {} to {} (noise: {}).",
+            number(before),
+            number(after),
+            number(noise)
         )
     });
     match verdict {
@@ -357,6 +360,7 @@ pub(super) fn says(
                 .iter()
                 .filter(|c| c.in_model)
                 .all(|c| c.probability >= NAMED);
+            let ([before, after, noise], over) = train.told(over);
             let what = if certain {
                 "Left out"
             } else {
@@ -365,9 +369,9 @@ pub(super) fn says(
             format!(
                 "{what}: {}. With it the error{over} goes from {} to {}; noise alone makes {}.{on_new}{left}",
                 named.join("; "),
-                number(train.before_v),
-                number(train.after_v),
-                number(train.noise_floor_v)
+                number(before),
+                number(after),
+                number(noise)
             )
         }
         Verdict::Unexplained => format!(

@@ -216,7 +216,8 @@ impl Answer {
         let noise = size(gain.noise_floor_v);
         let over = d.over;
         let falls = || {
-            let [before, after] = [gain.before_v, gain.after_v].map(size);
+            let (errors, over) = gain.told(d.over);
+            let [before, after, noise] = errors.map(size);
             format!("{on} the error falls from {before} to {after} rms{over}, noise makes {noise}")
         };
         let leaves = || {

@@ -5,7 +5,7 @@ use crate::common;
 
 use std::path::Path;
 
-use deacal::cases::{DriveSet, Kind, Spec, generate};
+use deacal::cases::{DriveSet, Kind, Likeness, Spec, generate, generate_on};
 use deacal::proof::{blind, compare, own_form, score, trial};
 
 fn spec(kind: Kind, seed: u64, strength: f64) -> Spec {
@@ -117,6 +117,18 @@ fn what_was_held_out_is_judged_with_parts_where_smoothing_was_taken_out_without(
     );
     let t = trial(&generate(&spec).unwrap());
     assert_eq!(t.failure, None, "{t:?}");
+}
+
+#[test]
+fn two_causes_are_named_on_a_robot_whose_parts_differ() {
+    // beside the ceiling alone, parts hide the lag, and the lag the parts
+    let spec = spec(
+        Kind::Pair("amplifier_saturation", "mocap_lag"),
+        2608106971883522,
+        0.9776986290025087,
+    );
+    let t = trial(&generate_on(&spec, Likeness::Real).unwrap());
+    assert_eq!(t.named, ["amplifier_saturation", "mocap_lag"], "{t:?}");
 }
 
 #[test]

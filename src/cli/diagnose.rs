@@ -48,8 +48,9 @@ pub(super) struct Arguments {
     /// Share of recordings without a cause in which one may be named all the same
     #[arg(long, default_value_t = 0.02, value_name = "RATE", value_parser = parse_rate)]
     false_alarms: f64,
-    /// Error that a cause of a robot must take away to be named, V (default: a seventh of what the noise
-    /// makes; all of it where parts that differ within their tolerances leave about as much)
+    /// Error that a cause of a robot must take away to be named, and that what nothing explains must make to
+    /// be called unexplained, V (default: a seventh of what the noise makes, all of it where parts that
+    /// differ within their tolerances leave about as much; all of it)
     #[arg(long, value_name = "V", value_parser = parse_relevant)]
     relevant: Option<f64>,
     /// Builds the models of simpler methods too (forward selection, sparse regression), to hold the diagnosis

@@ -212,7 +212,13 @@ const ROBOT_FORM_LEAVES: f64 = 0.01;
 /// What it costs a model of robots at most, in ln, to leave so much more mean square than the best one does,
 /// where the plain model leaves `way` more than that.
 pub(super) fn form_costs(left: f64, way: f64) -> f64 {
-    -lomax(left / (ROBOT_FORM_LEAVES * way.max(0.0) + MATTERS)).ln()
+    -lomax(left / typical_form(way)).ln()
+}
+
+/// Median of the mean square that the true cause of a robot leaves because of its form, and what is none at
+/// all, where the plain model leaves `way` more than the best one.
+pub(super) fn typical_form(way: f64) -> f64 {
+    ROBOT_FORM_LEAVES * way.max(0.0) + MATTERS
 }
 
 /// What the share that a model leaves is told by.

@@ -5,12 +5,13 @@
 
 use rayon::prelude::*;
 
+use super::blocks::typical_form;
 use super::chance::{self, Chance};
-use super::errors::{above_noise, raises_error, taken_away};
+use super::errors::{above_noise, beyond_noise, raises_error, taken_away};
 use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, refit, with_partner};
 use super::judge::{Judged, Odds, alike};
 use super::outcome::*;
-use super::parts::Causes;
+use super::parts::{Causes, FAR};
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use super::subject::Subject;
@@ -160,8 +161,10 @@ impl<'a, S: Subject> Case<'a, S> {
         if choice.verdict == Verdict::Unexplained && self.request.only.is_empty() {
             self.ask_the_rare(&mut field, &mut choice)?;
         }
-        if choice.verdict == Verdict::MissingPhysics {
-            self.ask_what_matters(&field, &mut choice)?;
+        match choice.verdict {
+            Verdict::MissingPhysics => self.ask_what_matters(&field, &mut choice)?,
+            Verdict::Unexplained => self.ask_what_is_left(&field, &mut choice)?,
+            Verdict::Adequate => {}
         }
         Ok(Round::Told(Box::new((field, choice))))
     }
@@ -188,7 +191,7 @@ impl<'a, S: Subject> Case<'a, S> {
         let (mut built, mut start) = (built, start);
         if with.cost() > PAIR_ABOVE * with.state.rows as f64 {
             match built.settled(problem, &with) {
-                Ok(Some(told)) => (built, start) = told,
+                Ok(Some(told)) if told.0.farthest(&told.1) < FAR => (built, start) = told,
                 _ => built.restore(problem)?,
             }
         }
@@ -571,6 +574,7 @@ impl<'a, S: Subject> Case<'a, S> {
             allowed: field.by_chance,
             noise: chance.scale.max(1.0) * chance.colour.max(1.0),
             colour: chance.colour,
+            shown: chance::shown_noise(&self.problem, &choice.best.fitted)?,
             each: field.each,
         };
         let wanted = wanted(self.request, false);
@@ -637,6 +641,30 @@ impl<'a, S: Subject> Case<'a, S> {
         }
         Ok(())
     }
+
+    /// What nothing explains raises no alarm where it makes less error than was asked for, or than noise.
+    fn ask_what_is_left(&mut self, field: &Field, choice: &mut Choice) -> Result<(), Error> {
+        let plain = &field.plain;
+        let left = beyond_noise(&self.problem, &plain.fitted)?;
+        let over = |[left, noise]: &[f64; 2]| *left >= self.request.relevant.unwrap_or(*noise);
+        if left.is_empty() || left.iter().any(over) {
+            return Ok(());
+        }
+        let most = left.iter().map(|l| l[0]).fold(0.0, f64::max);
+        let unit = self.problem.train.words().unit;
+        let relevant = match self.request.relevant {
+            Some(asked) => format!("the {} that were asked for", in_unit(asked, &unit)),
+            None => "noise does".into(),
+        };
+        self.remarks.push(format!(
+            "More than noise is left, {:.1} times its mean square, which nothing in the catalogue explains; it makes {} of error at \
+             most, less than {relevant}, and raises no alarm.",
+            plain.mean_square,
+            in_unit(most, &unit),
+        ));
+        choice.verdict = Verdict::Adequate;
+        Ok(())
+    }
 }
 
 impl Field {
@@ -673,6 +701,33 @@ impl Field {
         Odds::of(models.chain(partners), self.each)
     }
 
+    /// Ids that the recordings cannot tell from the cause number `own` of a model: their traces are alike or,
+    /// alone in its place, they leave no more than forms do.
+    pub fn rivals_of<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        j: &Judged,
+        own: usize,
+    ) -> Vec<&'static str> {
+        let mut out = alike(problem, &j.fitted, own, &self.seen.groups);
+        if j.fitted.effects.len() > 1 {
+            return out;
+        }
+        let leaves = |j: &Judged| j.foretold.mean_square();
+        let most = leaves(j) + typical_form(leaves(&self.plain) - leaves(j));
+        for id in self
+            .singles
+            .iter()
+            .filter(|s| leaves(s) < most)
+            .flat_map(ids)
+        {
+            if id != j.fitted.effects[own].effect.id() && !out.contains(&id) {
+                out.push(id);
+            }
+        }
+        out
+    }
+
     /// Whether a model's causes may be named: it foretells more, and each is likelier than not, itself or
     /// with those that the recordings cannot tell from it, of which none is far likelier.
     fn supports<S: Subject>(&self, problem: &Problem<S>, j: &Judged, odds: &Odds) -> bool {
@@ -682,7 +737,7 @@ impl Field {
                 if alone >= 0.5 {
                     return alone > odds.nothing();
                 }
-                let others = alike(problem, &j.fitted, own, &self.seen.groups);
+                let others = self.rivals_of(problem, j, own);
                 let others = || others.iter().map(|o| odds.cause(o));
                 alone + others().sum::<f64>() >= 0.5 && others().all(|o| alone >= RIVALS * o)
             })

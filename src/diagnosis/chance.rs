@@ -383,9 +383,7 @@ pub(super) fn chance<S: Subject>(
             columns[at].forget();
         }
     }
-    let scale = problem
-        .noise_scale(&tangent.residual)
-        .clamp(SCALES[0], SCALES[1]);
+    let scale = believed_scale(problem, &tangent.residual);
     let own: Vec<f64> = columns.iter().map(|c| c.score / scale.sqrt()).collect();
     let mut colours: Vec<f64> = hypotheses
         .iter()
@@ -455,6 +453,23 @@ pub(super) fn chance<S: Subject>(
     }
     out.drawn.sort_by(f64::total_cmp);
     Ok(out)
+}
+
+/// Variance of the noise over the promised one, as far as that is believed.
+fn believed_scale<S: Subject>(problem: &Problem<S>, residual: &DVector<f64>) -> f64 {
+    problem.noise_scale(residual).clamp(SCALES[0], SCALES[1])
+}
+
+/// The same of what a fitted model leaves, where it is more than promised.
+///
+/// # Errors
+/// [`Locked`] when the film is past its locking stretch.
+pub(super) fn shown_noise<S: Subject>(
+    problem: &Problem<S>,
+    fitted: &Fitted,
+) -> Result<f64, Locked> {
+    let residual = Tangent::new(problem, fitted)?.residual;
+    Ok(believed_scale(problem, &residual).max(1.0))
 }
 
 /// How many of so many rows count as independent, from their sum of squares on each drawn track; 1 of none.

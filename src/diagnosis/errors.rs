@@ -201,6 +201,19 @@ pub(super) fn raises_error<S: Subject>(
     Ok(held_out.is_some_and(|(g, _)| g.rises()))
 }
 
+/// Error that a model leaves beyond noise, as a root of the difference of squares, and what noise makes: where
+/// it was fitted and on what was held out, over the samples that errors are told of and over all.
+pub(super) fn beyond_noise<S: Subject>(
+    problem: &Problem<S>,
+    fitted: &Fitted,
+) -> Result<Vec<[f64; 2]>, Error> {
+    let held_out = holdout_gain(problem, problem.holdout.as_ref(), fitted, fitted)?;
+    let gains = [Some(train_gain(problem, fitted, fitted)?), held_out];
+    let each = gains.iter().flatten().flat_map(|(g, _)| g.left());
+    let known = each.filter(|e| e.iter().all(|x| x.is_finite()));
+    Ok(known.collect())
+}
+
 /// Error that a model takes away from another's, as a root of the difference of squares, and what noise
 /// makes: on the held-out recordings, where there are any.
 pub(super) fn taken_away<S: Subject>(

@@ -4,7 +4,7 @@
 use super::chain::{Case, Choice, Field};
 use super::errors::{holdout_gain, spots, train_gain};
 use super::fits::rising;
-use super::judge::{INDEPENDENT, Judged, alike};
+use super::judge::{INDEPENDENT, Judged};
 use super::locate::locate;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
@@ -213,7 +213,7 @@ fn told_apart<S: Subject>(
     named: &Judged,
 ) -> Vec<Vec<&'static str>> {
     let group = |own: usize| {
-        let mut ids = alike(problem, &named.fitted, own, &field.seen.groups);
+        let mut ids = field.rivals_of(problem, named, own);
         ids.insert(0, named.fitted.effects[own].effect.id());
         ids
     };

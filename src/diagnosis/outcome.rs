@@ -158,6 +158,18 @@ impl Gain {
         taken_away < 0.0 && (taken_away < -MATTERS || taken(self.all_v) <= MATTERS)
     }
 
+    /// Error of the plain model beyond noise, as a root of the difference of squares, and what noise makes: over
+    /// the samples of the basis, and over all.
+    pub(super) fn left(&self) -> [[f64; 2]; 2] {
+        let left = |[before, _, noise]: [f64; 3]| {
+            let squares = before.powi(2) - noise.powi(2);
+            // none is none, not 0
+            let beyond = if squares < 0.0 { 0.0 } else { squares.sqrt() };
+            [beyond, noise]
+        };
+        [self.of_basis(), self.all_v].map(left)
+    }
+
     fn of_basis(&self) -> [f64; 3] {
         [self.before_v, self.after_v, self.noise_floor_v]
     }
@@ -495,6 +507,7 @@ pub struct Request {
     pub rivals: bool,
     /// Error, in the unit of the rig's errors, that a cause of a robot must take away to matter; without,
     /// what must be taken away is a share of the noise, or all of it beside parts that leave about as much.
+    /// What nothing explains matters from as much error on, or from as much as noise makes.
     pub relevant: Option<f64>,
     /// What was found before the run was stopped.
     pub memory: Memory,
@@ -569,6 +582,10 @@ mod tests {
         assert_eq!(both.told(" above 1 kV").1, " above 1 kV");
         let neither = gain([30.0, 30.0, 30.0], [80.0, 80.0, 80.0]);
         assert_eq!(neither.told(" above 1 kV").1, " above 1 kV");
+        let nan = [f64::NAN; 3];
+        let left = gain(nan, [50.0, 50.0, 30.0]).left();
+        assert!(left[0][0].is_nan() && left[1] == [40.0, 30.0], "{left:?}");
+        assert_eq!(neither.left(), [[0.0, 30.0], [0.0, 80.0]]);
         // a hair above 1 kV, which much at low voltage makes good; more, or nothing that does
         assert!(!low.rises() && !both.rises() && !neither.rises());
         assert!(gain([27.1, 28.0, 30.0], [130.0, 85.0, 80.0]).rises());

@@ -5,9 +5,9 @@
 //! what all others are held against. A cause that leaves more than it does may do so by its form: that costs
 //! it no more than the law of forms (`blocks`) allows. Two kinds of names are not spared so: those that leave
 //! too much to be believed, and those that leave more than noise where parts within their tolerances do
-//! better, alone or beside some of the same names. Parts have no form; parts far beyond their tolerances cost
-//! what normal ones as far off would. Each cause costs its prior odds; one within its tolerance, one beside
-//! parts and every further one cost what chance makes of a scan besides.
+//! better, alone, beside some of the same names, or beside all of them and another. Parts have no form; parts
+//! far beyond their tolerances cost what normal ones as far off would. Each cause costs its prior odds; one
+//! within its tolerance, one beside parts and every further one cost what chance makes of a scan besides.
 
 use rayon::prelude::*;
 
@@ -50,6 +50,8 @@ pub(super) struct Causes<'a> {
     /// a score over the one of white noise.
     pub noise: f64,
     pub colour: f64,
+    /// The same as `noise`, as what the best leaves looks.
+    pub shown: f64,
     /// Logarithm of the prior odds of one cause.
     pub each: f64,
 }
@@ -158,10 +160,10 @@ impl Causes<'_> {
             - 2.0 * Judged::prior_of(own, rows, self.each);
         let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
         // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
-        // does not, and the second of two names, to parts beside a cause too.
-        let loud = own.cost() > BEYOND_NOISE * self.noise * rows;
-        let doubtful = expected || self.unexplained || loud;
-        let beside = expected || own.effects.len() > 1 || loud;
+        // does not, and the second of two names, to parts beside a cause too. One that leaves a little more
+        // than noise may have parts beside it.
+        let above = |noise: f64| own.cost() > BEYOND_NOISE * noise * rows;
+        let doubtful = expected || self.unexplained || above(self.noise);
         let mut search = Search {
             causes: self,
             problem,
@@ -176,8 +178,9 @@ impl Causes<'_> {
         search.enter(None, own.clone());
         search.parts_alone(doubtful)?;
         // no name gives way to parts alone before the same parts were tried beside it
-        if beside || search.likeliest() > 0 {
-            for start in self.beside(search.problem, &list) {
+        let widely = doubtful || own.effects.len() > 1 || search.likeliest() > 0;
+        if widely || above(self.shown) {
+            for start in self.beside(search.problem, &list, widely) {
                 if let Some((parts, fitted)) = search.told(&start) {
                     search.beside_causes(parts, fitted)?;
                 }
@@ -190,9 +193,15 @@ impl Causes<'_> {
     }
 
     /// The fits beside which parts are worth one: the causes that are named, each alone and, where they leave
-    /// too much to be believed, all together, and of all others the one beside which parts promise most in
-    /// linear theory; none with a departure within its tolerance, or with what scales all that voltages make.
-    fn beside<S: Subject>(&self, problem: &Problem<S>, list: &[Tolerance]) -> Vec<Fitted> {
+    /// too much to be believed, all together; `widely`, of all others the one beside which parts promise most
+    /// in linear theory too; none with a departure within its tolerance, or with what scales all that voltages
+    /// make.
+    fn beside<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        list: &[Tolerance],
+        widely: bool,
+    ) -> Vec<Fitted> {
         let free = |a: &Acting| !tolerance::holds(list, a) && !a.effect.scales_made();
         let alone = |own: &Acting| {
             let known = self.singles.iter().find(|s| s.fitted.effects[0].is(own));
@@ -204,9 +213,10 @@ impl Causes<'_> {
             .filter(|a| free(a))
             .map(alone)
             .collect();
-        let others = self.singles.par_iter().map(|s| &s.fitted).filter(|f| {
+        let others = self.singles.par_iter().map(|s| &s.fitted);
+        let others = others.filter(|f| {
             let own = &f.effects[0];
-            free(own) && !out.iter().any(|o| o.effects[0].is(own))
+            widely && free(own) && !out.iter().any(|o| o.effects[0].is(own))
         });
         let promised = others.filter_map(|f| {
             let promise = Built::promise(problem, f, self.noises()).ok()?;
@@ -293,7 +303,7 @@ where
     /// more than noise, another one that a scan beside them finds joins it, if that takes the parts within
     /// their tolerances.
     fn beside_causes(&mut self, parts: Built, fitted: Fitted) -> Result<(), Error> {
-        let loud = self.square(&fitted) > BEYOND_NOISE * self.causes.colour.max(1.0);
+        let loud = self.square(&fitted) > BEYOND_NOISE * self.causes.shown;
         let far = parts.farthest(&fitted) >= FAR;
         let is_named = |a: &Acting| self.causes.best.fitted.effects.iter().any(|o| o.is(a));
         if let [one] = &fitted.effects[..]

@@ -145,9 +145,9 @@ fn killed_and_resumed(room: &Room, words: &[&str], pieces: usize) {
 fn a_killed_fit_goes_on_and_gives_the_same_bytes() {
     let room = Room::new();
     // each start takes long enough to be kept, on a fast machine too
-    room.robot("a", "240", "1");
+    room.robot("a", "360", "1");
     let words = ["fit", "robot", "../a", "--starts", "60", "-o", "out", "-q"];
-    killed_and_resumed(&room, &words, 20);
+    killed_and_resumed(&room, &words, 8);
 }
 
 #[test]

@@ -153,10 +153,10 @@ fn a_killed_fit_goes_on_and_gives_the_same_bytes() {
 #[test]
 fn a_killed_diagnosis_goes_on_and_gives_the_same_bytes() {
     let room = Room::new();
-    room.robot("a", "150", "1");
+    room.robot("a", "300", "1");
     room.robot("b", "60", "2");
     let words = ["diagnose", "../a", "--holdout", "../b", "-o", "out", "-q"];
-    killed_and_resumed(&room, &words, 3);
+    killed_and_resumed(&room, &words, 1);
 }
 
 #[test]

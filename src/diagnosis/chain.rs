@@ -187,15 +187,18 @@ impl<'a, S: Subject> Case<'a, S> {
         let ordinary = ordinary(problem)?;
         problem.weigh_if_believed(&start, ordinary)?;
         // what was told at other weights is told once more where these show more than noise
-        let with = problem.fit_near(&start, &start.effects, BASELINE);
-        let (mut built, mut start) = (built, start);
-        if with.cost() > PAIR_ABOVE * with.state.rows as f64 {
-            match built.settled(problem, &with) {
+        let mut start = problem.fit_near(&start, &start.effects, BASELINE);
+        let mut built = built;
+        if start.cost() > PAIR_ABOVE * start.state.rows as f64 {
+            match built.settled(problem, &start) {
                 Ok(Some(told)) if told.0.farthest(&told.1) < FAR => (built, start) = told,
                 _ => built.restore(problem)?,
             }
         }
-        let plain = problem.fit_near(&start, &[], BASELINE);
+        let plain = match start.effects[..] {
+            [] => start.clone(),
+            _ => problem.fit_near(&start, &[], BASELINE),
+        };
         Ok(Ground {
             built: Some(built),
             start: Some(start).filter(|s| !s.effects.is_empty()),
@@ -657,8 +660,8 @@ impl<'a, S: Subject> Case<'a, S> {
             None => "noise does".into(),
         };
         self.remarks.push(format!(
-            "More than noise is left, {:.1} times its mean square, which nothing in the catalogue explains; it makes {} of error at \
-             most, less than {relevant}, and raises no alarm.",
+            "More than noise is left, {:.1} times its mean square, which nothing in the catalogue explains; it \
+             makes {} of error at most, less than {relevant}, and raises no alarm.",
             plain.mean_square,
             in_unit(most, &unit),
         ));

@@ -468,8 +468,7 @@ pub(super) fn shown_noise<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
 ) -> Result<f64, Locked> {
-    let residual = Tangent::new(problem, fitted)?.residual;
-    Ok(believed_scale(problem, &residual).max(1.0))
+    Ok(believed_scale(problem, &problem.left(fitted)?).max(1.0))
 }
 
 /// How many of so many rows count as independent, from their sum of squares on each drawn track; 1 of none.

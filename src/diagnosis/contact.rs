@@ -95,7 +95,7 @@ pub(super) fn rests<'a>(
         None => AWAY * field.plain.mean_square,
     };
     for edge_rad in EDGES_RAD {
-        let away = without_edge(entries, robot, case, (top, most), edge_rad);
+        let away = without_edge(entries, robot, case, top, most, edge_rad);
         let Some((built, fitted, away)) = away else {
             continue;
         };
@@ -145,7 +145,8 @@ fn without_edge(
     [train, holdout]: [&[Entry]; 2],
     robot: &Robot,
     case: &Case<RobotResidual>,
-    (top, most): ([f64; 3], f64),
+    top: [f64; 3],
+    most: f64,
     edge_rad: f64,
 ) -> Option<(Option<Built>, Fitted, Away)> {
     let inside = |residual: &RobotResidual, entries: &[Entry]| -> Vec<Dataset> {

@@ -1,5 +1,7 @@
 //! Errors of fitted models in the quantity that is driven, and where they lie.
 
+use nalgebra::DVector;
+
 use super::locate::Spot;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
@@ -13,12 +15,7 @@ pub(super) fn spots<S: Subject>(
     before: &Fitted,
     after: &Fitted,
 ) -> Result<Vec<Spot>, Error> {
-    let of = |f: &Fitted| -> Result<Vec<f64>, Error> {
-        let residual = problem.residual(f);
-        let design = residual.design(&f.state.eta, &f.state.beta)?;
-        Ok(design.column(design.ncols() - 1).iter().copied().collect())
-    };
-    let (a, b) = rayon::join(|| of(before), || of(after));
+    let (a, b) = rayon::join(|| problem.left(before), || problem.left(after));
     let (a, b) = (a?, b?);
     let same = after.effects.is_empty();
     let mut out = Vec::with_capacity(a.len());
@@ -26,9 +23,9 @@ pub(super) fn spots<S: Subject>(
     for number in 0..problem.train_when.len() {
         let places = problem.train.at(number);
         for (at, w) in places.iter().zip(problem.train.whitening(number)) {
-            let of = |e: &[f64]| {
+            let of = |e: &DVector<f64>| {
                 let mut three = [0.0; 3];
-                three[..S::CHAINS].copy_from_slice(&e[row..row + S::CHAINS]);
+                three[..S::CHAINS].copy_from_slice(&e.as_slice()[row..row + S::CHAINS]);
                 unwhiten(&w, &three)
             };
             let (before, after) = (of(&a), of(&b));

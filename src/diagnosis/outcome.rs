@@ -132,6 +132,15 @@ pub struct Gain {
     pub all_v: [f64; 3],
 }
 
+/// Whether errors are told over all samples, because they do not fall over the basis: the same ones wherever
+/// what a model takes away is told.
+pub(super) fn over_all(train: &Gain, holdout: Option<&Gain>) -> bool {
+    holdout.unwrap_or(train).falls_over_all_alone()
+}
+
+/// What errors over all samples are called in a sentence.
+pub(super) const OVER_ALL: &str = " over all samples";
+
 /// Mean square over the noise's that a model takes away, from errors before and after and the noise's.
 fn taken([before, after, noise]: [f64; 3]) -> f64 {
     (before.powi(2) - after.powi(2)) / noise.powi(2)
@@ -141,14 +150,17 @@ fn taken([before, after, noise]: [f64; 3]) -> f64 {
 const GAP: f64 = 1.05;
 
 impl Gain {
-    /// Errors of the plain and the augmented model and the noise's, with what they are over: `over`, or all
-    /// samples where they fall there alone, by what acts at low voltage.
-    pub(crate) fn told(&self, over: &'static str) -> ([f64; 3], &'static str) {
-        let basis = self.of_basis();
-        match taken(self.all_v) > MATTERS && taken(basis).max(0.0) <= MATTERS {
-            true => (self.all_v, " over all samples"),
-            false => (basis, over),
+    /// Errors of the plain and the augmented model, and the noise's: over all samples, or over the basis.
+    pub(crate) fn told(&self, over_all: bool) -> [f64; 3] {
+        match over_all {
+            true => self.all_v,
+            false => self.of_basis(),
         }
+    }
+
+    /// Whether the error falls over all samples and not over the basis: by what acts at low voltage.
+    fn falls_over_all_alone(&self) -> bool {
+        taken(self.all_v) > MATTERS && taken(self.of_basis()).max(0.0) <= MATTERS
     }
 
     /// Whether the augmented model's error is larger: by less than what matters only where that over all
@@ -417,6 +429,16 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// Whether errors before and after are told over all samples ([`Gain::told`]).
+    pub(crate) fn over_all(&self) -> bool {
+        over_all(&self.train, self.holdout.as_ref())
+    }
+
+    /// The samples over which they are told, in a sentence.
+    pub(crate) fn told_over(&self) -> &'static str {
+        if self.over_all() { OVER_ALL } else { self.over }
+    }
+
     /// Whether there is a model beside the plain one: with causes that are named, or with what was learnt.
     pub fn has_augmented(&self) -> bool {
         self.verdict == Verdict::MissingPhysics || self.learnt.is_some()
@@ -576,20 +598,22 @@ mod tests {
             all_v,
         };
         let low = gain([27.1, 27.2, 30.0], [130.0, 85.0, 80.0]);
-        let told = low.told(" above 1 kV");
-        assert_eq!(told, ([130.0, 85.0, 80.0], " over all samples"));
+        assert!(over_all(&low, None));
+        assert_eq!(low.told(true), [130.0, 85.0, 80.0]);
+        assert_eq!(low.told(false), [27.1, 27.2, 30.0]);
         let both = gain([40.0, 30.0, 30.0], [130.0, 85.0, 80.0]);
-        assert_eq!(both.told(" above 1 kV").1, " above 1 kV");
         let neither = gain([30.0, 30.0, 30.0], [80.0, 80.0, 80.0]);
-        assert_eq!(neither.told(" above 1 kV").1, " above 1 kV");
-        let nan = [f64::NAN; 3];
-        let left = gain(nan, [50.0, 50.0, 30.0]).left();
-        assert!(left[0][0].is_nan() && left[1] == [40.0, 30.0], "{left:?}");
-        assert_eq!(neither.left(), [[0.0, 30.0], [0.0, 80.0]]);
+        assert!(!over_all(&both, None) && !over_all(&neither, None));
+        // what was held out decides, where anything was
+        assert!(over_all(&both, Some(&low)) && !over_all(&low, Some(&both)));
         // a hair above 1 kV, which much at low voltage makes good; more, or nothing that does
         assert!(!low.rises() && !both.rises() && !neither.rises());
         assert!(gain([27.1, 28.0, 30.0], [130.0, 85.0, 80.0]).rises());
         assert!(gain([27.1, 27.2, 30.0], [80.0, 80.0, 80.0]).rises());
+        let nan = [f64::NAN; 3];
+        let left = gain(nan, [50.0, 50.0, 30.0]).left();
+        assert!(left[0][0].is_nan() && left[1] == [40.0, 30.0], "{left:?}");
+        assert_eq!(neither.left(), [[0.0, 30.0], [0.0, 80.0]]);
     }
 
     #[test]

@@ -537,10 +537,7 @@ impl<S: Subject> Problem<S> {
             self.weigh(fitted)?;
             return Ok(true);
         }
-        let residual = self.residual(fitted);
-        let design = residual.design(&fitted.state.eta, &fitted.state.beta)?;
-        let scale = self.noise_scale(&design.column(design.ncols() - 1).into_owned());
-        drop(residual);
+        let scale = self.noise_scale(&self.left(fitted)?);
         let over = |noise: [f64; 2]| [0, 1].map(|i| noise[i] - ordinary[i]);
         let shown = over(self.log_noise()).map(|n| n + 0.5 * scale.ln());
         let noisier = |own: f64, shown: f64| own > NOISIER && own > shown + NOISIER;
@@ -563,6 +560,16 @@ impl<S: Subject> Problem<S> {
             }
         }
         Ok(film)
+    }
+
+    /// What a fitted model leaves of the training recordings, whitened.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn left(&self, fitted: &Fitted) -> Result<DVector<f64>, Locked> {
+        let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
+        let design = self.residual(fitted).design(eta, beta)?;
+        Ok(design.column(design.ncols() - 1).into_owned())
     }
 
     /// The residual of the training recordings with the effects of a fitted model.

@@ -326,13 +326,13 @@ pub(super) fn says(
         ""
     };
     let number = |x: f64| in_unit(x, &words.unit);
-    let over = words.over;
+    let all = over_all(train, holdout);
+    let over = if all { OVER_ALL } else { words.over };
+    let [before, after, noise] = train.told(all);
     let on_new = holdout.map_or(String::new(), |h| {
-        let ([before, after, noise], on) = h.told(over);
-        let said = train.told(over).1;
-        let on = if on == said { "" } else { on };
+        let [before, after, noise] = h.told(all);
         format!(
-            " On recordings that were not fitted it goes{on} from {} to {} (noise: {}).",
+            " On recordings that were not fitted it goes from {} to {} (noise: {}).",
             number(before),
             number(after),
             number(noise)
@@ -341,7 +341,7 @@ pub(super) fn says(
     match verdict {
         Verdict::Adequate => format!(
             "The plain model suffices{built}: what it leaves, {}{over}, is what noise leaves, and no effect of the catalogue takes away more than chance would.",
-            number(train.before_v)
+            number(before)
         ),
         Verdict::MissingPhysics => {
             let named: Vec<String> = candidates
@@ -360,7 +360,6 @@ pub(super) fn says(
                 .iter()
                 .filter(|c| c.in_model)
                 .all(|c| c.probability >= NAMED);
-            let ([before, after, noise], over) = train.told(over);
             let what = if certain {
                 "Left out"
             } else {

@@ -216,8 +216,8 @@ impl Answer {
         let noise = size(gain.noise_floor_v);
         let over = d.over;
         let falls = || {
-            let (errors, over) = gain.told(d.over);
-            let [before, after, noise] = errors.map(size);
+            let [before, after, noise] = gain.told(d.over_all()).map(size);
+            let over = d.told_over();
             format!("{on} the error falls from {before} to {after} rms{over}, noise makes {noise}")
         };
         let leaves = || {

@@ -147,7 +147,7 @@ fn a_killed_fit_goes_on_and_gives_the_same_bytes() {
     // each start takes long enough to be kept, on a fast machine too
     room.robot("a", "360", "1");
     let words = ["fit", "robot", "../a", "--starts", "60", "-o", "out", "-q"];
-    killed_and_resumed(&room, &words, 8);
+    killed_and_resumed(&room, &words, 20);
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn a_killed_diagnosis_goes_on_and_gives_the_same_bytes() {
     room.robot("a", "300", "1");
     room.robot("b", "60", "2");
     let words = ["diagnose", "../a", "--holdout", "../b", "-o", "out", "-q"];
-    killed_and_resumed(&room, &words, 1);
+    killed_and_resumed(&room, &words, 3);
 }
 
 #[test]

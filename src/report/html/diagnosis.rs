@@ -85,11 +85,12 @@ fn summary(d: &Diagnosis, made_of: &Provenance) -> Summary {
 /// The error before and after, and the noise.
 fn picture(d: &Diagnosis) -> String {
     let bars = |g: &Gain| {
-        let mut list = vec![(Role::Two, g.before_v)];
+        let [before, after, noise] = g.told(d.over_all());
+        let mut list = vec![(Role::Two, before)];
         if d.has_augmented() {
-            list.push((Role::Five, g.after_v));
+            list.push((Role::Five, after));
         }
-        list.push((Role::Base, g.noise_floor_v));
+        list.push((Role::Base, noise));
         list
     };
     let mut groups = vec![("fitted".to_string(), bars(&d.train))];
@@ -101,29 +102,26 @@ fn picture(d: &Diagnosis) -> String {
         names.push(("augmented model", Role::Five));
     }
     names.push(("noise alone", Role::Base));
-    let title = format!("error{}, {} rms", d.over, d.unit);
+    let title = format!("error{}, {} rms", d.told_over(), d.unit);
     let drawing = plot::bars("Error before and after, and the noise", &title, &groups);
     plot::figure(&[drawing], &plot::colour_key(&names), "")
 }
 
 fn errors(d: &Diagnosis) -> Vec<Tile> {
     let (gain, on) = judged_on(d);
+    let [before, after, noise] = gain.told(d.over_all());
     let mut out = vec![
         tile("Probability of this verdict", odds(d.confidence), ""),
         sized(
-            &format!("Plain model, {on}, rms{}", d.over),
-            gain.before_v,
+            &format!("Plain model, {on}, rms{}", d.told_over()),
+            before,
             &d.unit,
         ),
     ];
     if d.has_augmented() {
-        out.push(sized(
-            &format!("Augmented model, {on}"),
-            gain.after_v,
-            &d.unit,
-        ));
+        out.push(sized(&format!("Augmented model, {on}"), after, &d.unit));
     }
-    out.push(sized("Noise alone makes", gain.noise_floor_v, &d.unit));
+    out.push(sized("Noise alone makes", noise, &d.unit));
     out
 }
 
@@ -359,10 +357,9 @@ fn missing(d: &Diagnosis) -> Option<Note> {
 }
 
 /// Share of the way from the plain model down to the noise, in squares.
-fn closed(g: &Gain) -> Option<f64> {
-    let excess = |v: f64| v * v - g.noise_floor_v * g.noise_floor_v;
-    let before = excess(g.before_v);
-    (before > 0.0).then(|| (1.0 - excess(g.after_v) / before).min(1.0))
+fn closed([before, after, noise]: [f64; 3]) -> Option<f64> {
+    let excess = |v: f64| v * v - noise * noise;
+    (excess(before) > 0.0).then(|| (1.0 - excess(after) / excess(before)).min(1.0))
 }
 
 fn changed(d: &Diagnosis) -> Option<Note> {
@@ -371,14 +368,15 @@ fn changed(d: &Diagnosis) -> Option<Note> {
     }
     let size = |v: f64| number::sized(v, &d.unit, 3);
     let line = |on: &str, g: &Gain| {
+        let errors @ [before, after, noise] = g.told(d.over_all());
         let mut text = format!(
             "{} rms{} before, {} after; the noise makes {}.",
-            size(g.before_v),
-            d.over,
-            size(g.after_v),
-            size(g.noise_floor_v)
+            size(before),
+            d.told_over(),
+            size(after),
+            size(noise)
         );
-        match closed(g) {
+        match closed(errors) {
             Some(share) if share > 0.0 => {
                 text += &format!(
                     " {} of the squares beyond noise are gone.",

@@ -124,7 +124,11 @@ impl Voltage {
 
     /// Voltage of `channel` at `t` (s, voltage clock), V; the end values hold outside the span.
     pub fn at(&self, channel: usize, t: f64) -> f64 {
-        let (i, f) = self.locate(t);
+        self.between(channel, self.locate(t))
+    }
+
+    /// Voltage of `channel` at a place of [`Voltage::locate`], V.
+    fn between(&self, channel: usize, (i, f): (usize, f64)) -> f64 {
         let c = &self.channels_v[channel];
         if self.hold_previous || f == 0.0 {
             c[i]
@@ -133,18 +137,21 @@ impl Voltage {
         }
     }
 
-    fn integral(&self, channel: usize, t: f64) -> f64 {
+    /// Integral of phi^2 of `channel` from the first sample to `t`, V^2 s, and the voltage there, V.
+    fn integral(&self, channel: usize, t: f64) -> (f64, f64) {
         let c = &self.channels_v[channel];
         let last = c.len() - 1;
         if t < self.time_s[0] {
-            return (t - self.time_s[0]) * c[0] * c[0];
+            return ((t - self.time_s[0]) * c[0] * c[0], c[0]);
         }
         if t > self.time_s[last] {
-            return self.integrals(channel)[last] + (t - self.time_s[last]) * c[last] * c[last];
+            let beyond = (t - self.time_s[last]) * c[last] * c[last];
+            return (self.integrals(channel)[last] + beyond, c[last]);
         }
-        let (i, _) = self.locate(t);
-        let (a, b) = (c[i], self.at(channel, t));
-        self.integrals(channel)[i] + (a * a + a * b + b * b) / 3.0 * (t - self.time_s[i])
+        let (i, f) = self.locate(t);
+        let (a, b) = (c[i], self.between(channel, (i, f)));
+        let since = (a * a + a * b + b * b) / 3.0 * (t - self.time_s[i]);
+        (self.integrals(channel)[i] + since, b)
     }
 
     /// phi^2 of `channel` at `count` times from `start` in steps of `step` (s, voltage clock), V^2, and its
@@ -164,8 +171,9 @@ impl Voltage {
         let mut value = Vec::with_capacity(count + 3);
         for i in 0..count + 3 {
             let t = edge(i as f64 - 1.0);
-            integral.push(self.integral(channel, t));
-            value.push(self.at(channel, t).powi(2));
+            let (sum, volts) = self.integral(channel, t);
+            integral.push(sum);
+            value.push(volts * volts);
         }
         let mean = |v: &[f64], i: usize| (v[i + 1] - v[i]) / step;
         let sharpen = |v: &[f64]| -> Vec<f64> {

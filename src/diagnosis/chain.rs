@@ -575,8 +575,7 @@ impl<'a, S: Subject> Case<'a, S> {
             best: &choice.best,
             unexplained: choice.verdict == Verdict::Unexplained,
             allowed: field.by_chance,
-            noise: chance.scale.max(1.0) * chance.colour.max(1.0),
-            colour: chance.colour,
+            noises: chance.noises(),
             shown: chance::shown_noise(&self.problem, &choice.best.fitted)?,
             each: field.each,
         };
@@ -585,14 +584,10 @@ impl<'a, S: Subject> Case<'a, S> {
             let tangent = Tangent::new(problem, fit)?;
             Ok::<_, Error>(scan(problem, &tangent, groups, units, &wanted))
         };
-        let holdout = self.problem.holdout.take();
-        let told = causes.outdone(&mut self.problem, &chance.blocks, scanned)?;
-        match &told {
-            Some((built, _)) => {
-                built.restore(&mut self.problem)?;
-                self.holdout = holdout;
-            }
-            None => self.problem.holdout = holdout,
+        let told = causes.outdone(&self.problem, &chance.blocks, scanned)?;
+        if let Some((built, _)) = &told {
+            self.holdout = self.problem.holdout.take();
+            built.restore(&mut self.problem)?;
         }
         Ok(told)
     }

@@ -109,6 +109,13 @@ pub(super) struct Chance {
 }
 
 impl Chance {
+    /// Variance of the noise over the one that the weights promise, as what was fitted looks, with what its
+    /// colour makes of a score; and the latter alone. Neither is less than 1.
+    pub fn noises(&self) -> [f64; 2] {
+        let colour = self.colour.max(1.0);
+        [self.scale.max(1.0) * colour, colour]
+    }
+
     /// By how much the fall of the sum of squares that an effect brings about overstates the evidence: the
     /// noise of its score is not white, and scatters from block to block.
     pub fn design(&self, id: &str, on: [bool; 3]) -> f64 {

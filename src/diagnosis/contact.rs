@@ -27,9 +27,9 @@ const STOP: &str = "end_stop";
 /// Depths of the edge that are tried, rad: what a stop gives under the film's pull, and what tolerances make
 /// of its angle over the workspace.
 const EDGES_RAD: [f64; 2] = [0.006, 0.015];
-/// Share of what the plain model of a robot as drawn leaves, up to which it leaves what is away from the edge:
-/// of a stop that is to be found at the edge it must leave much less there.
-const AWAY: f64 = 0.75;
+/// Share of what the plain model leaves, with parts where it has some, up to which it leaves what is away from
+/// the edge: of a stop that is to be found at the edge it must leave much less there.
+const AWAY: f64 = 0.5;
 /// Torque over its scatter elsewhere from which it is one of contact.
 const TOUCHES: f64 = 4.0;
 /// Samples that touch, at least, and share of them as many of which may pull as hard.
@@ -90,12 +90,8 @@ pub(super) fn rests<'a>(
     }
     (case.watch)("looking at the edge of the range");
     let top = top_rad(&case.problem.train);
-    let most = match field.built {
-        Some(_) => f64::INFINITY,
-        None => AWAY * field.plain.mean_square,
-    };
     for edge_rad in EDGES_RAD {
-        let away = without_edge(entries, robot, case, top, most, edge_rad);
+        let away = without_edge(entries, robot, case, field, top, edge_rad);
         let Some((built, fitted, away)) = away else {
             continue;
         };
@@ -138,15 +134,15 @@ fn top_rad(residual: &RobotResidual) -> [f64; 3] {
     top
 }
 
-/// The doubt without the frames at the edge, from `top` down by `edge_rad`, where the plain model as drawn
-/// leaves no more than `most` without them: parts and fit of a model that suffices there, or that has another
-/// cause and leaves only noise. Recordings that are too short without them say nothing.
+/// The doubt without the frames at the edge, from `top` down by `edge_rad`, where the plain model leaves much
+/// less without them: parts and fit of a model that suffices there, or that has another cause and leaves only
+/// noise. Recordings that are too short without them say nothing.
 fn without_edge(
     [train, holdout]: [&[Entry]; 2],
     robot: &Robot,
     case: &Case<RobotResidual>,
+    field: &Field,
     top: [f64; 3],
-    most: f64,
     edge_rad: f64,
 ) -> Option<(Option<Built>, Fitted, Away)> {
     let inside = |residual: &RobotResidual, entries: &[Entry]| -> Vec<Dataset> {
@@ -175,7 +171,14 @@ fn without_edge(
     };
     let mut inner = Case::new(problem.ok()?, remarks, &request, case.watch);
     let ground = inner.ground(None).ok()?;
-    if ground.plain.cost() > most * ground.plain.state.rows as f64 {
+    let mut cost = ground.plain.cost();
+    if field.built.is_some() {
+        let mut problem = inner.problem.copy();
+        let noises = field.seen.chance.noises();
+        let told = Built::fit(&mut problem, &ground.plain, noises, f64::INFINITY);
+        cost = told.ok().flatten().map_or(cost, |t| t.1.cost());
+    }
+    if cost > AWAY * field.plain.mean_square * ground.plain.state.rows as f64 {
         return None;
     }
     let (field, choice) = inner.rounds_from(ground).ok()?;

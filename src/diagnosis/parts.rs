@@ -30,9 +30,13 @@ const BEYOND_NOISE: f64 = 1.1;
 /// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
 /// stand in for a cause go there, and so do parts that shrink all torques with one.
 pub(super) const FAR: f64 = 10.0;
-/// Causes that are fitted beside parts that differ, and those of them beside which parts are told to the end.
+/// Causes that are fitted beside parts that differ, those of them beside which parts are told again, and those
+/// beside which they are told to the end.
 const BESIDE_PARTS: usize = 6;
+const RACING: usize = 3;
 const SETTLED: usize = 2;
+/// Mean square over the least from which a cause beside parts is out of the race.
+const HOPELESS: f64 = 3.0;
 
 /// What the robot as drawn is given.
 pub(super) struct Causes<'a> {
@@ -46,11 +50,9 @@ pub(super) struct Causes<'a> {
     pub unexplained: bool,
     /// What chance makes of a sum of squares in a scan.
     pub allowed: f64,
-    /// Variance of the noise over the one that the weights promise, as the plain model's misfit looks; and of
-    /// a score over the one of white noise.
-    pub noise: f64,
-    pub colour: f64,
-    /// The same as `noise`, as what the best leaves looks.
+    /// [`Chance::noises`](super::chance::Chance::noises) as the plain model's misfit looks.
+    pub noises: [f64; 2],
+    /// The first of them as what the best leaves looks.
     pub shown: f64,
     /// Logarithm of the prior odds of one cause.
     pub each: f64,
@@ -71,6 +73,12 @@ struct Tried {
 }
 
 impl Tried {
+    /// Whether its parts can be believed.
+    fn is_near(&self) -> bool {
+        let parts = self.parts.as_ref();
+        parts.is_none_or(|p| p.farthest(&self.fitted) < FAR)
+    }
+
     /// -ln L with so much noise, and what free values cost.
     fn told(&self, noise: f64) -> f64 {
         let rows = self.fitted.state.rows as f64;
@@ -122,9 +130,8 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
 }
 
 /// A search for parts that outdo causes.
-struct Search<'a, S, F> {
+struct Search<'a, F> {
     causes: &'a Causes<'a>,
-    problem: &'a mut Problem<S>,
     blocks: &'a Blocks,
     /// A scan of the catalogue beside a fit.
     scanned: F,
@@ -135,60 +142,69 @@ struct Search<'a, S, F> {
     by_chance: f64,
     /// -2 ln L that parts must promise in linear theory to be worth a fit.
     most: f64,
-    tried: Vec<Tried>,
-    /// Mean square of parts alone, where they were fitted.
-    of_parts: Option<f64>,
+}
+
+/// What a search for one more cause beside parts ends with.
+enum OneMore<S> {
+    /// Parts that are believed beside it.
+    Believed(Tried),
+    /// Parts that are not, in their problem, of the cause with which they leave least.
+    Far(Problem<S>, Built, Fitted),
+    Nothing,
 }
 
 impl Causes<'_> {
-    /// The parts that outdo the causes, and the fit with them and at most two causes.
+    /// The parts that outdo the causes on a robot as drawn, and the fit with them and at most two causes.
     ///
     /// # Errors
     /// Those of a scan, and of a mechanism that cannot follow.
     pub fn outdone<S: Subject>(
         &self,
-        problem: &mut Problem<S>,
+        problem: &Problem<S>,
         blocks: &Blocks,
         scanned: impl Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
     ) -> Result<Option<(Built, Fitted)>, Error> {
-        let own = &self.best.fitted;
+        let (own, [noise, colour]) = (&self.best.fitted, self.noises);
         let rows = own.state.rows as f64;
         let list = problem.train.tolerances();
         let expected = own.effects.iter().any(|a| tolerance::holds(&list, a));
         // work that linear theory, by the noise that the plain misfit looks like, says is in vain
-        let causes = own.cost() / self.noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
+        let causes = own.cost() / noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
             - 2.0 * Judged::prior_of(own, rows, self.each);
-        let explained = (self.plain.fitted.cost() / self.noise - causes).max(0.0);
+        let explained = (self.plain.fitted.cost() / noise - causes).max(0.0);
         // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
         // does not, and the second of two names, to parts beside a cause too. One that leaves a little more
         // than noise may have parts beside it.
         let above = |noise: f64| own.cost() > BEYOND_NOISE * noise * rows;
-        let doubtful = expected || self.unexplained || above(self.noise);
-        let mut search = Search {
+        let doubtful = expected || self.unexplained || above(noise);
+        let search = Search {
             causes: self,
-            problem,
             blocks,
             scanned,
             expected,
-            by_chance: 0.5 * self.allowed / self.noise,
+            by_chance: 0.5 * self.allowed / noise,
             most: causes + WORTH_A_FIT * explained,
-            tried: Vec::new(),
-            of_parts: None,
         };
-        search.enter(None, own.clone());
-        search.parts_alone(doubtful)?;
+        let mut tried = vec![search.entry(problem, None, own.clone())];
+        let alone = search.parts_alone(problem, doubtful)?;
+        let of_parts = alone.first().map(|t| t.square);
+        tried.extend(alone.into_iter().filter(Tried::is_near));
+        let likeliest = |tried: &[Tried]| {
+            let costs = costs(tried, self.plain.mean_square, of_parts, colour);
+            let by_cost = |a: &usize, b: &usize| costs[*a].total_cmp(&costs[*b]);
+            (0..tried.len()).min_by(by_cost).unwrap_or(0)
+        };
         // no name gives way to parts alone before the same parts were tried beside it
-        let widely = doubtful || own.effects.len() > 1 || search.likeliest() > 0;
+        let widely = doubtful || own.effects.len() > 1 || likeliest(&tried) > 0;
         if widely || above(self.shown) {
-            for start in self.beside(search.problem, &list, widely) {
-                if let Some((parts, fitted)) = search.told(&start) {
-                    search.beside_causes(parts, fitted)?;
-                }
-                Built::leave(search.problem)?;
+            let starts = self.beside(problem, &list, widely);
+            let beside = starts.par_iter().map(|s| search.beside_causes(problem, s));
+            for beside in beside.collect::<Result<Vec<_>, Error>>()? {
+                tried.extend(beside.into_iter().filter(Tried::is_near));
             }
         }
-        let best = search.likeliest();
-        let best = search.tried.swap_remove(best);
+        let best = likeliest(&tried);
+        let best = tried.swap_remove(best);
         Ok(best.parts.map(|parts| (parts, best.fitted)))
     }
 
@@ -219,7 +235,7 @@ impl Causes<'_> {
             widely && free(own) && !out.iter().any(|o| o.effects[0].is(own))
         });
         let promised = others.filter_map(|f| {
-            let promise = Built::promise(problem, f, self.noises()).ok()?;
+            let promise = Built::promise(problem, f, self.noises).ok()?;
             // less than nothing is what linear theory cannot promise
             (promise > 0.0).then_some((promise, f))
         });
@@ -230,147 +246,186 @@ impl Causes<'_> {
         }
         out
     }
-
-    fn noises(&self) -> [f64; 2] {
-        [self.noise, self.colour.max(1.0)]
-    }
 }
 
-impl<S: Subject, F> Search<'_, S, F>
-where
-    F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
-{
-    fn square(&self, fitted: &Fitted) -> f64 {
-        Judged::new(self.problem, self.blocks, fitted.clone()).mean_square
-    }
-
-    /// Holds a model against the others, at the parts that the problem has.
-    fn enter(&mut self, parts: Option<Built>, fitted: Fitted) {
+impl<F> Search<'_, F> {
+    /// A model as it is held against the others, at the parts that the problem has.
+    fn entry<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        parts: Option<Built>,
+        fitted: Fitted,
+    ) -> Tried {
         let rows = fitted.state.rows as f64;
         let prior = Judged::prior_of(&fitted, rows, self.causes.each);
         let free = usize::from(parts.is_none() && !self.expected);
-        self.tried.push(Tried {
+        Tried {
             prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior,
             chance: self.by_chance * fitted.effects.len().saturating_sub(free) as f64,
-            square: self.square(&fitted),
+            square: self.square(problem, &fitted),
             // causes as drawn that leave too much for their forms say nothing
             of_form: !fitted.effects.is_empty() && (parts.is_some() || !self.causes.unexplained),
             parts,
             fitted,
-        });
-    }
-
-    /// The same of parts that can be believed.
-    fn enter_near(&mut self, parts: Built, fitted: Fitted) {
-        if parts.farthest(&fitted) < FAR {
-            self.enter(Some(parts), fitted);
         }
     }
 
-    fn likeliest(&self) -> usize {
-        let plain = self.causes.plain.mean_square;
-        let costs = costs(&self.tried, plain, self.of_parts, self.causes.colour);
-        (0..self.tried.len())
-            .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
-            .unwrap_or(0)
+    fn square<S: Subject>(&self, problem: &Problem<S>, fitted: &Fitted) -> f64 {
+        Judged::new(problem, self.blocks, fitted.clone()).mean_square
     }
 
-    /// Parts told beside a fit, where linear theory says that this is not in vain.
-    fn told(&mut self, start: &Fitted) -> Option<(Built, Fitted)> {
-        let told = Built::fit(self.problem, start, self.causes.noises(), self.most);
-        told.ok().flatten()
+    /// Whether a model leaves more than noise, or has parts too far off to be believed.
+    fn lacks(&self, tried: &Tried) -> bool {
+        tried.square > BEYOND_NOISE * self.causes.shown || !tried.is_near()
     }
 
-    /// Parts alone and, where they are in doubt, with causes that a scan beside them finds.
-    fn parts_alone(&mut self, doubtful: bool) -> Result<(), Error> {
-        if let Some((mut parts, mut fitted)) = self.told(&self.causes.plain.fitted) {
-            if doubtful {
-                self.grow(&parts, &fitted)?;
-                parts.restore(self.problem)?;
-                if let Ok(again) = parts.again(self.problem, &fitted) {
-                    (parts, fitted) = again;
-                } else {
-                    parts.restore(self.problem)?;
-                }
-            }
-            self.of_parts = Some(self.square(&fitted));
-            self.enter_near(parts, fitted);
+    /// Parts told beside a fit of a robot as drawn, where linear theory says that this is not in vain; with the
+    /// problem that has them.
+    fn told<S: Subject>(
+        &self,
+        drawn: &Problem<S>,
+        start: &Fitted,
+    ) -> Option<(Problem<S>, Built, Fitted)> {
+        let mut problem = drawn.copy();
+        let told = Built::fit(&mut problem, start, self.causes.noises, self.most);
+        told.ok().flatten().map(|(b, f)| (problem, b, f))
+    }
+
+    /// Parts alone, first, and, where they are in doubt and lack something, with causes that a scan beside them
+    /// finds.
+    fn parts_alone<S: Subject>(
+        &self,
+        drawn: &Problem<S>,
+        doubtful: bool,
+    ) -> Result<Vec<Tried>, Error>
+    where
+        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
+    {
+        let Some((problem, parts, fitted)) = self.told(drawn, &self.causes.plain.fitted) else {
+            return Ok(Vec::new());
+        };
+        let alone = self.entry(&problem, Some(parts), fitted);
+        if !doubtful || !self.lacks(&alone) {
+            return Ok(vec![alone]);
         }
-        Ok(Built::leave(self.problem)?)
+        let Tried {
+            parts: Some(parts),
+            fitted,
+            ..
+        } = &alone
+        else {
+            return Ok(vec![alone]);
+        };
+        let more = self.grow(&problem, parts, fitted)?;
+        // those with causes were told once more
+        let mut again = problem.copy();
+        let alone = match parts.again(&mut again, fitted) {
+            Ok((parts, fitted)) => self.entry(&again, Some(parts), fitted),
+            Err(_) => alone,
+        };
+        Ok(std::iter::once(alone).chain(more).collect())
     }
 
-    /// Parts beside causes. Where a cause that is named leaves parts that are too far off to be believed, or
-    /// more than noise, another one that a scan beside them finds joins it, if that takes the parts within
-    /// their tolerances.
-    fn beside_causes(&mut self, parts: Built, fitted: Fitted) -> Result<(), Error> {
-        let loud = self.square(&fitted) > BEYOND_NOISE * self.causes.shown;
-        let far = parts.farthest(&fitted) >= FAR;
+    /// Parts beside the causes of a fit of a robot as drawn. Where a cause that is named leaves parts that are
+    /// too far off to be believed, or more than noise, another one that a scan beside them finds joins it, if
+    /// that takes the parts within their tolerances.
+    fn beside_causes<S: Subject>(
+        &self,
+        drawn: &Problem<S>,
+        start: &Fitted,
+    ) -> Result<Vec<Tried>, Error>
+    where
+        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
+    {
+        let Some((problem, parts, fitted)) = self.told(drawn, start) else {
+            return Ok(Vec::new());
+        };
+        let mut out = vec![self.entry(&problem, Some(parts), fitted)];
+        let beside = &out[0];
         let is_named = |a: &Acting| self.causes.best.fitted.effects.iter().any(|o| o.is(a));
-        if let [one] = &fitted.effects[..]
+        if let (Some(parts), [one]) = (&beside.parts, &beside.fitted.effects[..])
             && is_named(one)
-            && (loud || far)
+            && self.lacks(beside)
         {
             let within = |p: &Built, f: &Fitted| p.beyond(f).is_none();
-            self.one_more(&parts, &fitted, &within)?;
-            parts.restore(self.problem)?;
+            if let OneMore::Believed(with) =
+                self.one_more(&problem, parts, &beside.fitted, &within)?
+            {
+                out.push(with);
+            }
         }
-        self.enter_near(parts, fitted);
-        Ok(())
+        Ok(out)
     }
 
     /// Parts with one cause that a scan beside them finds; with two where nothing explains a robot as drawn,
     /// and parts stand in for a second one.
-    fn grow(&mut self, parts: &Built, fitted: &Fitted) -> Result<(), Error> {
+    fn grow<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        parts: &Built,
+        fitted: &Fitted,
+    ) -> Result<Option<Tried>, Error>
+    where
+        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
+    {
         let near = |p: &Built, f: &Fitted| p.farthest(f) < FAR;
-        let far = self.one_more(parts, fitted, &near)?;
-        if let Some((parts, fitted)) = far.filter(|_| self.causes.unexplained) {
-            parts.restore(self.problem)?;
-            self.one_more(&parts, &fitted, &near)?;
+        let mut one = self.one_more(problem, parts, fitted, &near)?;
+        if let (OneMore::Far(problem, parts, fitted), true) = (&one, self.causes.unexplained) {
+            one = self.one_more(problem, parts, fitted, &near)?;
         }
-        Ok(())
+        Ok(match one {
+            OneMore::Believed(with) => Some(with),
+            _ => None,
+        })
     }
 
-    /// Parts and a fit with them, with one more cause. Both are told once more: parts that are not settled
-    /// yet leave something to any cause. Those that are not `believed` are given back, of the cause with which
-    /// they leave least.
-    fn one_more(
-        &mut self,
+    /// Parts and a fit with them, with one more cause: those that leave least race. Both are told once more, as
+    /// parts that are not settled yet leave something to any cause.
+    fn one_more<S: Subject>(
+        &self,
+        problem: &Problem<S>,
         parts: &Built,
         fitted: &Fitted,
         believed: &dyn Fn(&Built, &Fitted) -> bool,
-    ) -> Result<Option<(Built, Fitted)>, Error> {
+    ) -> Result<OneMore<S>, Error>
+    where
+        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
+    {
         let known = |id: &str| fitted.effects.iter().any(|a| a.effect.id() == id);
-        let mut beside = (self.scanned)(self.problem, fitted)?;
+        let mut beside = (self.scanned)(problem, fitted)?;
         beside.retain(|s| !s.acting.effect.scales_made() && !known(s.acting.effect.id()));
         let chosen = choose(&beside, BESIDE_PARTS);
-        let with = refit(self.problem, fitted, &chosen, &fitted.effects);
-        let with = with.into_par_iter().map(|f| (self.square(&f), f));
+        let with = refit(problem, fitted, &chosen, &fitted.effects);
+        let with = with.into_par_iter().map(|f| (self.square(problem, &f), f));
         let mut with: Vec<(f64, Fitted)> = with.collect();
         with.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut told: Vec<(Built, Fitted)> = Vec::new();
-        for (_, with) in &with {
-            told.extend(parts.again(self.problem, with).ok());
-            parts.restore(self.problem)?;
-        }
-        told.sort_by(|a, b| a.1.cost().total_cmp(&b.1.cost()));
+        let most = HOPELESS * with.first().map_or(0.0, |w| w.0);
+        with.retain(|w| w.0 <= most);
+        with.truncate(RACING);
+        let told = with.par_iter().filter_map(|(_, with)| {
+            let mut problem = problem.copy();
+            let (parts, with) = parts.again(&mut problem, with).ok()?;
+            Some((problem, parts, with))
+        });
+        let mut told: Vec<(Problem<S>, Built, Fitted)> = told.collect();
+        told.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
         told.truncate(SETTLED);
-        let mut far: Option<(Built, Fitted)> = None;
-        for (built, with) in &told {
-            built.restore(self.problem)?;
-            let again = built.settled(self.problem, with);
-            parts.restore(self.problem)?;
-            let Some((built, with)) = again.ok().flatten() else {
+        let mut out = OneMore::Nothing;
+        for (mut problem, parts, with) in told {
+            let Some((parts, with)) = parts.settled(&mut problem, &with).ok().flatten() else {
                 continue;
             };
-            if believed(&built, &with) {
-                built.restore(self.problem)?;
-                self.enter(Some(built), with);
-                return Ok(None);
+            if believed(&parts, &with) {
+                return Ok(OneMore::Believed(self.entry(&problem, Some(parts), with)));
             }
-            if far.as_ref().is_none_or(|f| with.cost() < f.1.cost()) {
-                far = Some((built, with));
+            let least = match &out {
+                OneMore::Far(_, _, least) => least.cost(),
+                _ => f64::INFINITY,
+            };
+            if with.cost() < least {
+                out = OneMore::Far(problem, parts, with);
             }
         }
-        Ok(far)
+        Ok(out)
     }
 }

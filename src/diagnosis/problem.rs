@@ -321,13 +321,18 @@ impl<S: Subject> Problem<S> {
         for x in begun.iter_mut().flatten().flatten().flatten() {
             *x /= noise.sqrt();
         }
-        let train = (self.train).with_effects(Vec::new(), Vec::new(), &self.train_when);
         Problem {
             nonlinear: closer(&self.nonlinear),
             linear: closer(&self.linear),
             begun,
-            ..self.with(train)
+            ..self.copy()
         }
+    }
+
+    /// The same with nothing held out.
+    pub fn copy(&self) -> Self {
+        let train = (self.train).with_effects(Vec::new(), Vec::new(), &self.train_when);
+        self.with(train)
     }
 
     /// The same with other weights, those of `train`, and nothing held out.

@@ -656,14 +656,7 @@ impl Built {
             }));
     }
 
-    /// Takes all tolerances out of a problem, and the mechanism to be as drawn.
-    ///
-    /// # Errors
-    /// [`Locked`] when the mechanism cannot follow.
-    pub fn leave<S: Subject>(problem: &mut Problem<S>) -> Result<(), Locked> {
-        Built::rebuild(problem, Vec::new())
-    }
-
+    /// Takes all tolerances out of a problem, whose mechanism these effects make.
     fn rebuild<S: Subject>(problem: &mut Problem<S>, acts: Vec<Acting>) -> Result<(), Locked> {
         let none = DMatrix::zeros(0, 0);
         let as_drawn = problem.linear.len() - problem.train.allowed();

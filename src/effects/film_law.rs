@@ -138,6 +138,7 @@ mod tests {
             eps_f_m: 2.5e-11,
             bicep_m: 0.05,
             theta_dea_rad: &angles,
+            area_stretch: &[],
             theta_b: &[],
             bicep_lever: &[],
             force_lever: &[],

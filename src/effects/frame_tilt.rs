@@ -14,17 +14,19 @@ fn cross(a: Vec3, b: Vec3) -> Vec3 {
     ]
 }
 
-/// R v - v for the rotation vector w (Rodrigues).
-fn turned(w: Vec3, v: Vec3) -> Vec3 {
+/// R v - v as a function of v for the rotation vector w (Rodrigues).
+fn turned(w: Vec3) -> impl Fn(Vec3) -> Vec3 {
     let angle = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
-    if angle == 0.0 {
-        return [0.0; 3];
-    }
-    let axis = w.map(|x| x / angle);
-    let once = cross(axis, v);
-    let twice = cross(axis, once);
+    let axis = match angle > 0.0 {
+        true => w.map(|x| x / angle),
+        false => [0.0; 3],
+    };
     let (s, c) = angle.sin_cos();
-    [0, 1, 2].map(|i| s * once[i] + (1.0 - c) * twice[i])
+    move |v| {
+        let once = cross(axis, v);
+        let twice = cross(axis, once);
+        [0, 1, 2].map(|i| s * once[i] + (1.0 - c) * twice[i])
+    }
 }
 
 impl Effect for FrameTilt {
@@ -73,19 +75,19 @@ impl Effect for FrameTilt {
         "poses far off the axis in all directions, low and high"
     }
     fn reading(&self, v: &[f64], motion: &mut Reading) {
-        let w = [v[0], v[1], v[2]];
+        let turned = turned([v[0], v[1], v[2]]);
         let p = motion.pivot_m;
         let add = |x: &mut Vec3, d: Vec3| *x = [x[0] + d[0], x[1] + d[1], x[2] + d[2]];
         for u in motion.position_m.iter_mut() {
             let arm = [u[0] - p[0], u[1] - p[1], u[2] - p[2]];
-            add(u, turned(w, arm));
+            add(u, turned(arm));
         }
         for u in motion
             .velocity_m_s
             .iter_mut()
             .chain(motion.acceleration_m_s2.iter_mut())
         {
-            add(u, turned(w, *u));
+            add(u, turned(*u));
         }
     }
 }

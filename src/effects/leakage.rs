@@ -21,11 +21,14 @@ const ROUNDS: usize = 3;
 /// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire,
 /// and how much more that is for a voltage larger by a share of it.
 fn grown(v: &[f64], along: &Along, i: usize, phi_v: f64) -> [f64; 2] {
-    let field = phi_v.abs() / AT_V * along.area_stretch(i) / AT_AREA;
+    let field = phi_v.abs() / AT_V * along.area_stretch[i] / AT_AREA;
     let power = v[1].max(GROWS);
     let share = v[1] / power;
     let x = v[0] / (1.0 - v[0]);
-    let growing = x * share * field.powf(power);
+    let growing = match power == GROWS {
+        true => x * share * field * field,
+        false => x * share * field.powf(power),
+    };
     [x * (1.0 - share) + growing, power * growing]
 }
 

@@ -203,7 +203,7 @@ impl Variable {
             Variable::BicepAngle => along.theta_b[i][0],
             Variable::BicepRate => along.theta_b[i][1],
             Variable::LozengeAngle => along.theta_dea_rad[i],
-            Variable::AreaStretch | Variable::LargestStretch => along.area_stretch(i),
+            Variable::AreaStretch | Variable::LargestStretch => along.area_stretch[i],
             Variable::SeriesTime => along.when.series_s + along.step_s * i as f64,
             Variable::Voltage | Variable::VoltageRate => phi_v.abs(),
             Variable::SquaredVoltage => phi_v * phi_v,
@@ -1315,6 +1315,7 @@ mod tests {
             eps_f_m: 1e-11,
             bicep_m: 0.05,
             theta_dea_rad: &[1.9, 2.0, 1.8, 9.0],
+            area_stretch: &[1.3, 1.2, 1.4, 9.0],
             theta_b: &[
                 [0.1, 1.0, 0.0],
                 [0.2, -2.0, 0.0],

@@ -75,7 +75,7 @@ impl Effect for LossOfTension {
         let rest = sigma_2_pa[0].abs().max(1.0);
         let (t, w) = (v[0] * rest, v[1] * rest);
         for (i, change) in change_pa.iter_mut().enumerate() {
-            let field = phi_v[i] * along.area_stretch(i) / along.lozenge.l3_m;
+            let field = phi_v[i] * along.area_stretch[i] / along.lozenge.l3_m;
             let p = sigma_2_pa[i] - along.eps_f_m * field * field;
             let carried = if p >= t + w {
                 p

@@ -281,6 +281,8 @@ pub struct Along<'a> {
     pub bicep_m: f64,
     /// theta_DEA, rad.
     pub theta_dea_rad: &'a [f64],
+    /// lambda_1 lambda_2.
+    pub area_stretch: &'a [f64],
     /// theta_b, rad; its first and second time derivative, rad/s and rad/s^2.
     pub theta_b: &'a [[f64; 3]],
     /// d theta_DEA/d theta_b: a torque on the bicep divided by it is the torque on the lozenge that does the
@@ -304,10 +306,10 @@ impl Along<'_> {
         self.theta_dea_rad.len()
     }
 
-    /// lambda_1 lambda_2 at a sample.
-    pub fn area_stretch(&self, i: usize) -> f64 {
-        let [l1, l2] = self.lozenge.stretches(self.theta_dea_rad[i]);
-        l1 * l2
+    /// Capacitance of the films at a sample, F: [`Lozenge::capacitance_f`].
+    pub fn capacitance_f(&self, i: usize) -> f64 {
+        self.lozenge
+            .capacitance_of_area_f(self.area_stretch[i], self.eps_f_m)
     }
 
     /// Time of a sample on the motion clock of the recording, s.

@@ -49,7 +49,7 @@ impl Effect for PermittivityStretch {
     }
     fn capacitance(&self, v: &[f64], along: &Along, half_slope: &mut [f64]) {
         for (i, half) in half_slope.iter_mut().enumerate() {
-            let a = along.area_stretch(i);
+            let a = along.area_stretch[i];
             let x = a - 1.0;
             *half *= 1.0 - v[0] * (x - v[1] * x * x) - 0.5 * v[0] * (1.0 - 2.0 * v[1] * x) * a;
         }

@@ -62,17 +62,12 @@ pub(super) fn charged(
     leak: impl Fn(usize, f64) -> f64,
     phi_v: &mut [f64],
 ) {
-    let capacitance = |i: usize| {
-        along
-            .lozenge
-            .capacitance_f(along.theta_dea_rad[i], along.eps_f_m)
-    };
-    let mut c0 = capacitance(0);
+    let mut c0 = along.capacitance_f(0);
     let mut before = std::mem::replace(&mut phi_v[0], first_v);
     let mut charge = c0 * first_v;
     for i in 1..phi_v.len() {
         let command = phi_v[i];
-        let c1 = capacitance(i);
+        let c1 = along.capacitance_f(i);
         let c = 2.0 / (1.0 / c0 + 1.0 / c1);
         let after = |phi: f64| {
             let k = 1.0 + leak(i, phi);

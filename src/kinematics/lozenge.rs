@@ -53,7 +53,12 @@ impl Lozenge {
     /// (lambda_1 lambda_2)^2.
     pub fn capacitance_f(&self, theta_dea_rad: f64, eps_f_m: f64) -> f64 {
         let [l1, l2] = self.stretches(theta_dea_rad);
-        self.films * eps_f_m * self.l1_m * self.l2_m / self.l3_m * (l1 * l2).powi(2)
+        self.capacitance_of_area_f(l1 * l2, eps_f_m)
+    }
+
+    /// [`Lozenge::capacitance_f`] where lambda_1 lambda_2 is `area_stretch`.
+    pub fn capacitance_of_area_f(&self, area_stretch: f64, eps_f_m: f64) -> f64 {
+        self.films * eps_f_m * self.l1_m * self.l2_m / self.l3_m * area_stretch.powi(2)
     }
 
     /// Maxwell torque per squared voltage, 1/2 dC/d theta_DEA, N m/V^2: tau_volt = this times phi^2.

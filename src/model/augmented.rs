@@ -67,6 +67,7 @@ impl Mechanics {
             eps_f_m: self.robot.eps_r * VACUUM_PERMITTIVITY_F_M,
             bicep_m: self.robot.mechanism.chains[k].bicep_m,
             theta_dea_rad: &chain.theta_dea_rad,
+            area_stretch: &chain.area_stretch,
             theta_b: &chain.theta_b,
             bicep_lever: &chain.bicep_lever,
             force_lever: &chain.force_lever,

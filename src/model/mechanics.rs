@@ -85,6 +85,8 @@ pub struct ChainMotion {
     pub history: History,
     /// 1/2 dC/d theta_DEA, N m/V^2.
     pub half_capacitance_slope: Vec<f64>,
+    /// lambda_1 lambda_2.
+    pub area_stretch: Vec<f64>,
     /// Lozenge angle, rad.
     pub theta_dea_rad: Vec<f64>,
     /// Forearm swing, rad.
@@ -157,6 +159,7 @@ struct Growing {
     rate: Vec<[f64; 2]>,
     lever: Vec<[f64; 2]>,
     half_capacitance_slope: Vec<f64>,
+    area_stretch: Vec<f64>,
     theta_dea_rad: Vec<f64>,
     theta_fa_rad: Vec<f64>,
     theta_b: Vec<[f64; 3]>,
@@ -173,6 +176,7 @@ impl Growing {
             rate: Vec::with_capacity(n),
             lever: Vec::with_capacity(n),
             half_capacitance_slope: Vec::with_capacity(n),
+            area_stretch: Vec::with_capacity(n),
             theta_dea_rad: Vec::with_capacity(n),
             theta_fa_rad: Vec::with_capacity(n),
             theta_b: Vec::with_capacity(n),
@@ -197,6 +201,7 @@ impl Growing {
         let eps = robot.eps_r * VACUUM_PERMITTIVITY_F_M;
         self.half_capacitance_slope
             .push(eps * capacitance * (slopes[0] + slopes[1]));
+        self.area_stretch.push(stretch[0] * stretch[1]);
         self.theta_dea_rad.push(p.theta_dea_rad);
         self.theta_fa_rad.push(p.theta_fa_rad);
         let chain = &robot.mechanism.chains[k];
@@ -222,6 +227,7 @@ impl Growing {
         ChainMotion {
             history,
             half_capacitance_slope: self.half_capacitance_slope,
+            area_stretch: self.area_stretch,
             theta_dea_rad: self.theta_dea_rad,
             theta_fa_rad: self.theta_fa_rad,
             theta_b: self.theta_b,

@@ -211,6 +211,32 @@ struct Condition<'p> {
     values: Vec<Triples>,
 }
 
+/// The commands of a recording as a clock reads them: each chain's where it is first asked for.
+struct Told<'p> {
+    recording: &'p Prepared<'p>,
+    offset_s: f64,
+    /// [`clock`] of the effects.
+    clock: (f64, f64),
+    chains: [OnceLock<Cow<'p, Command>>; 3],
+}
+
+impl Told<'_> {
+    fn chain(&self, chain: usize) -> &Command {
+        let read = || self.recording.command(chain, self.offset_s, self.clock);
+        self.chains[chain].get_or_init(read)
+    }
+}
+
+/// What changes of a recording at the same parameters, offset and effects have in common: each where it is
+/// first asked for.
+struct Common<'p> {
+    told: Told<'p>,
+    /// Torques of the films, and the torque error with them.
+    error: OnceLock<(FilmTorques, Chains)>,
+    /// [`Prepared::made`] of each chain.
+    made: [OnceLock<(Vec<f64>, Vec<f64>)>; 3],
+}
+
 /// Rows of the kernel that a window may still need, chain by chain, beginning at sample `from`; they move to
 /// the front when the room is used up.
 struct Held {
@@ -435,14 +461,30 @@ impl Prepared<'_> {
         }
     }
 
-    /// The command of a chain at the frames, as the clock effects read it.
-    fn command(&self, chain: usize, offset_s: f64, effects: &[Acting]) -> Cow<'_, Command> {
+    /// The commands as effects on the clock read them.
+    fn told(&self, offset_s: f64, effects: &[Acting]) -> Told<'_> {
+        Told {
+            recording: self,
+            offset_s,
+            clock: clock(effects),
+            chains: Default::default(),
+        }
+    }
+
+    fn common(&self, offset_s: f64, effects: &[Acting]) -> Common<'_> {
+        Common {
+            told: self.told(offset_s, effects),
+            error: OnceLock::new(),
+            made: Default::default(),
+        }
+    }
+
+    /// The command of a chain at the frames, read at shift + rate t.
+    fn command(&self, chain: usize, offset_s: f64, (shift, rate): (f64, f64)) -> Cow<'_, Command> {
         let d = self.dataset;
-        let plain = effects.iter().all(|a| a.effect.site() != Site::Clock);
-        if let (true, Some(fixed)) = (plain, &self.command) {
+        if let (true, Some(fixed)) = ((shift, rate) == (0.0, 1.0), &self.command) {
             return Cow::Borrowed(&fixed[chain]);
         }
-        let (shift, rate) = clock(effects);
         let step_s = d.step_s * rate;
         let mut out = Command::default();
         for (_, from_s, count) in d.runs() {
@@ -462,13 +504,14 @@ impl Prepared<'_> {
         &self,
         mechanics: &Mechanics,
         chain: usize,
-        offset_s: f64,
+        told: &Told<'_>,
         effects: &[Acting],
     ) -> Vec<f64> {
         let heard = effects.iter().any(|a| a.effect.hears_others());
-        let read = |k: usize| (heard || k == chain).then(|| self.command(k, offset_s, effects));
-        let commands = [0, 1, 2].map(read);
-        let told = [0, 1, 2].map(|k| commands[k].as_ref().map_or(&[][..], |c| &c.2[..]));
+        let told = [0, 1, 2].map(|k| match heard || k == chain {
+            true => &told.chain(k).2[..],
+            false => &[],
+        });
         mechanics.film_voltage_v(chain, self.when, effects, told)
     }
 
@@ -478,10 +521,10 @@ impl Prepared<'_> {
         &self,
         mechanics: &Mechanics,
         k: usize,
-        offset_s: f64,
+        told: &Told<'_>,
         effects: &[Acting],
     ) -> (Vec<f64>, Vec<f64>) {
-        let command = self.command(k, offset_s, effects);
+        let command = told.chain(k);
         let electrical =
             |a: &Acting| matches!(a.effect.site(), Site::Electrical | Site::Film) && a.on[k];
         let plain = &mechanics.chains[k].half_capacitance_slope;
@@ -489,7 +532,7 @@ impl Prepared<'_> {
         if !effects.iter().any(electrical) {
             return (product(&command.0, plain), product(&command.1, plain));
         }
-        let film = self.film_voltage(mechanics, k, offset_s, effects);
+        let film = self.film_voltage(mechanics, k, told, effects);
         let half = mechanics.half_capacitance_slope(k, self.when, effects);
         let made = (0..film.len())
             .map(|i| {
@@ -504,13 +547,14 @@ impl Prepared<'_> {
     fn maxwell_at(
         &self,
         mechanics: &Mechanics,
-        offset_s: f64,
         effects: &[Acting],
+        common: &Common,
     ) -> (Triples, Triples) {
         let mut value = vec![[0.0; 3]; self.centres.len()];
         let mut slope = value.clone();
         for k in 0..3 {
-            let (made, change) = self.made(mechanics, k, offset_s, effects);
+            let made = || self.made(mechanics, k, &common.told, effects);
+            let (made, change) = common.made[k].get_or_init(made);
             for (j, &centre) in self.centres.iter().enumerate() {
                 value[j][k] = self.decimation.apply(centre, |i| made[i]);
                 slope[j][k] = self.decimation.apply(centre, |i| change[i]);
@@ -898,11 +942,11 @@ impl<'a> RobotResidual<'a> {
         recording: usize,
         mechanics: &Mechanics,
         parameters: &Parameters,
-        offset_s: f64,
+        told: &Told<'_>,
         effects: &[Acting],
     ) -> Result<[Vec<f64>; 3], Locked> {
         let film = FilmTorques::new(mechanics, parameters)?;
-        self.error_with(recording, mechanics, &film, parameters, offset_s, effects)
+        self.error_with(recording, mechanics, &film, parameters, told, effects)
     }
 
     /// The same where the films' torques are known.
@@ -912,11 +956,10 @@ impl<'a> RobotResidual<'a> {
         mechanics: &Mechanics,
         film: &FilmTorques,
         parameters: &Parameters,
-        offset_s: f64,
+        told: &Told<'_>,
         effects: &[Acting],
     ) -> Result<[Vec<f64>; 3], Locked> {
-        let (needed, made) =
-            self.sides(recording, mechanics, film, parameters, offset_s, effects)?;
+        let (needed, made) = self.sides(recording, mechanics, film, parameters, told, effects)?;
         let mut out = needed;
         for (out, made) in out.iter_mut().zip(&made) {
             for (o, m) in out.iter_mut().zip(made) {
@@ -933,7 +976,7 @@ impl<'a> RobotResidual<'a> {
         mechanics: &Mechanics,
         film: &FilmTorques,
         parameters: &Parameters,
-        offset_s: f64,
+        told: &Told<'_>,
         effects: &[Acting],
     ) -> Result<(Chains, Chains), Locked> {
         let r = &self.recordings[recording];
@@ -952,7 +995,7 @@ impl<'a> RobotResidual<'a> {
             for (i, needed) in needed.iter_mut().enumerate() {
                 *needed += chain.load(i);
             }
-            self.add_effect_torque(r, mechanics, k, parameters, offset_s, effects, needed)?;
+            self.add_effect_torque(r, mechanics, k, parameters, told, effects, needed)?;
         }
         let forearm = mechanics.forearm_torques_n_m(&parameters.forearm);
         for (i, forearm) in forearm.iter().enumerate() {
@@ -960,7 +1003,7 @@ impl<'a> RobotResidual<'a> {
                 needed[k][i] += forearm[k];
             }
         }
-        let made = [0, 1, 2].map(|k| r.made(mechanics, k, offset_s, effects).0);
+        let made = [0, 1, 2].map(|k| r.made(mechanics, k, told, effects).0);
         Ok((needed, made))
     }
 
@@ -972,7 +1015,7 @@ impl<'a> RobotResidual<'a> {
         mechanics: &Mechanics,
         k: usize,
         parameters: &Parameters,
-        offset_s: f64,
+        told: &Told<'_>,
         effects: &[Acting],
         needed: &mut [f64],
     ) -> Result<(), Locked> {
@@ -983,7 +1026,7 @@ impl<'a> RobotResidual<'a> {
             }
         }
         if effects.iter().any(|a| a.effect.needs_tension()) {
-            let phi = r.film_voltage(mechanics, k, offset_s, effects);
+            let phi = r.film_voltage(mechanics, k, told, effects);
             let slack = mechanics.slack_torque_n_m(k, r.when, effects, parameters, &phi)?;
             for (n, t) in needed.iter_mut().zip(slack.into_iter().flatten()) {
                 *n += t;
@@ -1013,7 +1056,7 @@ impl<'a> RobotResidual<'a> {
         let offset = self.offset_s(recording, eta);
         let maxwell = match &r.maxwell {
             Some(fixed) => Cow::Borrowed(fixed),
-            None => Cow::Owned(r.maxwell_at(&r.mechanics, offset, &[])),
+            None => Cow::Owned(r.maxwell_at(&r.mechanics, &[], &r.common(offset, &[]))),
         };
         if self.effects.is_empty() {
             return Ok(Condition {
@@ -1059,10 +1102,19 @@ impl<'a> RobotResidual<'a> {
             }
             None => {}
         }
+        let common = r.common(offset, &effects);
         if has(Site::Balance) || effects.iter().any(|a| a.effect.needs_tension()) {
             let mut extra: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
             for (k, extra) in extra.iter_mut().enumerate() {
-                self.add_effect_torque(r, &mechanics, k, &parameters, offset, &effects, extra)?;
+                self.add_effect_torque(
+                    r,
+                    &mechanics,
+                    k,
+                    &parameters,
+                    &common.told,
+                    &effects,
+                    extra,
+                )?;
             }
             let extra = self.filtered(recording, &extra);
             for (l, e) in load.to_mut().iter_mut().zip(extra) {
@@ -1072,14 +1124,15 @@ impl<'a> RobotResidual<'a> {
             }
         }
         let maxwell = if moved || has(Site::Electrical) || has(Site::Clock) || has(Site::Film) {
-            Cow::Owned(r.maxwell_at(&mechanics, offset, &effects))
+            Cow::Owned(r.maxwell_at(&mechanics, &effects, &common))
         } else {
             maxwell
         };
         let factor =
             [0, 1, 2].map(|k| mechanics.stress_factor(k, r.when, &effects, &parameters.film));
         let exact = |site: Site| linear.is_none() || site != Site::Motion;
-        let mut values = self.value_columns(recording, eta, beta, &mechanics, &effects, exact)?;
+        let own = (&*mechanics, &effects[..], &common);
+        let mut values = self.value_columns(recording, eta, beta, own, exact)?;
         for (place, _, column) in linear.iter().flat_map(|l| &l.values) {
             values[place - self.layout.first_value()].clone_from(column);
         }
@@ -1119,8 +1172,9 @@ impl<'a> RobotResidual<'a> {
                 }
                 _ => {
                     let motion = |site: Site| site == Site::Motion;
-                    let columns =
-                        self.value_columns(number, eta, beta, &mechanics, &effects, motion)?;
+                    let common = r.common(self.offset_s(number, eta), &effects);
+                    let own = (&mechanics, &effects[..], &common);
+                    let columns = self.value_columns(number, eta, beta, own, motion)?;
                     self.layout
                         .free_values
                         .iter()
@@ -1195,7 +1249,10 @@ impl<'a> RobotResidual<'a> {
             r.forearm = forearm_columns(&mechanics, curve, &r.decimation, &r.centres, arch);
             r.mechanics = Arc::new(mechanics);
             if r.maxwell.is_some() {
-                r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
+                let common = r.common(r.dataset.offset_s, &[]);
+                let fixed = r.maxwell_at(&r.mechanics, &[], &common);
+                drop(common);
+                r.maxwell = Some(fixed);
             }
         }
         for r in &mut self.recordings {
@@ -1206,18 +1263,15 @@ impl<'a> RobotResidual<'a> {
 
     /// d(filtered residual)/d eta of every free value of an effect at a site that is `wanted`, by a forward
     /// difference of the side that the value changes; empty for the others.
-    fn value_columns(
-        &self,
+    fn value_columns<'s>(
+        &'s self,
         recording: usize,
         eta: &[f64],
         beta: &[f64],
-        mechanics: &Mechanics,
-        effects: &[Acting],
+        own @ (_, effects, _): (&Mechanics, &[Acting], &Common<'s>),
         wanted: impl Fn(Site) -> bool,
     ) -> Result<Vec<Triples>, Locked> {
-        let base = OnceLock::new();
         let parameters = self.parameters(eta, beta);
-        let offset = self.offset_s(recording, eta);
         self.layout
             .free_values
             .iter()
@@ -1235,14 +1289,7 @@ impl<'a> RobotResidual<'a> {
                     VALUE_STEP
                 };
                 other[effect].values[value] = here + step * q.spread;
-                let change = self.change(
-                    recording,
-                    &parameters,
-                    offset,
-                    (mechanics, effects),
-                    (&other, effect),
-                    &base,
-                )?;
+                let change = self.change(recording, &parameters, own, (&other, effect))?;
                 let mut column = self.filtered(recording, &change);
                 for c in column.iter_mut().flatten() {
                     *c /= step;
@@ -1253,20 +1300,21 @@ impl<'a> RobotResidual<'a> {
     }
 
     /// Change of the torque error of a recording (N m, chain, frame) when `effects` become `other`, which
-    /// differ from them in the effect number `changed` only. `base` keeps what the next call at the same
-    /// parameters, offset and `effects` needs of these.
-    fn change(
-        &self,
+    /// differ from them in the effect number `changed` only.
+    fn change<'s>(
+        &'s self,
         recording: usize,
         parameters: &Parameters,
-        offset_s: f64,
-        (mechanics, effects): (&Mechanics, &[Acting]),
+        (mechanics, effects, common): (&Mechanics, &[Acting], &Common<'s>),
         (other, changed): (&[Acting], usize),
-        base: &OnceLock<(FilmTorques, Chains)>,
     ) -> Result<[Vec<f64>; 3], Locked> {
         let r = &self.recordings[recording];
         let mut out: [Vec<f64>; 3] = [(); 3].map(|()| vec![0.0; mechanics.samples()]);
         let acting = &other[changed];
+        let made = |k: usize| {
+            let made = || r.made(mechanics, k, &common.told, effects);
+            common.made[k].get_or_init(made)
+        };
         match acting.effect.site() {
             Site::Balance => {
                 for k in (0..3).filter(|&k| acting.on[k]) {
@@ -1280,17 +1328,22 @@ impl<'a> RobotResidual<'a> {
                     out[k] = a.iter().zip(b).map(|(a, b)| b - a).collect();
                 }
             }
-            Site::Electrical | Site::Clock => {
+            site @ (Site::Electrical | Site::Clock) => {
+                let anew = r.told(common.told.offset_s, other);
+                let told = match site {
+                    Site::Clock => &anew,
+                    _ => &common.told,
+                };
                 for k in (0..3).filter(|&k| acting.on[k]) {
-                    let a = r.made(mechanics, k, offset_s, other).0;
-                    let b = r.made(mechanics, k, offset_s, effects).0;
+                    let a = r.made(mechanics, k, told, other).0;
+                    let b = &made(k).0;
                     out[k] = a.iter().zip(b).map(|(a, b)| b - a).collect();
                 }
             }
             Site::Film => {
                 for k in (0..3).filter(|&k| acting.on[k]) {
                     let slack = |with: &[Acting]| {
-                        let phi = r.film_voltage(mechanics, k, offset_s, with);
+                        let phi = r.film_voltage(mechanics, k, &common.told, with);
                         mechanics.slack_torque_n_m(k, r.when, with, parameters, &phi)
                     };
                     if acting.effect.needs_tension() {
@@ -1311,8 +1364,8 @@ impl<'a> RobotResidual<'a> {
                                 film[i][0] * (a[i][0] - b[i][0]) + film[i][1] * (a[i][1] - b[i][1])
                             })
                             .collect();
-                        let a = r.made(mechanics, k, offset_s, other).0;
-                        let b = r.made(mechanics, k, offset_s, effects).0;
+                        let a = r.made(mechanics, k, &common.told, other).0;
+                        let b = &made(k).0;
                         for (o, (a, b)) in out[k].iter_mut().zip(a.iter().zip(b)) {
                             *o += b - a;
                         }
@@ -1321,18 +1374,24 @@ impl<'a> RobotResidual<'a> {
             }
             Site::Motion => {
                 let moved = self.mechanics_with(recording, other)?;
-                let base = match base.get() {
+                let base = match common.error.get() {
                     Some(known) => known,
                     None => {
                         let film = FilmTorques::new(mechanics, parameters)?;
                         let error = self.error_with(
-                            recording, mechanics, &film, parameters, offset_s, effects,
+                            recording,
+                            mechanics,
+                            &film,
+                            parameters,
+                            &common.told,
+                            effects,
                         )?;
-                        base.get_or_init(|| (film, error))
+                        common.error.get_or_init(|| (film, error))
                     }
                 };
                 let film = FilmTorques::beside(&moved, parameters, mechanics, &base.0)?;
-                let a = self.error_with(recording, &moved, &film, parameters, offset_s, other)?;
+                let a =
+                    self.error_with(recording, &moved, &film, parameters, &common.told, other)?;
                 let b = &base.1;
                 for k in 0..3 {
                     out[k] = a[k].iter().zip(&b[k]).map(|(a, b)| a - b).collect();
@@ -1362,17 +1421,16 @@ impl<'a> RobotResidual<'a> {
         for recording in 0..self.recordings.len() {
             let mechanics = self.mechanics_with(recording, &effects)?;
             let offset = self.offset_s(recording, eta);
+            let common = self.recordings[recording].common(offset, &effects);
             let mut change = self.change(
                 recording,
                 &parameters,
-                offset,
-                (&mechanics, &effects),
+                (&mechanics, &effects, &common),
                 (&other, effects.len()),
-                &OnceLock::new(),
             )?;
             if acting.effect.share_of_made(&acting.values) != 0.0 {
                 let mut error =
-                    self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+                    self.torque_error(recording, &mechanics, &parameters, &common.told, &effects)?;
                 self.depart(recording, beta, &mut error);
                 as_asked_for(acting, &error, &mut change);
             }
@@ -1408,9 +1466,9 @@ impl<'a> RobotResidual<'a> {
                 let mechanics = self.mechanics_with(recording, &effects)?;
                 let offset = self.offset_s(recording, eta);
                 let none = || [(); 3].map(|()| vec![0.0; mechanics.samples()]);
-                let base = OnceLock::new();
+                let common = self.recordings[recording].common(offset, &effects);
                 let error =
-                    self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+                    self.torque_error(recording, &mechanics, &parameters, &common.told, &effects)?;
                 let of = |k: usize| mechanics.spring_torques_n_m(k, &parameters);
                 let springs = [of(0)?, of(1)?, of(2)?];
                 let change = |departure: &Departure| {
@@ -1421,16 +1479,9 @@ impl<'a> RobotResidual<'a> {
                         Departure::Effect { acting, .. } => {
                             let mut other = effects.clone();
                             other.push(acting.clone());
-                            let own = (&*mechanics, &effects[..]);
+                            let own = (&*mechanics, &effects[..], &common);
                             let number = effects.len();
-                            self.change(
-                                recording,
-                                &parameters,
-                                offset,
-                                own,
-                                (&other, number),
-                                &base,
-                            )?
+                            self.change(recording, &parameters, own, (&other, number))?
                         }
                         Departure::Spring {
                             chain,
@@ -1620,13 +1671,12 @@ impl<'a> RobotResidual<'a> {
         for recording in 0..self.recordings.len() {
             let mechanics = self.mechanics_with(recording, &effects)?;
             let offset = self.offset_s(recording, eta);
+            let common = self.recordings[recording].common(offset, &effects);
             let change = self.change(
                 recording,
                 &parameters,
-                offset,
-                (&mechanics, &effects),
+                (&mechanics, &effects, &common),
                 (&other, effects.len()),
-                &OnceLock::new(),
             )?;
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
@@ -1687,7 +1737,8 @@ impl<'a> RobotResidual<'a> {
         let mechanics = self.mechanics_with(recording, &effects)?;
         let offset = self.offset_s(recording, eta);
         let parameters = self.parameters(eta, beta);
-        let mut error = self.torque_error(recording, &mechanics, &parameters, offset, &effects)?;
+        let told = self.recordings[recording].told(offset, &effects);
+        let mut error = self.torque_error(recording, &mechanics, &parameters, &told, &effects)?;
         self.depart(recording, beta, &mut error);
         Ok(self.filtered(recording, &error))
     }
@@ -1702,7 +1753,7 @@ impl<'a> RobotResidual<'a> {
         let mut slopes = term.electrical().then(|| columns.clone());
         let mut first = 0;
         for r in &self.recordings {
-            let commands = [0, 1, 2].map(|k| r.command(k, r.dataset.offset_s, &[]).2.clone());
+            let commands = [0, 1, 2].map(|k| r.told(r.dataset.offset_s, &[]).chain(k).2.clone());
             let larger = [0, 1, 2].map(|k| {
                 let more = commands[k].iter().map(|v| v * (1.0 + STEP));
                 more.collect::<Vec<f64>>()
@@ -1799,13 +1850,14 @@ impl<'a> RobotResidual<'a> {
             Some(_) => Cow::Borrowed(&*r.mechanics),
             None => self.mechanics_with(recording, &effects)?,
         };
-        let base = self.torque_error(recording, &own, &parameters, offset, &effects)?;
+        let told = self.recordings[recording].told(offset, &effects);
+        let base = self.torque_error(recording, &own, &parameters, &told, &effects)?;
         let change = |mechanics: Option<&Mechanics>| {
             let Some(mechanics) = mechanics else {
                 return Ok(base.clone().map(|v| vec![0.0; v.len()]));
             };
             let mut error =
-                self.torque_error(recording, mechanics, &parameters, offset, &effects)?;
+                self.torque_error(recording, mechanics, &parameters, &told, &effects)?;
             for k in 0..3 {
                 for (e, b) in error[k].iter_mut().zip(&base[k]) {
                     *e -= b;
@@ -2188,7 +2240,10 @@ impl<'a> RobotResidual<'a> {
                 r.mechanics = Arc::new(mechanics);
                 r.other_track = Some(Arc::new(track));
                 if r.maxwell.is_some() {
-                    r.maxwell = Some(r.maxwell_at(&r.mechanics, r.dataset.offset_s, &[]));
+                    let common = r.common(r.dataset.offset_s, &[]);
+                    let fixed = r.maxwell_at(&r.mechanics, &[], &common);
+                    drop(common);
+                    r.maxwell = Some(fixed);
                 }
             }
             other.linearise(eta, beta, true)?;
@@ -2235,13 +2290,14 @@ impl<'a> RobotResidual<'a> {
         };
         let effects = self.effects(eta);
         let mechanics = self.mechanics_with(recording, &effects)?;
+        let told = r.told(offset, &effects);
         // One path with and without effects, so that an effect that is off changes no bit.
         let film = FilmTorques::new(&mechanics, &parameters)?;
         let (mut needed, _) =
-            self.sides(recording, &mechanics, &film, &parameters, offset, &effects)?;
+            self.sides(recording, &mechanics, &film, &parameters, &told, &effects)?;
         self.depart(recording, beta, &mut needed);
         let half = [0, 1, 2].map(|k| mechanics.half_capacitance_slope(k, r.when, &effects));
-        let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, offset, &effects));
+        let film_v = [0, 1, 2].map(|k| r.film_voltage(&mechanics, k, &told, &effects));
         let mut predicted: Vec<[f64; 3]> = (0..mechanics.samples())
             .map(|i| [0, 1, 2].map(|k| needed[k][i] / half[k][i]))
             .collect();
@@ -2421,9 +2477,15 @@ fn prepare<'a>(
         torque_variance: Arc::default(),
     };
     if !free {
-        let command = [0, 1, 2].map(|k| prepared.command(k, dataset.offset_s, &[]).into_owned());
+        let command = [0, 1, 2].map(|k| {
+            prepared
+                .command(k, dataset.offset_s, (0.0, 1.0))
+                .into_owned()
+        });
         prepared.command = Some(Arc::new(command));
-        let fixed = prepared.maxwell_at(&prepared.mechanics, dataset.offset_s, &[]);
+        let common = prepared.common(dataset.offset_s, &[]);
+        let fixed = prepared.maxwell_at(&prepared.mechanics, &[], &common);
+        drop(common);
         prepared.maxwell = Some(fixed);
     }
     prepared

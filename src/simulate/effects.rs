@@ -375,6 +375,7 @@ impl EffectAddition {
             eps_f_m: self.robot.eps_r * VACUUM_PERMITTIVITY_F_M,
             bicep_m: self.robot.mechanism.chains[k].bicep_m,
             theta_dea_rad: &sample.theta_dea,
+            area_stretch: &sample.area_stretch,
             theta_b: &sample.theta_b,
             bicep_lever: &[1.0],
             force_lever: &[[0.0; 3]],
@@ -407,6 +408,7 @@ fn squared(stretch: [f64; 2]) -> [f64; 2] {
 /// velocity, what the next and the previous actuator are told.
 struct Sample {
     theta_dea: [f64; 1],
+    area_stretch: [f64; 1],
     theta_b: [[f64; 3]; 1],
     position: [Vec3; 1],
     velocity: [Vec3; 1],
@@ -417,6 +419,7 @@ impl Sample {
     fn of(s: &Situation, k: usize) -> Self {
         Sample {
             theta_dea: [s.theta_dea_rad[k]],
+            area_stretch: [s.stretch[k][0] * s.stretch[k][1]],
             theta_b: [[s.theta_b_rad[k], s.theta_b_rate_rad_s[k], 0.0]],
             position: [s.position_m],
             velocity: [s.velocity_m_s],
@@ -486,8 +489,10 @@ impl EffectAddition {
                 Memory::Rest => {
                     // The first value of the series is the one at rest.
                     let theta = [along.theta_dea_rad[0]; 2];
+                    let area_stretch = [along.area_stretch[0]; 2];
                     let along = Along {
                         theta_dea_rad: &theta,
+                        area_stretch: &area_stretch,
                         ..along
                     };
                     let sigma = [z[0], s.film_stress_pa[k][1]];

@@ -118,11 +118,11 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
         (tried.iter().zip(&told)).min_by(|a, b| (a.1 + a.0.prior).total_cmp(&(b.1 + b.0.prior)));
     let (best, left) = likeliest.map_or((0.0, least), |(t, told)| (*told, t.square));
     let each = tried.iter().zip(&told).enumerate().map(|(at, (t, told))| {
-        let way = match &t.parts {
+        let plain = match &t.parts {
             Some(_) => alone.unwrap_or(plain),
             None => plain,
         };
-        let form = best + form_costs((t.square - left).max(0.0), way - left);
+        let form = best + form_costs(t.square, left, plain);
         let of_form = t.of_form && !(at == 0 && gives_way);
         t.prior + t.chance + if of_form { told.min(form) } else { *told }
     });

@@ -18,23 +18,53 @@ const GROWS: f64 = 2.0;
 /// Steps of the fixed point in which a film that is charged through a wire finds its loss.
 const ROUNDS: usize = 3;
 
-/// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire,
-/// and how much more that is for a voltage larger by a share of it.
-fn grown(v: &[f64], along: &Along, i: usize, phi_v: f64) -> [f64; 2] {
-    let field = phi_v.abs() / AT_V * along.area_stretch[i] / AT_AREA;
-    let power = v[1].max(GROWS);
-    let share = v[1] / power;
-    let x = v[0] / (1.0 - v[0]);
-    let growing = match power == GROWS {
-        true => x * share * field * field,
-        false => x * share * field.powf(power),
-    };
-    [x * (1.0 - share) + growing, power * growing]
+/// The values of a leak as the current through it asks for them.
+struct Leak {
+    /// The share of the current that does not grow, and the one that does at the stated field, over the
+    /// current through the wire.
+    constant: f64,
+    growing: f64,
+    power: f64,
+}
+
+impl Leak {
+    fn new(v: &[f64]) -> Self {
+        let power = v[1].max(GROWS);
+        let share = v[1] / power;
+        let x = v[0] / (1.0 - v[0]);
+        Leak {
+            constant: x * (1.0 - share),
+            growing: x * share,
+            power,
+        }
+    }
+
+    /// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire,
+    /// and how much more that is for a voltage larger by a share of it.
+    fn grown(&self, along: &Along, i: usize, phi_v: f64) -> [f64; 2] {
+        let field = phi_v.abs() * along.area_stretch[i] * (1.0 / (AT_V * AT_AREA));
+        let power = match self.power == GROWS {
+            true => field * field,
+            false => field.powf(self.power),
+        };
+        let growing = self.growing * power;
+        [self.constant + growing, self.power * growing]
+    }
+
+    /// What is left of a command of `told_v` that is held: Newton on y (1 + leak(y)) = 1.
+    fn at_rest(&self, along: &Along, i: usize, told_v: f64) -> f64 {
+        let mut y = 1.0_f64;
+        for _ in 0..4 {
+            let [g, more] = self.grown(along, i, told_v * y);
+            y = (y - (y * (1.0 + g) - 1.0) / (1.0 + g + more)).max(1e-3);
+        }
+        told_v * y
+    }
 }
 
 /// The current through the leak over the one that the film's voltage `phi_v` would drive through the wire.
 pub(crate) fn leak(v: &[f64], along: &Along, i: usize, phi_v: f64) -> f64 {
-    grown(v, along, i, phi_v)[0]
+    Leak::new(v).grown(along, i, phi_v)[0]
 }
 
 impl Effect for Leakage {
@@ -92,24 +122,15 @@ impl Effect for Leakage {
         if v[0] == 0.0 {
             return;
         }
+        let own = Leak::new(v);
         if v[2] > 0.0 {
-            let first_v = at_rest(v, along, 0, phi_v[0]);
-            let leak = |i: usize, phi: f64| leak(v, along, i, phi);
+            let first_v = own.at_rest(along, 0, phi_v[0]);
+            let leak = |i: usize, phi: f64| own.grown(along, i, phi)[0];
             charged(v[2], along, first_v, ROUNDS, leak, phi_v);
             return;
         }
         for (i, phi) in phi_v.iter_mut().enumerate() {
-            *phi = at_rest(v, along, i, *phi);
+            *phi = own.at_rest(along, i, *phi);
         }
     }
-}
-
-/// What is left of a command of `told_v` that is held: Newton on y (1 + leak(y)) = 1.
-fn at_rest(v: &[f64], along: &Along, i: usize, told_v: f64) -> f64 {
-    let mut y = 1.0_f64;
-    for _ in 0..4 {
-        let [g, more] = grown(v, along, i, told_v * y);
-        y = (y - (y * (1.0 + g) - 1.0) / (1.0 + g + more)).max(1e-3);
-    }
-    told_v * y
 }

@@ -63,25 +63,27 @@ pub(super) fn charged(
     phi_v: &mut [f64],
 ) {
     let mut c0 = along.capacitance_f(0);
+    let mut elastance0 = 1.0 / c0;
     let mut before = std::mem::replace(&mut phi_v[0], first_v);
     let mut charge = c0 * first_v;
+    let per_farad = 0.5 * along.step_s / resistance_ohm;
     for i in 1..phi_v.len() {
         let command = phi_v[i];
         let c1 = along.capacitance_f(i);
-        let c = 2.0 / (1.0 / c0 + 1.0 / c1);
+        let elastance1 = 1.0 / c1;
+        let rate = per_farad * (elastance0 + elastance1);
         let after = |phi: f64| {
             let k = 1.0 + leak(i, phi);
-            let x = k * along.step_s / (resistance_ohm * c);
-            let (decay, mean) = decays(x);
+            let (decay, mean) = decays(k * rate);
             charge * decay + (c0 * before * (mean - decay) + c1 * command * (1.0 - mean)) / k
         };
-        let mut next = after(charge / c0);
+        let mut next = after(charge * elastance0);
         for _ in 0..rounds {
-            next = after(next / c1);
+            next = after(next * elastance1);
         }
         charge = next;
         before = command;
-        phi_v[i] = charge / c1;
-        c0 = c1;
+        phi_v[i] = charge * elastance1;
+        (c0, elastance0) = (c1, elastance1);
     }
 }

@@ -11,6 +11,11 @@ use super::subject::{self, Subject};
 use super::{BASE_RATES, NOT_NAMED};
 use crate::effects::{Effect, plain_name};
 
+/// Odds of a candidate of a model that suffices, over what blocks of the recordings give it: on a robot that is
+/// only nearly its drawing the likeliest cause of nothing is often a part. Of three seeds for development the
+/// odds of 0.1 and more promised 61 causes, and 17 were there (Laplace's rule of succession).
+const BESIDE_ADEQUATE: f64 = 18.0 / 62.3;
+
 pub(super) fn candidates<S: Subject>(
     problem: &Problem<S>,
     plain: &Judged,
@@ -34,7 +39,8 @@ pub(super) fn candidates<S: Subject>(
         return Vec::new();
     };
     let known = match verdict {
-        Verdict::MissingPhysics | Verdict::Adequate => 1.0 - mimicked(plain, best),
+        Verdict::MissingPhysics => 1.0 - mimicked(plain, best),
+        Verdict::Adequate => BESIDE_ADEQUATE,
         Verdict::Unexplained => 0.25,
     };
     if let Some(pair) = pair {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::blocks::typical_form;
 use super::chance::{self, Chance};
-use super::errors::{above_noise, beyond_noise, raises_error, taken_away};
+use super::errors::{above_noise, beyond_noise, lowers_error, taken_away};
 use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, refit, with_partner};
 use super::judge::{Judged, Odds, alike};
 use super::outcome::*;
@@ -543,11 +543,11 @@ impl<'a, S: Subject> Case<'a, S> {
     /// The verdict on a plain model that does not suffice by what was fitted; what was held out is heard now.
     fn verdict(&self, field: &Field, choice: &Choice, supported: bool) -> Result<Verdict, Error> {
         let (problem, plain, best) = (&self.problem, &field.plain, &choice.best);
-        let raises = raises_error(problem, &plain.fitted, &best.fitted)?;
-        if field.singles.is_empty() || (raises && !field.beyond_noise) {
+        let lowers = lowers_error(problem, &plain.fitted, &best.fitted)?;
+        if field.singles.is_empty() || (!lowers && !field.beyond_noise) {
             return Ok(Verdict::Adequate);
         }
-        if raises || !supported || leaves_too_much(problem, plain, best)? {
+        if !lowers || !supported || leaves_too_much(problem, plain, best)? {
             return Ok(Verdict::Unexplained);
         }
         Ok(Verdict::MissingPhysics)

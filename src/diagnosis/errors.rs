@@ -185,17 +185,17 @@ pub(super) fn above_noise<S: Subject>(
 /// Square of an error over the noise's from which it is more than noise.
 pub(super) const ABOVE_NOISE: f64 = 1.25;
 
-/// Whether a model's error is larger than another's where either was fitted, or on what was held out.
-pub(super) fn raises_error<S: Subject>(
+/// Whether a model lowers another's error: by what matters on what was held out, where there is any, and
+/// raises it neither there nor where both were fitted.
+pub(super) fn lowers_error<S: Subject>(
     problem: &Problem<S>,
     before: &Fitted,
     after: &Fitted,
 ) -> Result<bool, Error> {
-    if train_gain(problem, before, after)?.0.rises() {
-        return Ok(true);
-    }
+    let fitted = train_gain(problem, before, after)?.0;
     let held_out = holdout_gain(problem, problem.holdout.as_ref(), before, after)?;
-    Ok(held_out.is_some_and(|(g, _)| g.rises()))
+    let judged = held_out.as_ref().map_or(&fitted, |(g, _)| g);
+    Ok(judged.falls() && !judged.rises() && !fitted.rises())
 }
 
 /// Error that a model leaves beyond noise, as a root of the difference of squares, and what noise makes: where

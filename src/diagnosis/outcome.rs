@@ -170,6 +170,11 @@ impl Gain {
         taken_away < 0.0 && (taken_away < -MATTERS || taken(self.all_v) <= MATTERS)
     }
 
+    /// Whether the augmented model's error is smaller by what matters, over the basis or over all samples.
+    pub(super) fn falls(&self) -> bool {
+        taken(self.of_basis()) > MATTERS || taken(self.all_v) > MATTERS
+    }
+
     /// Error of the plain model beyond noise, as a root of the difference of squares, and what noise makes: over
     /// the samples of the basis, and over all.
     pub(super) fn left(&self) -> [[f64; 2]; 2] {
@@ -608,6 +613,7 @@ mod tests {
         assert!(over_all(&both, Some(&low)) && !over_all(&low, Some(&both)));
         // a hair above 1 kV, which much at low voltage makes good; more, or nothing that does
         assert!(!low.rises() && !both.rises() && !neither.rises());
+        assert!(low.falls() && both.falls() && !neither.falls());
         assert!(gain([27.1, 28.0, 30.0], [130.0, 85.0, 80.0]).rises());
         assert!(gain([27.1, 27.2, 30.0], [80.0, 80.0, 80.0]).rises());
         let nan = [f64::NAN; 3];

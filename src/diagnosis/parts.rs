@@ -147,9 +147,9 @@ struct Search<'a, F> {
 /// What a search for one more cause beside parts ends with.
 enum OneMore<S> {
     /// Parts that are believed beside it.
-    Believed(Tried),
+    Believed(Box<Tried>),
     /// Parts that are not, in their problem, of the cause with which they leave least.
-    Far(Problem<S>, Built, Fitted),
+    Far(Box<(Problem<S>, Built, Fitted)>),
     Nothing,
 }
 
@@ -351,7 +351,7 @@ impl<F> Search<'_, F> {
             if let OneMore::Believed(with) =
                 self.one_more(&problem, parts, &beside.fitted, &within)?
             {
-                out.push(with);
+                out.push(*with);
             }
         }
         Ok(out)
@@ -370,11 +370,12 @@ impl<F> Search<'_, F> {
     {
         let near = |p: &Built, f: &Fitted| p.farthest(f) < FAR;
         let mut one = self.one_more(problem, parts, fitted, &near)?;
-        if let (OneMore::Far(problem, parts, fitted), true) = (&one, self.causes.unexplained) {
+        if let (OneMore::Far(far), true) = (&one, self.causes.unexplained) {
+            let (problem, parts, fitted) = &**far;
             one = self.one_more(problem, parts, fitted, &near)?;
         }
         Ok(match one {
-            OneMore::Believed(with) => Some(with),
+            OneMore::Believed(with) => Some(*with),
             _ => None,
         })
     }
@@ -416,14 +417,18 @@ impl<F> Search<'_, F> {
                 continue;
             };
             if believed(&parts, &with) {
-                return Ok(OneMore::Believed(self.entry(&problem, Some(parts), with)));
+                return Ok(OneMore::Believed(Box::new(self.entry(
+                    &problem,
+                    Some(parts),
+                    with,
+                ))));
             }
             let least = match &out {
-                OneMore::Far(_, _, least) => least.cost(),
+                OneMore::Far(far) => far.2.cost(),
                 _ => f64::INFINITY,
             };
             if with.cost() < least {
-                out = OneMore::Far(problem, parts, with);
+                out = OneMore::Far(Box::new((problem, parts, with)));
             }
         }
         Ok(out)

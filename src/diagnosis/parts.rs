@@ -35,7 +35,7 @@ pub(super) const FAR: f64 = 10.0;
 const BESIDE_PARTS: usize = 6;
 const RACING: usize = 3;
 const SETTLED: usize = 2;
-/// Mean square over the least from which a cause beside parts is out of the race.
+/// Sum of squares over the least, or over what noise makes, from which a cause beside parts is out of the race.
 const HOPELESS: f64 = 3.0;
 
 /// What the robot as drawn is given.
@@ -396,14 +396,12 @@ impl<F> Search<'_, F> {
         let mut beside = (self.scanned)(problem, fitted)?;
         beside.retain(|s| !s.acting.effect.scales_made() && !known(s.acting.effect.id()));
         let chosen = choose(&beside, BESIDE_PARTS);
-        let with = refit(problem, fitted, &chosen, &fitted.effects);
-        let with = with.into_par_iter().map(|f| (self.square(problem, &f), f));
-        let mut with: Vec<(f64, Fitted)> = with.collect();
-        with.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let most = HOPELESS * with.first().map_or(0.0, |w| w.0);
-        with.retain(|w| w.0 <= most);
+        let mut with = refit(problem, fitted, &chosen, &fitted.effects);
+        let noise = self.causes.shown * fitted.state.rows as f64;
+        let most = HOPELESS * with.first().map_or(noise, |w| w.cost().max(noise));
+        with.retain(|w| w.cost() <= most);
         with.truncate(RACING);
-        let told = with.par_iter().filter_map(|(_, with)| {
+        let told = with.par_iter().filter_map(|with| {
             let mut problem = problem.copy();
             let (parts, with) = parts.again(&mut problem, with).ok()?;
             Some((problem, parts, with))

@@ -584,7 +584,7 @@ impl<'a, S: Subject> Case<'a, S> {
             let tangent = Tangent::new(problem, fit)?;
             Ok::<_, Error>(scan(problem, &tangent, groups, units, &wanted))
         };
-        let told = causes.outdone(&self.problem, &chance.blocks, scanned)?;
+        let told = causes.outdone(&self.problem, &chance.blocks, &scanned)?;
         if let Some((built, _)) = &told {
             self.holdout = self.problem.holdout.take();
             built.restore(&mut self.problem)?;

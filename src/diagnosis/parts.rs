@@ -129,12 +129,14 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
     each.collect()
 }
 
+/// A scan of the catalogue beside a fit.
+type Scan<'a, S> = dyn Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync + 'a;
+
 /// A search for parts that outdo causes.
-struct Search<'a, F> {
+struct Search<'a, S> {
     causes: &'a Causes<'a>,
     blocks: &'a Blocks,
-    /// A scan of the catalogue beside a fit.
-    scanned: F,
+    scanned: &'a Scan<'a, S>,
     /// Whether a cause of the best is a departure within its tolerance.
     expected: bool,
     /// -ln of the likelihood that chance makes of a scan: what a cause within its tolerance, one beside
@@ -162,7 +164,7 @@ impl Causes<'_> {
         &self,
         problem: &Problem<S>,
         blocks: &Blocks,
-        scanned: impl Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
+        scanned: &Scan<'_, S>,
     ) -> Result<Option<(Built, Fitted)>, Error> {
         let (own, [noise, colour]) = (&self.best.fitted, self.noises);
         let rows = own.state.rows as f64;
@@ -248,30 +250,21 @@ impl Causes<'_> {
     }
 }
 
-impl<F> Search<'_, F> {
+impl<S: Subject> Search<'_, S> {
     /// A model as it is held against the others, at the parts that the problem has.
-    fn entry<S: Subject>(
-        &self,
-        problem: &Problem<S>,
-        parts: Option<Built>,
-        fitted: Fitted,
-    ) -> Tried {
+    fn entry(&self, problem: &Problem<S>, parts: Option<Built>, fitted: Fitted) -> Tried {
         let rows = fitted.state.rows as f64;
         let prior = Judged::prior_of(&fitted, rows, self.causes.each);
         let free = usize::from(parts.is_none() && !self.expected);
         Tried {
             prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior,
             chance: self.by_chance * fitted.effects.len().saturating_sub(free) as f64,
-            square: self.square(problem, &fitted),
+            square: Judged::new(problem, self.blocks, fitted.clone()).mean_square,
             // causes as drawn that leave too much for their forms say nothing
             of_form: !fitted.effects.is_empty() && (parts.is_some() || !self.causes.unexplained),
             parts,
             fitted,
         }
-    }
-
-    fn square<S: Subject>(&self, problem: &Problem<S>, fitted: &Fitted) -> f64 {
-        Judged::new(problem, self.blocks, fitted.clone()).mean_square
     }
 
     /// Whether a model leaves more than noise, or has parts too far off to be believed.
@@ -281,11 +274,7 @@ impl<F> Search<'_, F> {
 
     /// Parts told beside a fit of a robot as drawn, where linear theory says that this is not in vain; with the
     /// problem that has them.
-    fn told<S: Subject>(
-        &self,
-        drawn: &Problem<S>,
-        start: &Fitted,
-    ) -> Option<(Problem<S>, Built, Fitted)> {
+    fn told(&self, drawn: &Problem<S>, start: &Fitted) -> Option<(Problem<S>, Built, Fitted)> {
         let mut problem = drawn.copy();
         let told = Built::fit(&mut problem, start, self.causes.noises, self.most);
         told.ok().flatten().map(|(b, f)| (problem, b, f))
@@ -293,33 +282,18 @@ impl<F> Search<'_, F> {
 
     /// Parts alone, first, and, where they are in doubt and lack something, with causes that a scan beside them
     /// finds.
-    fn parts_alone<S: Subject>(
-        &self,
-        drawn: &Problem<S>,
-        doubtful: bool,
-    ) -> Result<Vec<Tried>, Error>
-    where
-        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
-    {
+    fn parts_alone(&self, drawn: &Problem<S>, doubtful: bool) -> Result<Vec<Tried>, Error> {
         let Some((problem, parts, fitted)) = self.told(drawn, &self.causes.plain.fitted) else {
             return Ok(Vec::new());
         };
         let alone = self.entry(&problem, Some(parts), fitted);
-        if !doubtful || !self.lacks(&alone) {
-            return Ok(vec![alone]);
-        }
-        let Tried {
-            parts: Some(parts),
-            fitted,
-            ..
-        } = &alone
-        else {
+        let (Some(parts), true) = (&alone.parts, doubtful && self.lacks(&alone)) else {
             return Ok(vec![alone]);
         };
-        let more = self.grow(&problem, parts, fitted)?;
+        let more = self.grow(&problem, parts, &alone.fitted)?;
         // those with causes were told once more
         let mut again = problem.copy();
-        let alone = match parts.again(&mut again, fitted) {
+        let alone = match parts.again(&mut again, &alone.fitted) {
             Ok((parts, fitted)) => self.entry(&again, Some(parts), fitted),
             Err(_) => alone,
         };
@@ -329,14 +303,7 @@ impl<F> Search<'_, F> {
     /// Parts beside the causes of a fit of a robot as drawn. Where a cause that is named leaves parts that are
     /// too far off to be believed, or more than noise, another one that a scan beside them finds joins it, if
     /// that takes the parts within their tolerances.
-    fn beside_causes<S: Subject>(
-        &self,
-        drawn: &Problem<S>,
-        start: &Fitted,
-    ) -> Result<Vec<Tried>, Error>
-    where
-        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
-    {
+    fn beside_causes(&self, drawn: &Problem<S>, start: &Fitted) -> Result<Vec<Tried>, Error> {
         let Some((problem, parts, fitted)) = self.told(drawn, start) else {
             return Ok(Vec::new());
         };
@@ -359,15 +326,12 @@ impl<F> Search<'_, F> {
 
     /// Parts with one cause that a scan beside them finds; with two where nothing explains a robot as drawn,
     /// and parts stand in for a second one.
-    fn grow<S: Subject>(
+    fn grow(
         &self,
         problem: &Problem<S>,
         parts: &Built,
         fitted: &Fitted,
-    ) -> Result<Option<Tried>, Error>
-    where
-        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
-    {
+    ) -> Result<Option<Tried>, Error> {
         let near = |p: &Built, f: &Fitted| p.farthest(f) < FAR;
         let mut one = self.one_more(problem, parts, fitted, &near)?;
         if let (OneMore::Far(far), true) = (&one, self.causes.unexplained) {
@@ -382,16 +346,13 @@ impl<F> Search<'_, F> {
 
     /// Parts and a fit with them, with one more cause: those that leave least race. Both are told once more, as
     /// parts that are not settled yet leave something to any cause.
-    fn one_more<S: Subject>(
+    fn one_more(
         &self,
         problem: &Problem<S>,
         parts: &Built,
         fitted: &Fitted,
         believed: &dyn Fn(&Built, &Fitted) -> bool,
-    ) -> Result<OneMore<S>, Error>
-    where
-        F: Fn(&Problem<S>, &Fitted) -> Result<Vec<Scanned>, Error> + Sync,
-    {
+    ) -> Result<OneMore<S>, Error> {
         let known = |id: &str| fitted.effects.iter().any(|a| a.effect.id() == id);
         let mut beside = (self.scanned)(problem, fitted)?;
         beside.retain(|s| !s.acting.effect.scales_made() && !known(s.acting.effect.id()));

@@ -543,6 +543,12 @@ impl Prepared<'_> {
         (made, product(&command.1, &half))
     }
 
+    /// [`Prepared::maxwell_at`] of the recording as it is, at its own offset.
+    fn fixed_maxwell(&self) -> (Triples, Triples) {
+        let common = self.common(self.dataset.offset_s, &[]);
+        self.maxwell_at(&self.mechanics, &[], &common)
+    }
+
     /// Filtered Maxwell torque and its derivative with respect to the clock offset.
     fn maxwell_at(
         &self,
@@ -1249,10 +1255,7 @@ impl<'a> RobotResidual<'a> {
             r.forearm = forearm_columns(&mechanics, curve, &r.decimation, &r.centres, arch);
             r.mechanics = Arc::new(mechanics);
             if r.maxwell.is_some() {
-                let common = r.common(r.dataset.offset_s, &[]);
-                let fixed = r.maxwell_at(&r.mechanics, &[], &common);
-                drop(common);
-                r.maxwell = Some(fixed);
+                r.maxwell = Some(r.fixed_maxwell());
             }
         }
         for r in &mut self.recordings {
@@ -2240,10 +2243,7 @@ impl<'a> RobotResidual<'a> {
                 r.mechanics = Arc::new(mechanics);
                 r.other_track = Some(Arc::new(track));
                 if r.maxwell.is_some() {
-                    let common = r.common(r.dataset.offset_s, &[]);
-                    let fixed = r.maxwell_at(&r.mechanics, &[], &common);
-                    drop(common);
-                    r.maxwell = Some(fixed);
+                    r.maxwell = Some(r.fixed_maxwell());
                 }
             }
             other.linearise(eta, beta, true)?;
@@ -2483,10 +2483,7 @@ fn prepare<'a>(
                 .into_owned()
         });
         prepared.command = Some(Arc::new(command));
-        let common = prepared.common(dataset.offset_s, &[]);
-        let fixed = prepared.maxwell_at(&prepared.mechanics, &[], &common);
-        drop(common);
-        prepared.maxwell = Some(fixed);
+        prepared.maxwell = Some(prepared.fixed_maxwell());
     }
     prepared
 }

@@ -14,7 +14,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::blocks::{self, Blocks, Foretold, Forms, form_leaves};
+use super::blocks::{self, Blocks, Foretold, Forms, form_leaves, unlisted_leaves};
 use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
 use super::explain::{gains, parameters, places};
@@ -51,8 +51,9 @@ const LEFT_AT_MOST: f64 = 0.5;
 /// best, and more than so many times the noise, which is more than the form of a right cause makes.
 const LEFT_IF_LOUD: f64 = 0.2;
 const LOUD: f64 = 4.0;
-/// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be.
-const TOO_GOOD: f64 = 0.25;
+/// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be: what is
+/// read from a recording may also be thrice what there is.
+const TOO_GOOD: f64 = 1.0 / MAY_BE_NOISE;
 /// Mean square, over the noise and over what could be foretold, from which it is worth saying that something
 /// is at work which nobody names: below it the error is less than a quarter above what it could be.
 const WORTH_SAYING: f64 = 1.5;
@@ -132,9 +133,15 @@ impl Bench<'_, '_> {
     }
 
     fn score(&self, m: &Model, independent: f64) -> f64 {
-        let n = independent * *self.blocks.edges.last().unwrap_or(&0) as f64;
-        self.prior * m.fitted.effects.len() as f64
-            - 0.5 * n * m.foretold.mean_square().max(1e-300).ln()
+        self.prior_of(m) + m.foretold.log_density(independent)
+    }
+
+    /// Logarithm of the prior odds of a model's causes against none: a further number halves them, so that
+    /// what tells as little is the simpler one.
+    fn prior_of(&self, m: &Model) -> f64 {
+        let causes = m.fitted.effects.len() as f64;
+        let numbers = m.fitted.free.len() as f64;
+        self.prior * causes - std::f64::consts::LN_2 * (numbers - causes).max(0.0)
     }
 
     /// The best models with one more cause.
@@ -164,14 +171,17 @@ impl Bench<'_, '_> {
     }
 
     /// The plain columns and `extra` ones: the best over the ridges.
-    fn flexible(&self, tangent: &Tangent, extra: &DMatrix<f64>) -> Foretold {
+    fn flexible(&self, tangent: &Tangent, extra: &DMatrix<f64>, independent: f64) -> Foretold {
         RIDGES
             .par_iter()
             .map(|r| {
                 let ridge = DVector::from_element(extra.ncols(), *r);
                 self.blocks.foretell(tangent, Some((extra, &ridge)))
             })
-            .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()))
+            .max_by(|a, b| {
+                a.log_density(independent)
+                    .total_cmp(&b.log_density(independent))
+            })
             .expect("there are ridges")
     }
 
@@ -194,7 +204,7 @@ impl Bench<'_, '_> {
 
     /// What the most telling flexible model beside a fitted one foretells: one site's, or that of all
     /// together.
-    fn twin(&self, fitted: &Fitted) -> Option<Foretold> {
+    fn twin(&self, fitted: &Fitted, independent: f64) -> Option<Foretold> {
         let tangent = Tangent::new(self.problem, fitted).ok()?;
         let residual = self.problem.residual(fitted);
         let sites = residual.sites(&fitted.state.eta, &fitted.state.beta).ok()?;
@@ -207,8 +217,11 @@ impl Bench<'_, '_> {
         }
         (sites.iter().map(|s| &s.1))
             .chain([&all])
-            .map(|columns| self.flexible(&tangent, columns))
-            .min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()))
+            .map(|columns| self.flexible(&tangent, columns, independent))
+            .max_by(|a, b| {
+                a.log_density(independent)
+                    .total_cmp(&b.log_density(independent))
+            })
     }
 }
 
@@ -257,6 +270,7 @@ pub(super) fn doubt(
     watch("looking for several causes");
     field.grow(&wanted);
     field.without_each();
+    field.once_each();
     watch("judging");
     field.hold_against_flexible_ones();
     let odds = field.name();
@@ -405,15 +419,31 @@ impl<'a, 'b> Field<'a, 'b> {
         self.models.extend(without);
     }
 
+    /// Of models with the same causes, which other starts came to, the best one stays.
+    fn once_each(&mut self) {
+        let mut models = std::mem::take(&mut self.models);
+        self.sort(&mut models);
+        let mut known: Vec<Vec<&str>> = Vec::new();
+        models.retain(|m| {
+            let mut set = m.ids();
+            set.sort_unstable();
+            let new = !known.contains(&set);
+            known.push(set);
+            new
+        });
+        self.models = models;
+    }
+
     /// Flexible models of every site beside the plain model and beside the best; models that cannot be are
     /// dropped: what leaves far less than noise, and than any flexible model, has made the input told small,
     /// not the error.
     fn hold_against_flexible_ones(&mut self) {
-        self.twins.extend(self.bench.twin(&self.plain.fitted));
+        self.twins
+            .extend(self.bench.twin(&self.plain.fitted, self.independent));
         let possible = self.twins.first().map_or(1.0, Foretold::mean_square);
         self.models.retain(|m| m.raw > TOO_GOOD * possible.min(1.0));
         let best = self.models.iter().min_by(|a, b| by_foretold(a, b));
-        let beside = best.and_then(|m| self.bench.twin(&m.fitted));
+        let beside = best.and_then(|m| self.bench.twin(&m.fitted, self.independent));
         self.twins.extend(beside);
     }
 
@@ -426,13 +456,31 @@ impl<'a, 'b> Field<'a, 'b> {
     fn weigh(&self, odds: &mut Odds) {
         let told = self.all().map(|m| &m.foretold);
         let told: Vec<(&Foretold, f64)> = told.zip(odds.prior.iter().copied()).collect();
-        odds.probability = blocks::odds(&told, Forms::Reach(&self.twins), self.independent);
+        let forms = Forms::Reach {
+            more: &self.twins,
+            from: &self.grown_from(),
+        };
+        odds.probability = blocks::odds(&told, forms, self.independent);
         let score = |i: usize| self.score(&self.models[i]);
         odds.order = (0..self.models.len()).collect();
         odds.order.sort_by(|&a, &b| {
             let likelier = odds.probability[1 + b].total_cmp(&odds.probability[1 + a]);
             likelier.then(score(b).total_cmp(&score(a)))
         });
+    }
+
+    /// For each of [`Field::all`] the place of the best model that has all its causes but one; 0, the plain
+    /// one, where there is none.
+    fn grown_from(&self) -> Vec<usize> {
+        let size = |m: &Model| m.fitted.effects.len();
+        let without_one = |m: &Model| {
+            let parts = self.all().enumerate().filter(|(_, s)| {
+                size(s) > 0 && size(s) + 1 == size(m) && s.ids().iter().all(|id| m.has(id))
+            });
+            let best = parts.max_by(|a, b| self.score(a.1).total_cmp(&self.score(b.1)));
+            best.map_or(0, |(place, _)| place)
+        };
+        self.all().map(without_one).collect()
     }
 
     /// Odds of all models that have a cause.
@@ -443,9 +491,8 @@ impl<'a, 'b> Field<'a, 'b> {
 
     /// The likeliest model whose causes all stand on their own; what cannot be leaves its odds to the others.
     fn name(&self) -> Odds {
-        let prior = |m: &Model| self.bench.prior * m.fitted.effects.len() as f64;
         let mut odds = Odds {
-            prior: self.all().map(prior).collect(),
+            prior: self.all().map(|m| self.bench.prior_of(m)).collect(),
             probability: Vec::new(),
             order: Vec::new(),
             named: None,
@@ -534,6 +581,19 @@ impl<'a, 'b> Field<'a, 'b> {
         reached.max(beyond).clamp(0.0, 1.0)
     }
 
+    /// Probability that something unlisted is at work where a model leaves this share of what can be foretold.
+    /// The shares that listed causes leave are those of their forms ([`form_leaves`]); each cause beyond the
+    /// first has to be at work, too.
+    fn unlisted(&self, m: &Model, share: f64) -> f64 {
+        let more = m.fitted.effects.len().saturating_sub(1);
+        let base = self.plain.foretold.mean_square();
+        let least = self.reach().map_or(base, Foretold::mean_square);
+        let leaves = form_leaves(share, base - least, least);
+        let listed = (1.0 - UNLISTED) * EXPECTED.powi(more as i32) * leaves;
+        let other = UNLISTED * unlisted_leaves(share);
+        other / (other + listed)
+    }
+
     /// Whether another model foretells so much more that a model's own form, clock and noise of the
     /// coordinate do not account for it.
     fn is_beaten(&self, m: &Model) -> Result<bool, Error> {
@@ -564,7 +624,7 @@ impl<'a, 'b> Field<'a, 'b> {
     fn convinces(&self, m: &Model) -> Result<bool, Error> {
         let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
         let (problem, plain) = (self.bench.problem, &self.plain);
-        if share(m.raw, plain.raw) > LEFT_AT_MOST || unlisted(m, self.left(m)) > 0.5 {
+        if share(m.raw, plain.raw) > LEFT_AT_MOST || self.unlisted(m, self.left(m)) > 0.5 {
             return Ok(false);
         }
         if !barely_foretells(problem, plain, m) {
@@ -614,9 +674,9 @@ impl<'a, 'b> Field<'a, 'b> {
         let named = odds.named.as_ref().map(|(i, _)| &self.models[*i]);
         let augmented = named.filter(|_| in_model).unwrap_or(plain);
         let something_else = match (named, verdict) {
-            (Some(m), _) => unlisted(m, self.left(m)),
-            (None, Verdict::Unexplained) => unlisted(plain, 1.0),
-            (None, _) => unlisted(plain, 0.0),
+            (Some(m), _) => self.unlisted(m, self.left(m)),
+            (None, Verdict::Unexplained) => self.unlisted(plain, 1.0),
+            (None, _) => self.unlisted(plain, 0.0),
         };
         if !in_model {
             remarks.extend(odds.why_not.iter().cloned());
@@ -1040,15 +1100,6 @@ fn lowers_nothing(
         }
         Ok(_) => None,
     }
-}
-
-/// Probability that something unlisted is at work where a model leaves this share of what can be foretold.
-/// The shares that listed causes leave are those of their forms (`form_leaves`), those of unlisted ones are
-/// even; each cause beyond the first has to be at work, too.
-fn unlisted(m: &Model, share: f64) -> f64 {
-    let more = m.fitted.effects.len().saturating_sub(1);
-    let listed = (1.0 - UNLISTED) * EXPECTED.powi(more as i32) * form_leaves(share);
-    UNLISTED / (UNLISTED + listed)
 }
 
 /// A mean square to three digits.

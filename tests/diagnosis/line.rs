@@ -668,7 +668,8 @@ fn a_drive_is_undone() {
     with_view(|view| {
         for (id, values) in [
             ("amplifier_saturation", vec![0.6]),
-            ("amplifier_deadband", vec![0.1]),
+            ("amplifier_deadband", vec![0.1, 0.0]),
+            ("amplifier_deadband", vec![0.1, 1.0]),
             ("x_drive_power", vec![1.7]),
             ("x_drive_lag", vec![0.03]),
             ("x_drive_second_order", vec![0.02, 0.7]),

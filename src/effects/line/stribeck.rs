@@ -1,7 +1,7 @@
-//! Friction that is larger at low speed:  force F sign(v) e^(-(v/vs)^2).
+//! Friction that is larger at low speed, with presliding:  force F z e^(-(v/vs)^2), z as in dry friction.
 
 use super::super::{Effect, Quantity, shape, size};
-use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
+use super::law::{Forward, Law, Memory, Moment, Point, Real, along, slid};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Stribeck;
@@ -13,7 +13,7 @@ impl LineEffect for Stribeck {
     fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
         [0.1, 1.0, 10.0]
             .iter()
-            .map(|&x| vec![vec![0.02, x * view.speed]])
+            .map(|&x| vec![vec![0.02, x * view.speed, 0.01]])
             .collect()
     }
 }
@@ -26,16 +26,17 @@ impl Effect for Stribeck {
         "friction that falls as the motion gets faster"
     }
     fn source(&self) -> &'static str {
-        "Stribeck 1902, exponential form"
+        "Stribeck 1902, exponential form; Dahl's presliding"
     }
     fn equation(&self) -> &'static str {
-        "f -> f + force tanh(v/(0.1 speed)) e^(-(v/speed)^2)"
+        "f -> f + force z e^(-(v/speed)^2), dz = (sign(dx) - z)(1 - e^(-|dx|/presliding))"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[
                 size("force", "force", 0.0, 1.0, 0.05),
                 shape("speed", "coordinate/s", 0.3, 1e-3, 1e3, 0.5),
+                shape("presliding", "coordinate", 0.01, 1e-3, 0.5, 0.02),
             ]
         }
     }
@@ -51,9 +52,9 @@ impl Effect for Stribeck {
 }
 
 impl Law for Stribeck {
-    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        state.state = slid(state.state, at.xi - state.before, v[2]);
         let fast = at.rate / v[1];
-        point.force =
-            point.force + v[0] * (at.rate / (R::of(0.1) * v[1])).tanh() * (-(fast * fast)).exp();
+        point.force = point.force + v[0] * state.state * (-(fast * fast)).exp();
     }
 }

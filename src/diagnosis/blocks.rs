@@ -2,21 +2,22 @@
 //! and what that makes of the odds of models against each other.
 //!
 //! A block is left out, the model goes one Gauss-Newton step from its optimum to that of the other blocks,
-//! and its squares on the block count (for linear models this is exact cross-validation, without a refit).
-//! Models are compared by
+//! and how it misses the block counts (for linear models this is exact cross-validation, without a refit).
+//! Models are compared by the density of what was left out,
 //!
 //! ```text
-//! log p(blocks | M) = -N/2 ln s^2(M),   s^2 = sum w_b squares_b / sum w_b rows_b
+//! log p(blocks | M) = -N/2 ln s^2(M) - 1/2 sum w_b ln det (I - H_b)^-1
+//! s^2 = sum w_b r_b'(I - H_b)^-1 r_b / sum w_b rows_b
 //! ```
 //!
-//! (For robots the squares are those over the covariance of what is foretold, r'(I - H)^-1 r with the block's
-//! hat matrix H, and -1/2 ln det (I - H)^-1 joins: the density of what was left out, were all linear.) N is
-//! the number of independent residuals, and the scale of the error is each model's own, because textbook
-//! forms are wrong in detail. The blocks' weights w are drawn from a Dirichlet distribution (Bayesian
-//! bootstrap, Rubin 1981), and the odds averaged over the draws (pseudo-BMA+; Yao, Vehtari, Simpson and
-//! Gelman 2018): a model is sure only where it is better in block after block.
+//! with r_b what the fit to all leaves of the block, H_b the block's hat matrix: (I - H_b)^-1 of the noise's
+//! is the covariance of how the others foretell it. N is the number of independent residuals, and the scale
+//! of the error is each model's own, because textbook forms are wrong in detail. The blocks' weights w are
+//! drawn from a Dirichlet distribution (Bayesian bootstrap, Rubin 1981), and the odds averaged over the draws
+//! (pseudo-BMA+; Yao, Vehtari, Simpson and Gelman 2018): a model is sure only where it is better in block
+//! after block.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, Exp1};
@@ -35,9 +36,6 @@ pub(super) struct Blocks {
     pub edges: Vec<usize>,
     /// Share of each one's rows that counts.
     pub counts: Vec<f64>,
-    /// Whether an error is held against how well the other blocks let it be foretold: with few recordings a
-    /// block may be the only one that tells of a parameter, and is missed widely by a right model.
-    pub by_spread: bool,
 }
 
 /// Squares of what a model did not foretell, in each block, and its rows; both times the share of them that
@@ -62,8 +60,8 @@ impl Foretold {
         self.squares.iter().sum::<f64>() / self.rows.iter().sum::<f64>()
     }
 
-    /// Logarithm of the density of what was left out, at the scale that makes it largest, where `independent` of
-    /// the rows count.
+    /// Logarithm of the density of what was left out, at the scale that makes it largest, where `independent`
+    /// of the rows count.
     pub fn log_density(&self, independent: f64) -> f64 {
         let squares = self.mean_square().max(f64::MIN_POSITIVE);
         -0.5 * (independent * self.rows() * squares.ln() + self.spread.iter().sum::<f64>())
@@ -91,11 +89,7 @@ impl Blocks {
     /// Stretches of which every row counts.
     pub fn whole(edges: Vec<usize>) -> Self {
         let counts = vec![1.0; edges.len().saturating_sub(1)];
-        Blocks {
-            edges,
-            counts,
-            by_spread: true,
-        }
+        Blocks { edges, counts }
     }
 
     /// What nobody foretells.
@@ -154,18 +148,16 @@ impl Blocks {
             rows: Vec::new(),
             spread: Vec::new(),
         };
-        let log_det = |m: &DMatrix<f64>| {
-            let factor = m.clone().cholesky();
-            factor.map_or(0.0, |c| 2.0 * c.l_dirty().diagonal().map(f64::ln).sum())
+        let log_det = |factor: &Option<Cholesky<f64, Dyn>>| {
+            let of = |c: &Cholesky<f64, Dyn>| c.l_dirty().diagonal().map(f64::ln).sum();
+            factor.as_ref().map_or(0.0, |c| 2.0 * of(c))
         };
-        let best = match self.by_spread {
-            true => {
-                let step = whole.clone().cholesky().map(|c| c.solve(&slope));
-                &tangent.residual - &x * step.unwrap_or_else(|| DVector::zeros(width))
-            }
-            false => tangent.residual.clone(),
+        let solve = |factor: &Option<Cholesky<f64, Dyn>>, b: &DVector<f64>| {
+            let step = factor.as_ref().map(|c| c.solve(b));
+            step.unwrap_or_else(|| DVector::zeros(width))
         };
-        let whole_log = if self.by_spread { log_det(&whole) } else { 0.0 };
+        let factor = whole.clone().cholesky();
+        let best = &tangent.residual - &x * solve(&factor, &slope);
         let stretches = self.edges.windows(2).zip(&self.counts);
         for ((part, gram), (edge, count)) in parts.iter().zip(&grams).zip(stretches) {
             let residual = tangent.residual.rows(edge[0], edge[1] - edge[0]);
@@ -174,19 +166,13 @@ impl Blocks {
             for i in 0..width {
                 without[(i, i)] += 1e-10;
             }
-            let left = without.clone();
-            let step = without
-                .cholesky()
-                .map_or_else(|| DVector::zeros(width), |c| c.solve(&pull));
-            let missed = residual + part * step;
-            // a block's errors are those of its fit times (I - H)^-1, and that is their covariance too
-            let (squares, spread) = match self.by_spread {
-                true => (
-                    missed.dot(&best.rows(edge[0], edge[1] - edge[0])),
-                    whole_log - log_det(&left),
-                ),
-                false => (missed.norm_squared(), 0.0),
-            };
+            let left = without.cholesky();
+            let missed = residual + part * solve(&left, &pull);
+            // a block's errors are those of its fit times (I - H)^-1, and that is their covariance too: with
+            // few recordings a block may be the only one that tells of a parameter, and is missed widely by a
+            // right model
+            let squares = missed.dot(&best.rows(edge[0], edge[1] - edge[0]));
+            let spread = log_det(&factor) - log_det(&left);
             out.squares.push(count * squares);
             out.spread.push(count * spread);
             out.rows.push(count * (edge[1] - edge[0]) as f64);
@@ -195,39 +181,40 @@ impl Blocks {
     }
 }
 
-/// Median shares of what can be foretold beyond the plain model that the true cause leaves, because its textbook
-/// form is wrong in detail: on 54 simulated coordinates whose causes act in forms of their own, and on three
-/// measured rigs whose physics is known (a circuit with a cubic spring, two flexure hinges: 0.2 to 0.4). Of what
-/// kind a rig is nobody knows beforehand: most names are said of rigs of the first kind, for on the others more
-/// is left than one cause may leave.
+/// Median shares of what can be foretold beyond the plain model that the true cause leaves, because its
+/// textbook form is wrong in detail: on 54 simulated coordinates whose causes act in forms of their own, and
+/// on three measured rigs whose physics is known (a circuit with a cubic spring, two flexure hinges: 0.2 to
+/// 0.4). Of what kind a rig is nobody knows beforehand: most names are said of rigs of the first kind, for on
+/// the others more is left than one cause may leave.
 const FORM_LEAVES: [f64; 2] = [0.008, 0.3];
 /// Rigs of the second kind. With half of them the odds of the names on 200 simulated coordinates (a seed for
 /// development) were too modest by 0.12, with these by 0.085.
 const OF_THE_SECOND_KIND: f64 = 0.15;
 
 /// Density of the share of `way`, the mean square that can be foretold beyond the plain model, that the true
-/// cause leaves: Lomax laws of these medians, whose tails are those of the ratio of two waiting times. What does
-/// not matter beside the mean square that nobody foretells, `least`, is no share.
+/// cause leaves: Lomax laws of these medians, whose tails are those of the ratio of two waiting times. What
+/// does not matter beside the mean square that nobody foretells, `least`, is no share.
 pub(super) fn form_leaves(share: f64, way: f64, least: f64) -> f64 {
     let none = MATTERS * least / way.max(f64::MIN_POSITIVE);
     let of = |median: f64| lomax(share / (median + none)) / (median + none);
     (1.0 - OF_THE_SECOND_KIND) * of(FORM_LEAVES[0]) + OF_THE_SECOND_KIND * of(FORM_LEAVES[1])
 }
 
-/// Density of the share that a cause leaves which is not at work: `any` of them anything, the others nearly all.
+/// Density of the share that a cause leaves which is not at work: `any` of them anything, the others nearly
+/// all.
 fn not_at_work(share: f64, any: f64) -> f64 {
     const POWER: f64 = 20.0;
     any + (1.0 - any) * POWER * share.clamp(0.0, 1.0).powf(POWER - 1.0)
 }
 
-/// Density of the share that a cause leaves which is not at work. Of 1,117 on 163 simulated coordinates (a seed
-/// for development) a tenth left less than 0.3, a fifth less than 0.58, half less than 0.96.
+/// Density of the share that a cause leaves which is not at work. Of 1,117 on 163 simulated coordinates (a
+/// seed for development) a tenth left less than 0.3, a fifth less than 0.58, half less than 0.96.
 fn wrong_leaves(share: f64) -> f64 {
     not_at_work(share, 1.0 / 3.0)
 }
 
-/// The same of the best of all causes where something unlisted is at work: on 57 coordinates of that seed a tenth
-/// left less than 0.23, three tenths less than 0.48, half less than 0.79.
+/// The same of the best of all causes where something unlisted is at work: on 57 coordinates of that seed a
+/// tenth left less than 0.23, three tenths less than 0.48, half less than 0.79.
 pub(super) fn unlisted_leaves(share: f64) -> f64 {
     not_at_work(share, 0.6)
 }
@@ -237,16 +224,17 @@ fn lomax(medians: f64) -> f64 {
     (1.0 + medians.max(0.0)).powi(-2)
 }
 
-/// The same median of robots, of those causes whose form is not the catalogue's; the others leave what does not
-/// matter. Of twelve visible single causes of robots that are only nearly their drawings (a seed for
+/// The same median of robots, of those causes whose form is not the catalogue's; the others leave what does
+/// not matter. Of twelve visible single causes of robots that are only nearly their drawings (a seed for
 /// development, forms of the generator's own) eight left nothing, two 0.003 and 0.02, and two whose parts had
-/// been told wrongly 0.1. On 72 names of three seeds for development, 69 of them right, their odds have ln L -19.4
-/// so; with one law of median 0.01 it was -25.4. Between a third and two thirds of exact ones and medians of 0.01
-/// to 0.05 it changes by 0.2.
+/// been told wrongly 0.1. On 72 names of three seeds for development, 69 of them right, their odds have ln L
+/// -19.4 so; with one law of median 0.01 it was -25.4. Between a third and two thirds of exact ones and
+/// medians of 0.01 to 0.05 it changes by 0.2.
 const ROBOT_FORM_LEAVES: f64 = 0.02;
 const EXACT: f64 = 0.5;
 
-/// What it costs a model of robots at most, in ln, to leave the mean square `square`, where the best one leaves
+/// What it costs a model of robots at most, in ln, to leave the mean square `square`, where the best one
+/// leaves
 /// `best` and the plain one `plain`. Where the best leaves more than any noise does, nothing is exact, and what
 /// leaves a little more is hardly less likely.
 pub(super) fn form_costs(square: f64, best: f64, plain: f64) -> f64 {

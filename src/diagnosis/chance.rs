@@ -407,7 +407,6 @@ pub(super) fn chance<S: Subject>(
         blocks: super::blocks::Blocks {
             counts: blocks.shares(&rows, &independent),
             edges: blocks.edges.clone(),
-            by_spread: true,
         },
         ..Chance::default()
     };

@@ -33,6 +33,7 @@ mod learn;
 mod likeness;
 mod line;
 mod locate;
+mod moments;
 mod outcome;
 mod parts;
 mod problem;

@@ -19,6 +19,7 @@ use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
 use super::explain::{gains, parameters, places};
 use super::fits::{baseline, choose, polish, refit};
+use super::moments::{Moments, moments};
 use super::outcome::*;
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
@@ -51,8 +52,8 @@ const LEFT_AT_MOST: f64 = 0.5;
 /// best, and more than so many times the noise, which is more than the form of a right cause makes.
 const LEFT_IF_LOUD: f64 = 0.2;
 const LOUD: f64 = 4.0;
-/// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be: what is
-/// read from a recording may also be thrice what there is.
+/// Mean square of a model, over that of noise or of the best flexible model, below which it cannot be: what
+/// is read from a recording may also be thrice what there is.
 const TOO_GOOD: f64 = 1.0 / MAY_BE_NOISE;
 /// Mean square, over the noise and over what could be foretold, from which it is worth saying that something
 /// is at work which nobody names: below it the error is less than a quarter above what it could be.
@@ -236,6 +237,8 @@ struct Field<'a, 'b> {
     independent: f64,
     /// What flexible models of a site foretell.
     twins: Vec<Foretold>,
+    /// The plain model with leaps at moments.
+    moments: Option<Moments>,
 }
 
 /// Odds of the models, and the one that is named.
@@ -341,6 +344,7 @@ impl<'a, 'b> Field<'a, 'b> {
             plain,
             models,
             twins: Vec::new(),
+            moments: None,
         };
         let mut models = std::mem::take(&mut field.models);
         field.sort(&mut models);
@@ -445,6 +449,25 @@ impl<'a, 'b> Field<'a, 'b> {
         let best = self.models.iter().min_by(|a, b| by_foretold(a, b));
         let beside = best.and_then(|m| self.bench.twin(&m.fitted, self.independent));
         self.twins.extend(beside);
+        let problem = self.bench.problem;
+        if let Ok(tangent) = Tangent::new(problem, &self.plain.fitted) {
+            let residual = problem.residual(&self.plain.fitted);
+            let least = self.reach().map_or(1.0, Foretold::mean_square);
+            self.moments = moments(&residual, &tangent, &self.bench.blocks, least);
+        }
+    }
+
+    /// The plain model with leaps at moments, where it foretells more than a model and all that goes on without
+    /// a leap do, by as much as matters: no cause of the catalogue comes at a moment.
+    fn leaps_beyond(&self, m: &Model) -> Option<&Moments> {
+        self.moments.as_ref().filter(|leaps| {
+            let (own, independent) = (&leaps.foretold, leaps.independent);
+            let others = self.twins.iter().chain([&m.foretold]);
+            others.into_iter().all(|f| {
+                own.mean_square() < MATTERS * f.mean_square()
+                    && own.log_density(independent) > f.log_density(independent)
+            })
+        })
     }
 
     /// The plain model, then those with causes.
@@ -581,9 +604,9 @@ impl<'a, 'b> Field<'a, 'b> {
         reached.max(beyond).clamp(0.0, 1.0)
     }
 
-    /// Probability that something unlisted is at work where a model leaves this share of what can be foretold.
-    /// The shares that listed causes leave are those of their forms ([`form_leaves`]); each cause beyond the
-    /// first has to be at work, too.
+    /// Probability that something unlisted is at work where a model leaves this share of what can be
+    /// foretold. The shares that listed causes leave are those of their forms ([`form_leaves`]); each cause
+    /// beyond the first has to be at work, too.
     fn unlisted(&self, m: &Model, share: f64) -> f64 {
         let more = m.fitted.effects.len().saturating_sub(1);
         let base = self.plain.foretold.mean_square();
@@ -624,7 +647,10 @@ impl<'a, 'b> Field<'a, 'b> {
     fn convinces(&self, m: &Model) -> Result<bool, Error> {
         let share = |own: f64, plain: f64| (own - 1.0).max(0.0) / (plain - 1.0).max(1e-9);
         let (problem, plain) = (self.bench.problem, &self.plain);
-        if share(m.raw, plain.raw) > LEFT_AT_MOST || self.unlisted(m, self.left(m)) > 0.5 {
+        if share(m.raw, plain.raw) > LEFT_AT_MOST
+            || self.unlisted(m, self.left(m)) > 0.5
+            || self.leaps_beyond(m).is_some()
+        {
             return Ok(false);
         }
         if !barely_foretells(problem, plain, m) {
@@ -763,6 +789,18 @@ impl<'a, 'b> Field<'a, 'b> {
         let mut out = Vec::new();
         if augmented.raw < TOO_GOOD {
             out.push(format!("What is left is {:.2} of the noise that was read from the recordings: the noise floor is too high, or the model is too free; look at the repeats.", augmented.raw.sqrt()));
+        }
+        if verdict == Verdict::Unexplained
+            && let Some(leaps) = self.leaps_beyond(&self.plain)
+        {
+            let named = self.bench.problem.train.whereabouts();
+            let each = leaps
+                .at
+                .iter()
+                .map(|(r, t)| format!("{t:.3} s of {}", named[*r].id));
+            let list: Vec<String> = each.collect();
+            let left = leaps.foretold.mean_square() / self.plain.foretold.mean_square();
+            out.push(format!("It comes at moments: with leaps of zero or stiffness at {} the plain model foretells with {:.0} % of the mean square. Look what happened then: a knock, a slip, a tear, lost counts.", list.join(", "), 100.0 * left));
         }
         if verdict == Verdict::Adequate && plainest.raw > MAY_BE_NOISE {
             out.push("Model and recordings differ by more than the noise that is read above the band of the signal, but neither a cause nor a flexible model of position, rate, direction, history, input and time foretells it, and it has the spectrum of noise: it is taken for noise within the band.".into());

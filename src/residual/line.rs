@@ -906,6 +906,7 @@ impl<'a> LineResidual<'a> {
                 s.force / (s.coordinate * s.coordinate),
                 format!("{force} s^2/{x}^2"),
             ),
+            "s" if !self.lines().all(|l| l.timed) => (1.0, "rows".into()),
             other => (1.0, other.into()),
         }
     }

@@ -242,6 +242,43 @@ fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
     assert!((curve.torque_n_m_at(0.3) - (0.006 + 0.05 * 0.027)).abs() < 5e-4);
 }
 
+/// A force cell that was knocked leaps; one whose zero drifts goes on steadily. Only the drift is a cause.
+#[test]
+fn a_knocked_cell_is_no_drift() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let make = |id: &str, zero: &dyn Fn(i32) -> f64, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        for i in 0..600 {
+            let x = 0.4 * (std::f64::consts::TAU * f64::from(i) / 110.0).sin();
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + zero(i);
+            writeln!(out, "{x:.6},{torque:.8}").unwrap();
+        }
+        line(dir.path(), id, "hinge-bench", table, &out)
+    };
+    let leaps = |a: i32, b: i32| {
+        move |i: i32| 4e-4 * (f64::from(u8::from(i >= a)) + f64::from(u8::from(i >= b)))
+    };
+    let knocked = make("knocked", &leaps(187, 431), 1);
+    let d = diagnose(&[&knocked], &[&make("knocked-2", &leaps(143, 402), 2)]);
+    assert_eq!(d.verdict, Verdict::Unexplained, "{}", d.says);
+    let said = d.remarks.iter().find(|r| r.contains("comes at moments"));
+    let said = said.unwrap_or_else(|| panic!("{:?}", d.remarks));
+    assert!(
+        said.contains("187.000") && said.contains("431.000"),
+        "{said}"
+    );
+    let drift = |i: i32| 8e-4 * (1.0 - (-f64::from(i) / 400.0).exp());
+    let d = diagnose(
+        &[&make("drifts", &drift, 3)],
+        &[&make("drifts-2", &drift, 4)],
+    );
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    assert_eq!(d.candidates[0].acting.effect.id(), "x_zero_drift");
+}
+
 #[test]
 fn recordings_that_say_nothing_are_refused_in_words() {
     let dir = tempfile::tempdir().unwrap();

@@ -793,14 +793,25 @@ impl<'a, 'b> Field<'a, 'b> {
         if verdict == Verdict::Unexplained
             && let Some(leaps) = self.leaps_beyond(&self.plain)
         {
-            let named = self.bench.problem.train.whereabouts();
-            let each = leaps
-                .at
-                .iter()
-                .map(|(r, t)| format!("{t:.3} s of {}", named[*r].id));
-            let list: Vec<String> = each.collect();
+            let lines: Vec<_> = self.bench.problem.train.lines().collect();
+            let of = |number: usize| {
+                let own = leaps.at.iter().filter(|a| a.0 == number);
+                let each: Vec<String> = own
+                    .map(|(_, t)| match lines[number].timed {
+                        true => format!("{t:.3} s"),
+                        false => format!("row {t:.0}"),
+                    })
+                    .collect();
+                (!each.is_empty()).then(|| format!("{} ({})", lines[number].id, each.join(", ")))
+            };
+            let list: Vec<String> = (0..lines.len()).filter_map(of).collect();
             let left = leaps.foretold.mean_square() / self.plain.foretold.mean_square();
-            out.push(format!("It comes at moments: with leaps of zero or stiffness at {} the plain model foretells with {:.0} % of the mean square. Look what happened then: a knock, a slip, a tear, lost counts.", list.join(", "), 100.0 * left));
+            out.push(format!(
+                "It comes at moments: with leaps of zero or stiffness in {} the plain model leaves {} % of its mean \
+                 square. Look what happened then: a knock, a slip, a tear, lost counts.",
+                list.join(", "),
+                short(100.0 * left)
+            ));
         }
         if verdict == Verdict::Adequate && plainest.raw > MAY_BE_NOISE {
             out.push("Model and recordings differ by more than the noise that is read above the band of the signal, but neither a cause nor a flexible model of position, rate, direction, history, input and time foretells it, and it has the spectrum of noise: it is taken for noise within the band.".into());

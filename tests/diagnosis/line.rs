@@ -266,10 +266,7 @@ fn a_knocked_cell_is_no_drift() {
     assert_eq!(d.verdict, Verdict::Unexplained, "{}", d.says);
     let said = d.remarks.iter().find(|r| r.contains("comes at moments"));
     let said = said.unwrap_or_else(|| panic!("{:?}", d.remarks));
-    assert!(
-        said.contains("187.000") && said.contains("431.000"),
-        "{said}"
-    );
+    assert!(said.contains("knocked (row 188, row 432)"), "{said}");
     let drift = |i: i32| 8e-4 * (1.0 - (-f64::from(i) / 400.0).exp());
     let d = diagnose(
         &[&make("drifts", &drift, 3)],

@@ -234,9 +234,8 @@ const ROBOT_FORM_LEAVES: f64 = 0.02;
 const EXACT: f64 = 0.5;
 
 /// What it costs a model of robots at most, in ln, to leave the mean square `square`, where the best one
-/// leaves
-/// `best` and the plain one `plain`. Where the best leaves more than any noise does, nothing is exact, and what
-/// leaves a little more is hardly less likely.
+/// leaves `best` and the plain one `plain`. Where the best leaves more than any noise does, nothing is exact,
+/// and what leaves a little more is hardly less likely.
 pub(super) fn form_costs(square: f64, best: f64, plain: f64) -> f64 {
     let beyond_noise = (best - NEVER_ADEQUATE).max(0.0);
     let density = |left: f64| {

@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::learn::{self, Made};
 use super::outcome::*;
 use super::problem::Problem;
 use super::single::doubt;
@@ -446,6 +447,9 @@ impl Subject for LineResidual<'_> {
         Ok([whole, Vec::new(), Vec::new()])
     }
 
+    fn made_by(&self, acting: &Acting) -> Made {
+        learn::made_along(self, acting)
+    }
     fn noise_rows(&self) -> Vec<Vec<f64>> {
         LineResidual::noise_rows(self, super::DRAWN)
     }

@@ -19,6 +19,7 @@ use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
 use super::explain::{gains, parameters, places};
 use super::fits::{baseline, choose, polish, refit};
+use super::learn::{learn_along, physics};
 use super::moments::{Moments, moments};
 use super::outcome::*;
 use super::problem::{Fitted, Problem, Tangent};
@@ -699,6 +700,12 @@ impl<'a, 'b> Field<'a, 'b> {
         let in_model = verdict == Verdict::MissingPhysics;
         let named = odds.named.as_ref().map(|(i, _)| &self.models[*i]);
         let augmented = named.filter(|_| in_model).unwrap_or(plain);
+        let unknown = verdict == Verdict::Unexplained && self.leaps_beyond(plain).is_none();
+        let taught = match unknown && request.only.is_empty() {
+            true => learn_along(problem, &plain.fitted, &self.bench.blocks, self.independent)?,
+            false => None,
+        };
+        let with_it = taught.as_ref().map_or(&augmented.fitted, |t| &t.fitted);
         let something_else = match (named, verdict) {
             (Some(m), _) => self.unlisted(m, self.left(m)),
             (None, Verdict::Unexplained) => self.unlisted(plain, 1.0),
@@ -714,10 +721,14 @@ impl<'a, 'b> Field<'a, 'b> {
             _ => Vec::new(),
         };
         let places = places(problem, &plain.fitted, &augmented.fitted)?;
-        let law = (verdict == Verdict::Unexplained)
+        let law = (verdict == Verdict::Unexplained && taught.is_none())
             .then(|| law::law(problem, &plain.fitted))
             .transpose()?;
-        let (train, holdout, traces) = gains(problem, &plain.fitted, &augmented.fitted)?;
+        let (train, holdout, traces) = gains(problem, &plain.fitted, with_it)?;
+        let gap = holdout.map_or(f64::NAN, |h| h.gap_closed());
+        let learnt = (taught.as_ref())
+            .map(|t| physics(problem, t, &self.seen.groups, gap))
+            .transpose()?;
         let words = problem.train.words();
         let apart = odds
             .within_sample
@@ -735,7 +746,10 @@ impl<'a, 'b> Field<'a, 'b> {
                 &groups,
             )
         };
-        let says = apart.unwrap_or_else(said);
+        let mut says = apart.unwrap_or_else(said);
+        if let Some(learnt) = &learnt {
+            says += &format!(" Learnt from the recordings: {}", learnt.says);
+        }
         let nothing = match verdict {
             Verdict::Adequate => odds.probability[0].max(0.5),
             _ => odds.probability[0],
@@ -743,7 +757,7 @@ impl<'a, 'b> Field<'a, 'b> {
         let listed = 1.0 - something_else;
         let probabilities = [listed * nothing, listed * (1.0 - nothing), something_else];
         let allowed = self.seen.chance.fall(request.false_alarm_rate);
-        let state = &augmented.fitted.state;
+        let state = &with_it.state;
         Ok(Diagnosis {
             verdict,
             confidence: match verdict {
@@ -762,7 +776,7 @@ impl<'a, 'b> Field<'a, 'b> {
             train,
             holdout,
             plain: parameters(problem, &plain.fitted),
-            parameters: parameters(problem, &augmented.fitted),
+            parameters: parameters(problem, with_it),
             pose: None,
             eps_r: f64::NAN,
             rig: problem.train.rig(),
@@ -773,7 +787,7 @@ impl<'a, 'b> Field<'a, 'b> {
             plain_mean_square: plain.fits,
             plain_holdout_mean_square: plain.raw,
             law,
-            learnt: None,
+            learnt,
             traces,
             remarks: std::mem::take(remarks),
             says,

@@ -14,9 +14,13 @@
 //! | drag | v along each axis, \|v\| v along each axis |
 //! | oscillator | the force of a mass on a spring that follows the effector, along and across the axes |
 //!
+//! Of a single coordinate there are splines, preslidings and lags; what they make is over the largest force
+//! that was measured, of an excursion over the largest one.
+//!
 //! Torques on theta_b and forces are turned to torques on theta_DEA by their levers. At the electrical sites
 //! the sum is added to the square of the voltage that makes the Maxwell torque, which never falls below 0.
 
+use super::line::{Terms, View};
 use super::{Along, Effect, Part, Quantity, Reach, Site, decays};
 use crate::kinematics::{Vec3, dot};
 
@@ -35,17 +39,20 @@ pub enum Place {
     Capacitance,
     /// A torque on theta_b that changes over the series, N m.
     Series,
+    /// A force (torque, stress) along a single coordinate, over the largest that was measured.
+    Coordinate,
 }
 
 impl Place {
     /// All places.
-    pub const ALL: [Place; 6] = [
+    pub const ALL: [Place; 7] = [
         Place::Bicep,
         Place::Film,
         Place::Force,
         Place::Electrical,
         Place::Capacitance,
         Place::Series,
+        Place::Coordinate,
     ];
 
     /// As files write it.
@@ -57,6 +64,7 @@ impl Place {
             Place::Electrical => "electrical",
             Place::Capacitance => "capacitance",
             Place::Series => "series",
+            Place::Coordinate => "coordinate",
         }
     }
 
@@ -69,6 +77,7 @@ impl Place {
             Place::Electrical => "a change of the voltage on its way to the film",
             Place::Capacitance => "a change of what the voltage does to the film",
             Place::Series => "a torque on the bicep joints that changes over the series",
+            Place::Coordinate => "a force, torque or stress along the coordinate",
         }
     }
 
@@ -78,7 +87,7 @@ impl Place {
             Place::Bicep | Place::Film | Place::Series => "N m",
             Place::Force => "N",
             Place::Electrical => "V^2",
-            Place::Capacitance => "1",
+            Place::Capacitance | Place::Coordinate => "1",
         }
     }
 }
@@ -125,11 +134,23 @@ pub enum Variable {
     CubedVoltage,
     /// Its rate, V/s, as [`RATE_S`] lets it be seen whatever the sampling.
     VoltageRate,
+    /// Of a single coordinate: its excursion from rest over the largest one.
+    Excursion,
+    /// Its rate, 1/s.
+    ExcursionRate,
+    /// The square of that rate, 1/s^2.
+    SquaredExcursionRate,
+    /// The rate's rate, 1/s^2.
+    ExcursionAcceleration,
+    /// The largest size of the excursion so far.
+    LargestExcursion,
+    /// The direction of the excursion, -1 to 1, which follows it within a hundredth of the largest one.
+    Sliding,
 }
 
 impl Variable {
     /// All variables.
-    pub const ALL: [Variable; 10] = [
+    pub const ALL: [Variable; 16] = [
         Variable::BicepAngle,
         Variable::BicepRate,
         Variable::LozengeAngle,
@@ -140,6 +161,12 @@ impl Variable {
         Variable::SquaredVoltage,
         Variable::CubedVoltage,
         Variable::VoltageRate,
+        Variable::Excursion,
+        Variable::ExcursionRate,
+        Variable::SquaredExcursionRate,
+        Variable::ExcursionAcceleration,
+        Variable::LargestExcursion,
+        Variable::Sliding,
     ];
 
     /// As files write it.
@@ -155,6 +182,12 @@ impl Variable {
             Variable::SquaredVoltage => "squared voltage",
             Variable::CubedVoltage => "cubed voltage",
             Variable::VoltageRate => "voltage rate",
+            Variable::Excursion => "excursion",
+            Variable::ExcursionRate => "excursion rate",
+            Variable::SquaredExcursionRate => "squared excursion rate",
+            Variable::ExcursionAcceleration => "excursion acceleration",
+            Variable::LargestExcursion => "largest excursion so far",
+            Variable::Sliding => "sliding",
         }
     }
 
@@ -163,7 +196,13 @@ impl Variable {
         match self {
             Variable::BicepAngle | Variable::LozengeAngle => "rad",
             Variable::BicepRate => "rad/s",
-            Variable::AreaStretch | Variable::LargestStretch => "1",
+            Variable::AreaStretch
+            | Variable::LargestStretch
+            | Variable::Excursion
+            | Variable::LargestExcursion
+            | Variable::Sliding => "1",
+            Variable::ExcursionRate => "1/s",
+            Variable::SquaredExcursionRate | Variable::ExcursionAcceleration => "1/s^2",
             Variable::SeriesTime => "s",
             Variable::Voltage => "V",
             Variable::SquaredVoltage => "V^2",
@@ -172,7 +211,20 @@ impl Variable {
         }
     }
 
-    /// Its values along a recording, where the voltage is `phi_v`.
+    /// Whether it is one of a single coordinate.
+    pub fn of_coordinate(self) -> bool {
+        matches!(
+            self,
+            Variable::Excursion
+                | Variable::ExcursionRate
+                | Variable::SquaredExcursionRate
+                | Variable::ExcursionAcceleration
+                | Variable::LargestExcursion
+                | Variable::Sliding
+        )
+    }
+
+    /// Its values along a robot's recording, where the voltage is `phi_v`; NaN of a single coordinate's.
     pub fn along(self, along: &Along, phi_v: &[f64]) -> Vec<f64> {
         let phi = |i: usize| phi_v.get(i).copied().unwrap_or(0.0);
         let now: Vec<f64> = (0..along.samples())
@@ -208,6 +260,8 @@ impl Variable {
             Variable::Voltage | Variable::VoltageRate => phi_v.abs(),
             Variable::SquaredVoltage => phi_v * phi_v,
             Variable::CubedVoltage => phi_v.abs().powi(3),
+            // no robot's: files that say so are refused
+            _ => f64::NAN,
         }
     }
 
@@ -357,6 +411,12 @@ impl Form {
             Form::Drag => vec!["effector velocity"],
             Form::Oscillator { .. } => vec!["effector velocity", "history"],
         }
+    }
+
+    /// Whether it is one of a single coordinate.
+    pub fn of_coordinate(&self) -> bool {
+        let [of, by] = self.of_and_by();
+        of.is_some_and(Variable::of_coordinate) && by.is_none_or(Variable::of_coordinate)
     }
 
     /// The variable, and what it is multiplied with, where it has them.
@@ -509,7 +569,7 @@ impl Learnt {
                 let theta = along.theta_dea_rad[i];
                 s / along.lozenge.half_capacitance_slope(theta, along.eps_f_m)
             }
-            Place::Film | Place::Force | Place::Electrical => s,
+            Place::Film | Place::Force | Place::Electrical | Place::Coordinate => s,
             Place::Capacitance => s * phi_v * phi_v,
         }
     }
@@ -834,6 +894,100 @@ impl Learnt {
     }
 }
 
+/// A variable of a single coordinate along a recording.
+fn along_coordinate(variable: Variable, view: &View) -> Vec<f64> {
+    let n = view.xi.len();
+    match variable {
+        Variable::Excursion => view.xi.to_vec(),
+        Variable::ExcursionRate => view.rate.to_vec(),
+        Variable::SquaredExcursionRate => view.rate.iter().map(|r| r * r).collect(),
+        Variable::ExcursionAcceleration => (0..n)
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+                let time_s = (view.time_s[b] - view.time_s[a]).max(f64::MIN_POSITIVE);
+                (view.rate[b] - view.rate[a]) / time_s
+            })
+            .collect(),
+        Variable::LargestExcursion => (view.xi.iter())
+            .scan(0.0_f64, |largest, x| {
+                *largest = largest.max(x.abs());
+                Some(*largest)
+            })
+            .collect(),
+        Variable::Sliding => super::line::sliding(view.xi, SLID),
+        _ => vec![f64::NAN; n],
+    }
+}
+
+/// Excursion within which [`Variable::Sliding`] follows a direction.
+const SLID: f64 = 0.01;
+
+/// Of a single coordinate.
+impl Learnt {
+    /// What each coefficient alone adds along a recording, over the largest force that was measured.
+    pub fn columns_along(&self, view: &View) -> Vec<Vec<f64>> {
+        let scaled = |mut columns: Vec<Vec<f64>>, by: &Option<Variable>| {
+            if let Some(by) = by {
+                let by = along_coordinate(*by, view);
+                for column in &mut columns {
+                    column.iter_mut().zip(&by).for_each(|(c, b)| *c *= b);
+                }
+            }
+            columns
+        };
+        match &self.form {
+            Form::Spline { of, knots, by } => {
+                let x = along_coordinate(*of, view);
+                scaled(units(knots, &x, &vec![1.0; x.len()]), by)
+            }
+            Form::Presliding { of, ranges } => {
+                let x = along_coordinate(*of, view);
+                (ranges.iter())
+                    .map(|range| super::line::sliding(&x, *range))
+                    .collect()
+            }
+            Form::Lag { of, times_s, by } => {
+                let x = along_coordinate(*of, view);
+                let column = |tau_s: &f64| {
+                    let mut z = x.first().copied().unwrap_or(0.0);
+                    let lagged = (0..x.len()).map(|i| {
+                        let before = i.saturating_sub(1);
+                        let step_s = view.time_s[i] - view.time_s[before];
+                        let (left, far) = decays(step_s / tau_s);
+                        z = left * z + (far - left) * x[before] + (1.0 - far) * x[i];
+                        z
+                    });
+                    lagged.collect()
+                };
+                scaled(times_s.iter().map(column).collect(), by)
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// What the coefficients `v` make along a recording, over the largest force that was measured.
+    pub fn made_along(&self, v: &[f64], view: &View) -> Vec<f64> {
+        let mut out = vec![0.0; view.xi.len()];
+        for (c, column) in v.iter().zip(self.columns_along(view)) {
+            out.iter_mut().zip(&column).for_each(|(o, x)| *o += c * x);
+        }
+        out
+    }
+
+    /// The range of each of [`Form::variables`] along a recording.
+    pub fn ranges_along(&self, view: &View) -> Vec<[f64; 2]> {
+        let over = |values: Vec<f64>| {
+            let finite = values.into_iter().filter(|v| v.is_finite());
+            finite.fold(NOTHING, |[low, high], v| [low.min(v), high.max(v)])
+        };
+        let one = |name: &'static str| match Variable::named(name) {
+            Some(variable) => over(along_coordinate(variable, view)),
+            None => [-1.0, 1.0],
+        };
+        self.form.variables().into_iter().map(one).collect()
+    }
+}
+
 /// The curves through 1 at one knot and 0 at the others, at values, each times its scale.
 fn units(knots: &[f64], x: &[f64], scale: &[f64]) -> Vec<Vec<f64>> {
     let cells: Vec<Cell> = x.iter().map(|x| Cell::of(knots, *x)).collect();
@@ -990,7 +1144,7 @@ impl Effect for Learnt {
         match self.place {
             Place::Bicep | Place::Series => Part::BicepJoint,
             Place::Film | Place::Capacitance => Part::Film,
-            Place::Force => Part::Effector,
+            Place::Force | Place::Coordinate => Part::Effector,
             Place::Electrical => Part::Lead,
         }
     }
@@ -1005,7 +1159,7 @@ impl Effect for Learnt {
     }
     fn reach(&self) -> Reach {
         match self.place {
-            Place::Force => Reach::All,
+            Place::Force | Place::Coordinate => Reach::All,
             _ => Reach::AllOrOne,
         }
     }
@@ -1030,6 +1184,11 @@ impl Effect for Learnt {
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         self.add(v, along, &[], torque_n_m);
+    }
+    fn line(&self, v: &[f64], view: &View, terms: &mut Terms) {
+        for (force, more) in terms.force.iter_mut().zip(self.made_along(v, view)) {
+            *force += more;
+        }
     }
 }
 
@@ -1128,6 +1287,8 @@ impl Form {
                 p,
             ) => *p == Place::Force,
             (_, Place::Force) => false,
+            (form, Place::Coordinate) => form.of_coordinate(),
+            (form, _) if form.of_coordinate() => false,
             // a torque on theta_b is no squared voltage
             (_, Place::Bicep | Place::Series) => !self.electrical(),
             _ => true,

@@ -122,8 +122,8 @@ pub struct Proof {
     pub visible_unknown_called_unexplained: Count,
     /// What was learnt of robots' effects in no catalogue that acts where they do.
     pub learnt_where_it_acts: Count,
-    /// Share of the gap to the floor that is closed on held-out recordings, of robots' effects in no
-    /// catalogue that a plain refit leaves at 1.5 times the floor or more.
+    /// Share of the gap to the floor that is closed on held-out recordings, of effects in no catalogue that a
+    /// plain refit leaves at 1.5 times the floor or more.
     pub unknown_gap_closed_median: Median,
     /// Pairs of which both were named, where a refit without either would leave as much as a detectable
     /// single one does.
@@ -612,10 +612,10 @@ pub fn score(trials: &[Trial]) -> Proof {
         unknown_called_unexplained: Count::of(unknown, unexplained),
         visible_unknown_called_unexplained: Count::of(visible_unknown, unexplained),
         learnt_where_it_acts: Count::of(
-            &chosen(unknown, &|t| t.learnt_site.is_some()),
+            &chosen(unknown, &|t| t.learnt_site.is_some() && t.rig == "robot"),
             learnt_where_it_acts,
         ),
-        unknown_gap_closed_median: gaps_closed(&chosen(visible_unknown, &|t| t.rig == "robot")),
+        unknown_gap_closed_median: gaps_closed(visible_unknown),
         pairs_both_named: Count::of(clear_pairs, both_named),
         pairs_by_group: Count::of(clear_pairs, both_stand_for_them),
         all_pairs_both_named: Count::of(pairs, both_named),

@@ -243,18 +243,29 @@ impl ParameterFile {
     /// An id or a name that is not in the catalogue (the nearest is named), or a value that cannot be; of
     /// several learnt terms the key says which.
     pub fn acting(&self, number_of: &dyn Fn(&str) -> Option<usize>) -> Result<Vec<Acting>, Error> {
+        self.of_rig(CATALOGUE, false, number_of)
+    }
+
+    /// The causes of the file among those that are `known`, and what was learnt: of a robot, or along a single
+    /// coordinate.
+    fn of_rig(
+        &self,
+        known: &[&'static dyn crate::effects::Effect],
+        along_coordinate: bool,
+        number_of: &dyn Fn(&str) -> Option<usize>,
+    ) -> Result<Vec<Acting>, Error> {
         let terms = self.effects.iter().filter(|e| e.id == learnt::ID).count();
         let mut number = 0;
         let mut one = |e: &Effect| {
             if e.id != learnt::ID {
-                return acting(e, &self.path, CATALOGUE, number_of);
+                return acting(e, &self.path, known, number_of);
             }
             number += 1;
             let name = match terms {
                 1 => e.id.clone(),
                 _ => format!("{} {number}", e.id),
             };
-            learnt_entry::acting(e, &self.path, &name)
+            learnt_entry::acting(e, &self.path, &name, along_coordinate)
         };
         self.effects.iter().map(&mut one).collect()
     }
@@ -282,11 +293,7 @@ impl ParameterFile {
                 .as_ref()
                 .map(|_| self.forearm_torque())
                 .transpose()?,
-            effects: self
-                .effects
-                .iter()
-                .map(|e| acting(e, &self.path, &known, &|_| None))
-                .collect::<Result<_, _>>()?,
+            effects: self.of_rig(&known, true, &|_| None)?,
         })
     }
 }
@@ -365,11 +372,6 @@ fn known_effect(
     path: &Path,
     known: &[&'static dyn crate::effects::Effect],
 ) -> Result<&'static dyn crate::effects::Effect, Error> {
-    if entry.id == learnt::ID {
-        return Err(bad(path, "[[effect]] id", "found \"learnt\"")
-            .expected("causes of a single coordinate: a learnt term is one of a robot")
-            .action("take the block out, or name a file of this bench, axis or coupon"));
-    }
     known
         .iter()
         .copied()

@@ -170,12 +170,17 @@ fn own_keys(form: &str) -> &'static [&'static str] {
 }
 
 /// The term of an entry with its coefficients; its form stays for as long as the program runs. `name` tells
-/// it from the file's other learnt terms.
+/// it from the file's other learnt terms; it is one along a single coordinate, or of a robot.
 ///
 /// # Errors
-/// A key that is unknown, missing or of the wrong kind, or a value that cannot be: each with what was found,
+/// A term of another kind of rig, a key that is unknown, missing or of the wrong kind, or a value that cannot be: each with what was found,
 /// what may stand there, and what to do.
-pub(super) fn acting(entry: &Effect, path: &Path, name: &str) -> Result<Acting, Error> {
+pub(super) fn acting(
+    entry: &Effect,
+    path: &Path,
+    name: &str,
+    along_coordinate: bool,
+) -> Result<Acting, Error> {
     let block = Block { entry, path, name };
     let form = block.one_of("form", &Form::NAMES)?;
     let own = own_keys(form);
@@ -200,6 +205,19 @@ pub(super) fn acting(entry: &Effect, path: &Path, name: &str) -> Result<Acting, 
     }
     let form = block.form(form)?;
     let place = block.place(&form)?;
+    if (place == Place::Coordinate) != along_coordinate {
+        let [own, other] = match along_coordinate {
+            true => ["this bench, axis or coupon", "a robot"],
+            false => ["this robot", "a bench, an axis or a coupon"],
+        };
+        return Err(block
+            .bad(
+                "site",
+                format!("found {}, a term of {other}", word(place.name())),
+            )
+            .expected(format!("terms of {own}"))
+            .action(format!("take the block out, or name a file of {own}")));
+    }
     let coefficients = block.coefficients(&form)?;
     block.formula(&form)?;
     block.covariance(coefficients.len())?;

@@ -286,7 +286,7 @@ fn scores(proof: &Proof) -> Section {
             &proof.gap_closed_median,
         ),
         (
-            "The same of robots' effects in no catalogue, by what was learnt",
+            "The same of effects in no catalogue, by what was learnt",
             &proof.unknown_gap_closed_median,
         ),
     ];

@@ -27,6 +27,7 @@ use super::coupon::stretch_history;
 use super::{Normal, SeparableResidual, Slope};
 use crate::dataset::Coupon;
 use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate_rising};
+use crate::effects::learnt::Learnt;
 use crate::effects::line::{Kind, Real, Terms, Undone, View};
 use crate::effects::{Acting, When};
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
@@ -1583,6 +1584,24 @@ impl<'a> LineResidual<'a> {
                 )
             })
             .collect())
+    }
+
+    /// Whitened change of the residual with each coefficient of a learnt term.
+    #[must_use]
+    pub fn term_columns(&self, term: &Learnt) -> DMatrix<f64> {
+        let mut out = DMatrix::zeros(self.rows(), term.form.count());
+        let mut first = 0;
+        for (number, p) in self.parts.iter().enumerate() {
+            let at_rest = vec![0.0; p.xi.len()];
+            let columns = term.columns_along(&self.view(number, &at_rest));
+            for (j, column) in columns.iter().enumerate() {
+                for (row, (v, w)) in p.at_kept(column).iter().zip(&p.weight).enumerate() {
+                    out[(first + row, j)] = self.scales.force * w * v;
+                }
+            }
+            first += p.kept.len();
+        }
+        out
     }
 
     /// Columns of each site of one recording.

@@ -2,6 +2,7 @@
 
 use crate::common;
 
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -11,6 +12,8 @@ use deacal::diagnosis::{Diagnosis, LineEntry, Request, RigKind, Verdict, diagnos
 use deacal::effects::line::{Terms, View, every};
 use deacal::effects::{Acting, When};
 use deacal::recording::Recording;
+use deacal::report::parameter_file::ParameterFile;
+use deacal::report::provenance::Provenance;
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -240,6 +243,59 @@ fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
     let fit = calibrate_lines(&[again], &LineRequest::default()).unwrap();
     let curve = fit.curve.unwrap();
     assert!((curve.torque_n_m_at(0.3) - (0.006 + 0.05 * 0.027)).abs() < 5e-4);
+}
+
+/// A hinge whose detents no cause of the catalogue has, and friction that lives in one place of a slide's
+/// track: both are learnt along the coordinate, and a file that holds the term predicts with it.
+#[test]
+fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let make = |id: &str, detents: &dyn Fn(f64, f64) -> f64, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        for i in 0..900 {
+            let turn = std::f64::consts::TAU * f64::from(i) / (100.0 + seed as f64);
+            let x = 0.4 * turn.sin();
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + detents(x, turn.cos());
+            writeln!(out, "{x:.6},{torque:.8}").unwrap();
+        }
+        line(dir.path(), id, "hinge-bench", table, &out)
+    };
+    let detents = |x: f64, _: f64| 3e-4 * (TAU * x / 0.09).sin();
+    let sticky = |x: f64, way: f64| 4e-4 * way.signum() * (-((x - 0.15) / 0.06_f64).powi(2)).exp();
+    type Force<'a> = &'a dyn Fn(f64, f64) -> f64;
+    let kinds: [(&str, Force, &str); 2] = [
+        ("detents", &detents, "excursion"),
+        ("sticky", &sticky, "sliding"),
+    ];
+    for (id, force, variable) in kinds {
+        let [a, b, c] = [1, 2, 3].map(|n| make(&format!("{id}-{n}"), force, n));
+        let d = diagnose(&[&a, &b], &[&c]);
+        assert_eq!(d.verdict, Verdict::Unexplained, "{id}: {}", d.says);
+        let learnt = d
+            .learnt
+            .as_ref()
+            .unwrap_or_else(|| panic!("{id}: {}", d.says));
+        assert!(d.says.contains("along the coordinate"), "{}", d.says);
+        let variables = learnt.variables();
+        assert!(variables.iter().any(|v| v.0 == variable), "{variables:?}");
+        assert!(learnt.gap_closed > 0.85, "{id}: {}", learnt.says);
+        let file = ParameterFile::of_diagnosis(&d, Vec::new(), Provenance::default());
+        let text = file.to_toml().unwrap();
+        let read = ParameterFile::parse(Path::new("parameters.toml"), &text).unwrap();
+        let after = validate_lines(std::slice::from_ref(&c), &read.line_model().unwrap()).unwrap();
+        let held = d.holdout.unwrap();
+        assert!(
+            (after.total().0 / held.after_v - 1.0).abs() < 0.02,
+            "{held:?}"
+        );
+    }
+    // noise teaches nothing
+    let [a, b] = [4, 5].map(|n| make(&format!("plain-{n}"), &|_, _| 0.0, n));
+    let d = diagnose(&[&a], &[&b]);
+    assert_eq!((d.verdict, d.learnt), (Verdict::Adequate, None));
 }
 
 /// A force cell that was knocked leaps; one whose zero drifts goes on steadily. Only the drift is a cause.

@@ -658,13 +658,22 @@ fn a_learnt_term_is_one_of_a_robot_and_stands_in_a_file() {
     let axis = read(&format!("[axis]\nmass_kg = 0.2\n{SPLINE}")).unwrap();
     let error = axis.line_model().unwrap_err().to_string();
     for part in [
-        "[[effect]] id",
-        "\"learnt\"",
-        "one of a robot",
+        "[[effect]] learnt site",
+        "a term of a robot",
+        "expected terms of this bench, axis or coupon",
         "take the block out",
     ] {
         assert!(error.contains(part), "{error}\nlacks {part}");
     }
+    let along = "[[effect]]\nid = \"learnt\"\nsite = \"coordinate\"\nform = \"presliding\"\nvariables = [\"excursion\", \"direction of motion\"]\nunit = \"1\"\ncoefficients = [0.02]\nwidths = [0.01]\n";
+    let own = read(&format!("[axis]\nmass_kg = 0.2\n{along}")).unwrap();
+    assert_eq!(own.line_model().unwrap().effects[0].values, [0.02]);
+    let robot = read(&format!("{GOOD}\n{along}")).unwrap();
+    let error = robot.acting(&|_| None).unwrap_err().to_string();
+    assert!(
+        error.contains("a term of a bench, an axis or a coupon"),
+        "{error}"
+    );
     let argument: Effect = "learnt:site=bicep".parse().unwrap();
     let error = argument.check().unwrap_err();
     assert!(error.contains("stands in a parameter file"), "{error}");

@@ -435,7 +435,9 @@ fn a_learnt_term_of_every_form_at_every_place_is_found_back() {
     let (robot, parameters) = subject();
     let log = drive();
     let all = terms();
-    for place in Place::ALL {
+    // the last is no robot's
+    for place in &Place::ALL[..6] {
+        let place = *place;
         let there = |(a, _): &(Acting, f64)| a.effect.learnt().is_some_and(|l| l.place == place);
         assert!(all.iter().any(there), "{}", place.name());
     }

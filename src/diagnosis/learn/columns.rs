@@ -44,7 +44,7 @@ pub(in crate::diagnosis) struct Made {
 }
 
 /// Lower root of the prior covariance of a group's coefficients, each of unit variance.
-fn prior_root(group: &Group, lengths: &[f64]) -> DMatrix<f64> {
+pub(super) fn prior_root(group: &Group, lengths: &[f64]) -> DMatrix<f64> {
     let n = lengths.len();
     if group.smooth {
         let near = |i: usize, j: usize| {

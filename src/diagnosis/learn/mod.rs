@@ -21,11 +21,13 @@
 //! |---|---|
 //! | `dictionary` | which groups a robot's recordings may have |
 //! | `columns` | a group's columns, whitened |
+//! | `coordinate` | the same on a single coordinate, whose plain model is linear: groups, and the choice by blocks |
 //! | `evidence` | the likelihood, and the choice |
 //! | `shapes` | frequencies, dampings, directions |
 //! | `physics` | what it is: ranges, energy, likeness, the sentence |
 
 mod columns;
+mod coordinate;
 mod dictionary;
 mod evidence;
 mod physics;
@@ -44,6 +46,7 @@ use crate::fit::separable::{Prior, Unknown};
 use crate::residual::Departure;
 pub(super) use columns::{Group, Made};
 use columns::{Known, known};
+pub(super) use coordinate::{learn_along, made_along};
 pub(super) use dictionary::{made_by, of_robot};
 use evidence::{About, Choice, Products, log_det};
 pub(super) use physics::physics;

@@ -7,7 +7,7 @@ use super::super::outcome::{LearntPhysics, LearntTerm};
 use super::super::scan::Group;
 use super::super::words::in_unit;
 use super::{Problem, Subject, Tangent, Taught};
-use crate::effects::learnt::{self, Learnt};
+use crate::effects::learnt::{self, Learnt, Place};
 use crate::effects::{Acting, plain_name};
 use crate::film::Locked;
 
@@ -132,6 +132,9 @@ fn says_of_learnt(l: &LearntPhysics) -> String {
     let size = match l.place.unit() {
         unit @ ("N" | "N m") => {
             format!(" of up to {}", in_unit(1e3 * largest, &format!("m{unit}")))
+        }
+        _ if l.place == Place::Coordinate => {
+            format!(" of up to {:.1} % of the largest", 100.0 * largest)
         }
         _ => String::new(),
     };

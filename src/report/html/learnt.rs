@@ -7,7 +7,7 @@ use super::page::{Cell, Section, Table};
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Width};
 use super::recordings::curve;
 use crate::diagnosis::{Diagnosis, LearntPhysics, LearntTerm};
-use crate::effects::learnt::{Form, Learnt};
+use crate::effects::learnt::{Form, Learnt, Place};
 use crate::report::effect_entries::actuators;
 
 /// Points of a curve.
@@ -18,6 +18,7 @@ const BAND: f64 = 1.96;
 /// See the module; nothing where nothing was learnt.
 pub fn section(d: &Diagnosis) -> Option<Section> {
     let l = d.learnt.as_ref()?;
+    let along = l.place == Place::Coordinate;
     let drawings: Vec<String> = l.terms.iter().filter_map(|t| drawn(l, t)).collect();
     let figure = match drawings.is_empty() {
         true => String::new(),
@@ -29,11 +30,17 @@ pub fn section(d: &Diagnosis) -> Option<Section> {
         ),
     };
     let says = format!(
-        "No cause of the catalogue explains the misfit, so what is missing was learnt together with film and \
-         forearms: {} Left out one at a time, recordings are foretold with {} of the plain model\u{2019}s squares \
-         (geometric mean of each and of all). It describes these recordings; it is a hypothesis about what to look for at the robot.",
+        "No cause of the catalogue explains the misfit, so what is missing was learnt together with the plain \
+         model: {} Left out one at a time, {} are foretold with {} of the plain model\u{2019}s squares{}. It \
+         describes these recordings; it is a hypothesis about what to look for at the rig.",
         l.says,
+        if along { "stretches" } else { "recordings" },
         number::per_cent(l.left_out.exp()),
+        if along {
+            ""
+        } else {
+            " (geometric mean of each and of all)"
+        },
     );
     let context = context! {
         says => number::words(&says),
@@ -58,32 +65,37 @@ fn on(t: &LearntTerm) -> String {
 }
 
 fn table(l: &LearntPhysics) -> Table {
-    let mut table = Table::new(
-        "Terms: what they make adds up.",
-        vec![
-            Cell::text("depends on"),
-            Cell::text("form"),
-            Cell::text("actuators"),
-            Cell::number(format!("largest, {}", l.place.unit())),
-            Cell::number("probability that it belongs"),
-        ],
-    );
+    let robot = l.place != Place::Coordinate;
+    let mut head = vec![Cell::text("depends on"), Cell::text("form")];
+    head.extend(robot.then(|| Cell::text("actuators")));
+    head.push(Cell::number(format!("largest, {}", unit(l))));
+    head.push(Cell::number("probability that it belongs"));
+    let mut table = Table::new("Terms: what they make adds up.", head);
     for t in &l.terms {
         let Some(term) = t.acting.effect.learnt() else {
             continue;
         };
-        table.row(vec![
+        let mut row = vec![
             Cell::text(term.form.variables().join(", ")),
             Cell::text(shape(term)),
-            Cell::text(on(t)),
-            Cell::number(number::significant(t.largest, 3)),
-            Cell::number(match t.inclusion {
-                p if p > 0.99 => "above 99 %".into(),
-                p => number::per_cent(p),
-            }),
-        ]);
+        ];
+        row.extend(robot.then(|| Cell::text(on(t))));
+        row.push(Cell::number(number::significant(t.largest, 3)));
+        row.push(Cell::number(match t.inclusion {
+            p if p > 0.99 => "above 99 %".into(),
+            p => number::per_cent(p),
+        }));
+        table.row(row);
     }
     table
+}
+
+/// Unit of what the terms make, as an axis has it.
+fn unit(l: &LearntPhysics) -> &'static str {
+    match l.place {
+        Place::Coordinate => "over the largest measured",
+        place => place.unit(),
+    }
 }
 
 /// The form with the numbers that its coefficients do not hold.
@@ -149,9 +161,12 @@ fn drawn(l: &LearntPhysics, t: &LearntTerm) -> Option<String> {
         Some(other) if matches!(term.form, Form::Spline { .. }) => format!(" per {other}"),
         _ => String::new(),
     };
-    let who = on(t);
+    let who = match l.place {
+        Place::Coordinate => String::new(),
+        _ => format!("actuators {}, ", on(t)),
+    };
     let panel = Panel {
-        y: Axis::new(format!("actuators {who}, {}{by}", l.place.unit())),
+        y: Axis::new(format!("{who}{}{by}", unit(l))),
         height: 150.0,
         shades: Vec::new(),
         bands: vec![Band {

@@ -1,0 +1,303 @@
+//! What may be learnt on a single coordinate, and how: groups join one after the other while they foretell
+//! blocks that the fit left out.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::super::blocks::{Blocks, Foretold};
+use super::super::problem::Fitted;
+use super::columns::prior_root;
+use super::{Group, Made, POLISH, Problem, Tangent, Taught};
+use crate::effects::Acting;
+use crate::effects::learnt::{Form, Learnt, Place, Variable, wider};
+use crate::effects::line::Kind;
+use crate::film::Locked;
+use crate::residual::line::LineResidual;
+
+/// Groups that join, at most.
+const MOST: usize = 3;
+/// Ridges of a group's unknowns over the square of their columns' mean length.
+const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
+/// The ridge at which groups are held against each other.
+const FIRST: f64 = 1e-2;
+/// Logarithm of the density of what was left out that a group adds at least, beside what the choice among
+/// groups costs: odds of twenty to one.
+const ADDS: f64 = 3.0;
+/// Share of the mean square of what was left out that may remain, and Student's t of the logarithms of the
+/// blocks' shares: what comes at a moment, or wanders, is told worse in block after block.
+const HELPS: f64 = 0.9;
+const BETTER: f64 = 2.5;
+
+/// Groups of columns with their terms.
+struct Listed {
+    terms: Vec<&'static Learnt>,
+    /// Whitened columns of unknowns that are alike.
+    columns: DMatrix<f64>,
+    /// From those unknowns to coefficients.
+    root: DMatrix<f64>,
+}
+
+/// `count` knots from low to high.
+fn knots([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+    let share = |i: usize| i as f64 / (count - 1) as f64;
+    (0..count).map(|i| low + (high - low) * share(i)).collect()
+}
+
+/// Knots on both sides of 0 up to `most`, closer where rates are small.
+fn about_zero(most: f64, count: usize) -> Vec<f64> {
+    let even = knots([-1.0, 1.0], count);
+    even.into_iter().map(|x| most * x * x.abs()).collect()
+}
+
+/// What recordings of one coordinate may have; of what has no clock no rate is known.
+fn dictionary(residual: &LineResidual) -> Vec<Group> {
+    let (mut excursion, mut speed, mut span_s, mut timed) = ([0.0; 2], 0.0_f64, 0.0_f64, true);
+    for (number, line) in residual.lines().enumerate() {
+        let (time_s, xi, rate) = residual.course(number);
+        for x in xi {
+            excursion = wider(excursion, [*x, *x]);
+        }
+        speed = rate.iter().fold(speed, |m, r| m.max(r.abs()));
+        span_s = span_s.max(time_s[time_s.len() - 1] - time_s[0]);
+        timed &= line.timed;
+    }
+    let spline = |of, knots: Vec<f64>, by| Form::Spline { of, knots, by };
+    let along = |count, by| spline(Variable::Excursion, knots(excursion, count), by);
+    let group = |forms: Vec<Form>, smooth| Group {
+        place: Place::Coordinate,
+        forms,
+        smooth,
+    };
+    let largest = excursion[1].max(-excursion[0]);
+    let mut out = vec![
+        group(
+            vec![Form::Presliding {
+                of: Variable::Excursion,
+                ranges: vec![0.005, 0.03, 0.2],
+            }],
+            false,
+        ),
+        group(vec![along(9, Some(Variable::Sliding))], true),
+        group(vec![along(25, Some(Variable::Sliding))], true),
+        group(
+            vec![spline(
+                Variable::LargestExcursion,
+                knots([0.0, largest], 5),
+                Some(Variable::Excursion),
+            )],
+            true,
+        ),
+    ];
+    // a bench has a curve of the excursion already, but for what is finer than its nodes
+    let counts: &[usize] = match residual.kind() {
+        Kind::Bench => &[33, 97],
+        _ => &[9, 33, 97],
+    };
+    out.extend(counts.iter().map(|n| group(vec![along(*n, None)], true)));
+    if timed && speed > 0.0 {
+        let rates = about_zero(speed, 13);
+        out.push(group(
+            vec![spline(Variable::ExcursionRate, rates, None)],
+            true,
+        ));
+        out.push(group(vec![along(9, Some(Variable::ExcursionRate))], true));
+        let of_time = |by| Form::Lag {
+            of: Variable::Excursion,
+            times_s: [0.002, 0.01, 0.05, 0.2]
+                .map(|share| share * span_s)
+                .to_vec(),
+            by,
+        };
+        out.push(group(vec![of_time(None)], false));
+    }
+    if timed && residual.kind() == Kind::Axis {
+        let masses = [
+            Variable::ExcursionAcceleration,
+            Variable::SquaredExcursionRate,
+        ];
+        let masses = masses.map(|by| along(7, Some(by)));
+        out.push(group(masses.to_vec(), false));
+    }
+    out
+}
+
+fn listed(residual: &LineResidual, group: &Group) -> Option<Listed> {
+    let term = |f: &Form| Learnt::new(group.place, f.clone(), Vec::new());
+    let terms: Vec<&'static Learnt> = group.forms.iter().map(term).collect();
+    let width = group.forms.iter().map(Form::count).sum();
+    let mut raw = DMatrix::zeros(residual.rows(), width);
+    let mut from = 0;
+    for term in &terms {
+        let count = term.form.count();
+        raw.columns_mut(from, count)
+            .copy_from(&residual.term_columns(term));
+        from += count;
+    }
+    let lengths: Vec<f64> = raw.column_iter().map(|c| c.norm()).collect();
+    if !raw.iter().all(|x| x.is_finite()) || lengths.iter().all(|l| *l < 1e-9) {
+        return None;
+    }
+    let root = prior_root(group, &lengths);
+    let columns = raw * &root;
+    let mean = columns.norm() / (width as f64).sqrt();
+    Some(Listed {
+        terms,
+        columns: columns / mean,
+        root: root / mean,
+    })
+}
+
+/// Chosen groups, each with its ridge.
+type Chosen = Vec<(usize, f64)>;
+
+/// The columns of chosen groups, and their ridges.
+fn together(list: &[Listed], chosen: &Chosen) -> (DMatrix<f64>, DVector<f64>) {
+    let width = chosen.iter().map(|c| list[c.0].columns.ncols()).sum();
+    let rows = list[chosen[0].0].columns.nrows();
+    let (mut columns, mut ridge) = (DMatrix::zeros(rows, width), DVector::zeros(width));
+    let mut from = 0;
+    for &(i, r) in chosen {
+        let own = &list[i].columns;
+        columns.columns_mut(from, own.ncols()).copy_from(own);
+        ridge.rows_mut(from, own.ncols()).fill(r);
+        from += own.ncols();
+    }
+    (columns, ridge)
+}
+
+/// What the plain model of `plain` with chosen groups foretells.
+fn foretold(list: &[Listed], chosen: &Chosen, tangent: &Tangent, blocks: &Blocks) -> Foretold {
+    let (columns, ridge) = together(list, chosen);
+    // of columns of unlike lengths, each over its own
+    let each = columns.column_iter().zip(ridge.iter());
+    let own = each.map(|(c, r)| r / c.norm_squared().max(1e-12));
+    let ridge = DVector::from_iterator(ridge.len(), own);
+    blocks.foretell(tangent, Some((&columns, &ridge)))
+}
+
+/// Learns what the plain model of `plain` leaves on a single coordinate; `independent` of the rows count.
+/// `None` where nothing foretells what was left out.
+///
+/// # Errors
+/// [`Locked`] when a coupon's film is past its locking stretch.
+pub(in crate::diagnosis) fn learn_along(
+    problem: &Problem<LineResidual>,
+    plain: &Fitted,
+    blocks: &Blocks,
+    independent: f64,
+) -> Result<Option<Taught>, Locked> {
+    let tangent = Tangent::new(problem, plain)?;
+    let residual = problem.residual(plain);
+    let list: Vec<Listed> = (dictionary(&residual).par_iter())
+        .filter_map(|g| listed(&residual, g))
+        .collect();
+    let price = ADDS + (list.len().max(1) as f64).ln();
+    let nothing = blocks.foretell(&tangent, None);
+    let log = |f: &Foretold| f.log_density(independent);
+    let best_of = |tried: Vec<Chosen>| {
+        let told = tried.into_par_iter().map(|chosen| {
+            let told = foretold(&list, &chosen, &tangent, blocks);
+            (chosen, told)
+        });
+        told.max_by(|a, b| log(&a.1).total_cmp(&log(&b.1)))
+    };
+    let (mut chosen, mut reached) = (Chosen::new(), nothing.clone());
+    while chosen.len() < MOST {
+        let free = (0..list.len()).filter(|i| chosen.iter().all(|c| c.0 != *i));
+        let with = |i: usize, ridge: f64| [&chosen[..], &[(i, ridge)]].concat();
+        let Some((first, _)) = best_of(free.map(|i| with(i, FIRST)).collect()) else {
+            break;
+        };
+        let next = first.last().map_or(0, |c| c.0);
+        let Some((more, told)) = best_of(RIDGES.map(|r| with(next, r)).to_vec()) else {
+            break;
+        };
+        if log(&told) < log(&reached) + price {
+            break;
+        }
+        (chosen, reached) = (more, told);
+    }
+    let helps = reached.mean_square() < HELPS * nothing.mean_square();
+    if chosen.is_empty() || !helps || reached.beats(&nothing) < BETTER {
+        return Ok(None);
+    }
+    let (columns, ridge) = together(&list, &chosen);
+    let (own, more) = (tangent.columns.ncols(), columns.ncols());
+    let mut all = DMatrix::zeros(columns.nrows(), own + more);
+    all.columns_mut(0, own).copy_from(&tangent.columns);
+    all.columns_mut(own, more).copy_from(&columns);
+    let mut whole = all.tr_mul(&all);
+    for (j, root) in tangent.prior_roots().iter().enumerate() {
+        whole[(j, j)] += root * root + 1e-12;
+    }
+    for (j, r) in ridge.iter().enumerate() {
+        whole[(own + j, own + j)] += r;
+    }
+    // the plain unknowns are at their optimum
+    let mut pull = all.tr_mul(&tangent.residual);
+    pull.rows_mut(0, own).fill(0.0);
+    let Some(inverse) = whole.cholesky().map(|c| c.inverse()) else {
+        return Ok(None);
+    };
+    let step = -(&inverse * pull);
+    let left = (&tangent.residual + &all * &step).norm_squared() / all.nrows() as f64;
+    let open = inverse.view((own, own), (more, more)) * (left.max(1.0) / independent);
+    let (mut effects, mut told, mut from) = (Vec::new(), Vec::new(), 0);
+    for (at, &(i, _)) in chosen.iter().enumerate() {
+        let mut others = chosen.clone();
+        others.remove(at);
+        let without = match others.is_empty() {
+            true => log(&nothing),
+            false => log(&foretold(&list, &others, &tangent, blocks)),
+        };
+        let inclusion = 1.0 / (1.0 + (without - log(&reached)).clamp(-700.0, 700.0).exp());
+        let Listed { terms, root, .. } = &list[i];
+        let unknowns = step.rows(own + from, root.ncols());
+        let covariance = open.view((from, from), (root.ncols(), root.ncols()));
+        let mut row = 0;
+        for term in terms {
+            let count = term.form.count();
+            let to = root.rows(row, count);
+            effects.push(Acting {
+                effect: *term,
+                values: (to * unknowns).iter().copied().collect(),
+                on: [true; 3],
+            });
+            told.push((to * covariance * to.transpose(), inclusion));
+            row += count;
+        }
+        from += root.ncols();
+    }
+    Ok(Some(Taught {
+        fitted: problem.fit_near(plain, &effects, POLISH),
+        place: Place::Coordinate,
+        open: told,
+        left_out: (reached.mean_square() / nothing.mean_square()).ln(),
+    }))
+}
+
+/// What a term does along the recordings.
+pub(in crate::diagnosis) fn made_along(residual: &LineResidual, acting: &Acting) -> Made {
+    let mut out = Made::default();
+    let Some(term) = acting.effect.learnt() else {
+        return out;
+    };
+    out.range = vec![[f64::INFINITY, f64::NEG_INFINITY]; term.form.variables().len()];
+    for number in 0..residual.lines().count() {
+        let (_, xi, _) = residual.course(number);
+        let at_rest = vec![0.0; xi.len()];
+        let view = residual.view(number, &at_rest);
+        for (all, own) in out.range.iter_mut().zip(term.ranges_along(&view)) {
+            *all = wider(*all, own);
+        }
+        let made = term.made_along(&acting.values, &view);
+        for &i in residual.kept(number).iter().filter(|i| **i > 0) {
+            out.largest = out.largest.max(made[i].abs());
+            // what is asked of the drive is given away
+            let power = -made[i] * (xi[i] - xi[i - 1]);
+            out.work += power;
+            out.exchanged += power.abs();
+        }
+    }
+    out
+}

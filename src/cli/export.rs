@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{Failure, Talk, Unsaid, ending, load};
+use super::{Failure, Talk, Unsaid, load};
 use crate::recording::Rig;
 use crate::report::controller::controller;
 use crate::report::export::{Format, export};
@@ -37,7 +37,7 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
     let file = load::parameters(&a.parameters)?;
     let format = Format::parse(&a.format).ok_or("unknown format")?;
     if let Some(path) = &a.output {
-        ending(
+        load::ending(
             path,
             &format!("--format {}", format.name()),
             &[format.extension(), format.name()],

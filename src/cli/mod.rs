@@ -169,30 +169,6 @@ fn finding_line(finding: &Finding) -> String {
     )
 }
 
-/// Endings by which other programs open a file.
-const ENDINGS: [&str; 19] = [
-    "csv", "json", "m", "py", "c", "h", "mat", "npz", "npy", "mcap", "xlsx", "xls", "ods", "html",
-    "pdf", "h5", "parquet", "c3d", "tdms",
-];
-
-/// Refuses a file to be written whose ending says that it is of another kind than those that `what` is
-/// written as.
-fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failure> {
-    let ending = path
-        .extension()
-        .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase());
-    if fits.contains(&ending.as_str()) || !ENDINGS.contains(&ending.as_str()) {
-        return Ok(());
-    }
-    let fits: Vec<String> = fits.iter().map(|e| format!(".{e}")).collect();
-    Err(format!(
-        "{}: {what} is not written as .{ending}; name a file that ends in {}",
-        path.display(),
-        fits.join(" or ")
-    )
-    .into())
-}
-
 /// The folders in a folder that are not hidden, by name.
 fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
     let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;

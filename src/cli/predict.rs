@@ -1,21 +1,14 @@
 //! `predict voltage|force|motion`.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
 use super::progress::Progress;
-use super::{Failure, Talk, Unsaid, ending, load};
-use crate::calibration::RecordingOutcome;
-use crate::dataset::Dataset;
+use super::{Failure, Talk, Unsaid, load};
 use crate::jobs::predict::{Prediction, What, predict};
-use crate::recording::Kind;
-use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::json::PredictionJson;
-use crate::report::mcap;
-use crate::report::output::write_atomic_with;
-use crate::report::provenance::Provenance;
 use crate::report::terminal;
 
 /// What to predict.
@@ -74,25 +67,26 @@ pub(super) fn run(asked: &Predict, command: &str, talk: Talk) -> Result<(), Fail
     let mut recordings = load::recordings_of(paths, a.rig.as_ref(), what.kinds(), &progress)?;
     let recording = recordings.remove(0);
     if let Some(path) = &a.output {
-        let whole = what == What::Voltage && recording.manifest.kind == Kind::Robot;
-        let fits: &[&str] = if whole {
-            &["csv", "mcap", "mat", "npz"]
-        } else {
-            &["csv"]
-        };
-        ending(path, "the prediction", fits)?;
+        load::ending(
+            path,
+            "the prediction",
+            what.formats(recording.manifest.kind),
+        )?;
     }
     let file = load::parameters(&a.params)?;
     let plans = load::plans(a.plan.as_ref())?;
-    let provenance = Provenance::of(command, [&recording]);
-    let found = predict(what, recording, &file, &plans, a.begin, &progress)?;
+    let found = predict(what, recording, &file, &plans, a.begin, command, &progress)?;
     drop(progress);
-    match found.whole() {
-        Some((dataset, outcome)) if is_whole(a) => {
-            let path = a.output.as_deref().unwrap_or(Path::new(""));
-            write_whole(path, talk, dataset, &outcome, &provenance)?;
+    match &a.output {
+        Some(path) => found.save(path, a.full, talk.overwrite())?,
+        None if talk.json => {}
+        None => {
+            let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+            found
+                .csv(&mut out)
+                .and_then(|()| out.flush())
+                .map_err(Unsaid::failure)?;
         }
-        _ => write(a.output.as_deref(), talk, |out| found.csv(out))?,
     }
     let json = PredictionJson::new(&found.id, a.output.as_deref(), &found.flags);
     talk.result(&json.with_remarks(&found.remarks));
@@ -130,58 +124,4 @@ fn remark(a: &Arguments, talk: Talk, remarks: &[String]) {
             eprintln!("deacal: {}", super::plain(text));
         }
     }
-}
-
-/// The extension of the file to write.
-fn extension(path: &Path) -> String {
-    path.extension()
-        .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase())
-}
-
-/// Whether recording, prediction and residual are asked for together.
-fn is_whole(a: &Arguments) -> bool {
-    let other = |p: &PathBuf| matches!(extension(p).as_str(), "mcap" | "mat" | "npz");
-    a.output.as_ref().is_some_and(|p| a.full || other(p))
-}
-
-/// Aligned recording, prediction and residual.
-fn write_whole(
-    path: &Path,
-    talk: Talk,
-    dataset: &Dataset,
-    r: &RecordingOutcome,
-    provenance: &Provenance,
-) -> Result<(), Failure> {
-    let extension = extension(path);
-    if extension == "mcap" {
-        write_atomic_with(path, talk.overwrite(), |out| {
-            mcap::aligned(out, dataset, Some(r), provenance)
-        })?;
-        return Ok(());
-    }
-    let format = ArrayFormat::of_extension(&extension).unwrap_or(ArrayFormat::Csv);
-    let arrays = Arrays::of(dataset, Some(r));
-    write_atomic_with(path, talk.overwrite(), |mut out| {
-        arrays.write(format, &mut out)
-    })?;
-    Ok(())
-}
-
-/// Into the file, or to standard output when none is named (and the output is not JSON).
-fn write(
-    path: Option<&Path>,
-    talk: Talk,
-    fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
-) -> Result<(), Failure> {
-    match path {
-        Some(path) => write_atomic_with(path, talk.overwrite(), |mut out| fill(&mut out))?,
-        None if talk.json => {}
-        None => {
-            let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-            fill(&mut out)
-                .and_then(|()| out.flush())
-                .map_err(Unsaid::failure)?;
-        }
-    }
-    Ok(())
 }

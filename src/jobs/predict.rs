@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io::{self, Write};
+use std::path::Path;
 
 use super::load;
 use super::simulate::explain;
@@ -16,9 +17,13 @@ use crate::effects::Site;
 use crate::kinematics::Vec3;
 use crate::recording::{Kind, Recording};
 use crate::report::answer::Answer;
+use crate::report::arrays::{ArrayFormat, Arrays};
 use crate::report::csv::{self, Column, Missing};
 use crate::report::html::number;
+use crate::report::mcap;
+use crate::report::output::{Overwrite, write_atomic_with};
 use crate::report::parameter_file::ParameterFile;
+use crate::report::provenance::Provenance;
 use crate::residual::command_for_v;
 use crate::simulate::predict_motion;
 
@@ -42,6 +47,15 @@ impl What {
             What::Force => &[Kind::Robot, Kind::HingeBench, Kind::FilmCoupon],
         }
     }
+
+    /// Endings of the files that the prediction of a kind of recording is written as.
+    #[must_use]
+    pub fn formats(self, kind: Kind) -> &'static [&'static str] {
+        match (self, kind) {
+            (What::Voltage, Kind::Robot) => &["csv", "mcap", "mat", "npz"],
+            _ => &["csv"],
+        }
+    }
 }
 
 /// A prediction: a table with a row for each sample of the recording.
@@ -60,6 +74,9 @@ pub struct Prediction {
     pub courses: Vec<(String, Vec<f64>)>,
     /// Unit of the courses.
     pub unit: &'static str,
+    what: What,
+    kind: Kind,
+    provenance: Provenance,
     values: Values,
 }
 
@@ -106,6 +123,9 @@ impl Prediction {
             says: String::new(),
             courses: Vec::new(),
             unit: "",
+            what: What::Voltage,
+            kind: Kind::Robot,
+            provenance: Provenance::default(),
             values,
         }
     }
@@ -135,8 +155,7 @@ impl Prediction {
 
     /// Of the voltages of a robot: the aligned recording, and prediction and command. Where the amplifier
     /// must be told another voltage than the film gets, that is the prediction.
-    #[must_use]
-    pub fn whole(&self) -> Option<(&Dataset, Cow<'_, RecordingOutcome>)> {
+    fn whole(&self) -> Option<(&Dataset, Cow<'_, RecordingOutcome>)> {
         let Values::Voltage {
             dataset,
             outcome,
@@ -162,10 +181,38 @@ impl Prediction {
     pub fn csv(&self, out: &mut (impl Write + ?Sized)) -> io::Result<()> {
         csv::write_flagged(out, &self.columns(), &self.flags)
     }
+
+    /// Writes a file: the table as CSV. Voltages of a robot as `.mcap`, `.mat` or `.npz`, or when `full`, come
+    /// with the aligned recording and the residual.
+    ///
+    /// # Errors
+    /// The ending is that of another kind of file; the file may not be overwritten, or cannot be written.
+    pub fn save(&self, path: &Path, full: bool, overwrite: Overwrite) -> Result<(), Failure> {
+        load::ending(path, "the prediction", self.what.formats(self.kind))?;
+        let ending = path
+            .extension()
+            .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase());
+        let whole = full || matches!(ending.as_str(), "mcap" | "mat" | "npz");
+        match self.whole().filter(|_| whole) {
+            Some((dataset, outcome)) if ending == "mcap" => {
+                write_atomic_with(path, overwrite, |out| {
+                    mcap::aligned(out, dataset, Some(&outcome), &self.provenance)
+                })?;
+            }
+            Some((dataset, outcome)) => {
+                let format = ArrayFormat::of_extension(&ending).unwrap_or(ArrayFormat::Csv);
+                let arrays = Arrays::of(dataset, Some(&outcome));
+                write_atomic_with(path, overwrite, |mut out| arrays.write(format, &mut out))?;
+            }
+            None => write_atomic_with(path, overwrite, |mut out| self.csv(&mut out))?,
+        }
+        Ok(())
+    }
 }
 
 /// Predicts of one recording. `plans` are choices of an earlier run to make again. Of the motion of an axis
-/// the first `begin` samples that were measured tell where it begins; others begin at rest.
+/// the first `begin` samples that were measured tell where it begins; others begin at rest. `command` is what a
+/// file of it states of how it was made.
 ///
 /// # Errors
 /// The recording cannot be aligned, or is of another rig than the parameters; the parameters lack what is
@@ -176,18 +223,28 @@ pub fn predict(
     file: &ParameterFile,
     plans: &[Plan],
     begin: usize,
+    command: &str,
     progress: &Progress,
 ) -> Result<Prediction, Failure> {
-    match (recording.manifest.kind, what) {
-        (Kind::FilmSample, _) => sample(what, &[recording], file),
+    let kind = recording.manifest.kind;
+    let recordings = [recording];
+    let provenance = Provenance::of(command, &recordings);
+    let found = match (kind, what) {
+        (Kind::FilmSample, _) => sample(what, &recordings, file)?,
         (Kind::Robot, _) if begin > 0 => {
-            Err("--begin is for the motion of an axis: others begin at rest".into())
+            return Err("--begin is for the motion of an axis: others begin at rest".into());
         }
-        (Kind::Robot, What::Motion) => motion(&[recording], file, plans, progress),
-        (Kind::Robot, _) => robot(what, &[recording], file, plans, progress),
-        (_, What::Motion) => axis_motion(&[recording], file, begin, progress),
-        _ => line(&[recording], file, progress),
-    }
+        (Kind::Robot, What::Motion) => motion(&recordings, file, plans, progress)?,
+        (Kind::Robot, _) => robot(what, &recordings, file, plans, progress)?,
+        (_, What::Motion) => axis_motion(&recordings, file, begin, progress)?,
+        _ => line(&recordings, file, progress)?,
+    };
+    Ok(Prediction {
+        what,
+        kind,
+        provenance,
+        ..found
+    })
 }
 
 /// The three axes of vectors, each under its name.

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TWIN = ROOT / "datasets" / "twin2026_delta"
 COUPON = ROOT / "datasets" / "miles2015_vhb4910"
 AXIS = ROOT / "fits" / "silverbox2013" / "multisine"
-HINGE = ROOT / "fits" / "laminate_hinge" / "16_10"
+HINGE = Path(__file__).parent / "data" / "hinge"
 RIG = TWIN / "rig.toml"
 
 TRUTH = """\

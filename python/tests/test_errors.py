@@ -95,7 +95,7 @@ def test_wrong_types_are_type_errors(truth):
 
 
 def test_a_voltage_beyond_the_limit_is_refused(truth):
-    with pytest.raises(deacal.DeacalError, match="4000"):
+    with pytest.raises(deacal.DeacalError, match="above the limit of 3000.000 V"):
         deacal.simulate(bench.RIG, truth, drive=bench.SINE, limit=3000.0)
 
 

@@ -64,7 +64,7 @@ def test_a_parameter_file_reads_back_to_the_same_bits(fit, tmp_path):
     again = deacal.ParameterFile.read(tmp_path / "p.toml")
     assert again.text == fit.parameter_file.text
     film = again.to_dict()["film"]
-    assert film["mu_Pa"][0] == fit.parameters["mu_0"].value
+    assert film["mu_Pa"][0] == fit.parameters["mu_1"].value
 
 
 def test_a_result_says_how_it_was_made(fit):

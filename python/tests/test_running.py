@@ -15,6 +15,11 @@ import pytest
 from deacal import _show
 
 
+def second_long(**options):
+    """Takes about a second."""
+    return deacal.fit_film(bench.TWIN / "symmetric", starts=60, **options)
+
+
 def long_fit(**options):
     """Takes minutes unless it is ended."""
     return deacal.fit_robot(bench.TWIN / "symmetric", branches=8, starts=900, **options)
@@ -85,7 +90,7 @@ def test_two_threads_fit_at_once():
 
 def test_a_callback_is_told_what_is_done_and_how_far_it_is():
     told = []
-    deacal.fit_film(bench.TWIN / "symmetric", branches=4, progress=lambda *now: told.append(now))
+    second_long(progress=lambda *now: told.append(now))
     assert told and all(isinstance(text, str) for text, _ in told)
     shares = [share for text, share in told if text.startswith("fitting")]
     assert shares and all(0.0 <= share <= 1.0 for share in shares)
@@ -112,7 +117,7 @@ def test_a_terminal_shows_a_line_and_clears_it(monkeypatch):
 
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    deacal.fit_film(bench.TWIN / "symmetric", branches=4)
+    second_long()
     shown = terminal.getvalue()
     assert "fitting" in shown and "% done" in shown
     assert shown.endswith("\r") and shown.rsplit("\r", 2)[1].strip() == ""

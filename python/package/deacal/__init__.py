@@ -4,7 +4,7 @@
 
     fit = deacal.fit_film("my-robot/sym-01")      # a path, or what deacal.read gave, or a list of them
     fit                                           # in a notebook: the report
-    fit.parameters["mu_0"].ci95
+    fit.parameters["mu_1"].ci95
     deacal.predict("my-robot/circle", fit, "motion").to_pandas()
 
 Numbers, words and files are those of the program `deacal`. A job that cannot be done raises DeacalError,

@@ -10,7 +10,7 @@
 //! and its floor.
 
 use super::coupon::LARGEST;
-use super::noise::white;
+use super::noise::{colour, in_band, of_mean, over_third_differences, spectrum, white};
 use super::{Coupon, CouponError};
 use crate::recording::{
     AxisInertia, AxisManifest, CouponMode, NumberOrEstimate, RawAxis, RawBench, RawColumn,
@@ -100,6 +100,8 @@ pub struct Line {
     pub measured: Measured,
     /// Standard deviation of the noise of torque, N m, or stress, Pa.
     pub noise: f64,
+    /// Correlation of neighbours in it, where neighbours are averaged: those of a coupon.
+    pub colour: f64,
     /// What a reader should know.
     pub notes: Vec<String>,
 }
@@ -219,6 +221,7 @@ impl Line {
             let coupon = Coupon::from_recording(recording)?;
             let mut notes = coupon.notes.clone();
             let stretches = range(&coupon.stretch);
+            let colour = colour(&coupon.stress_pa);
             notes.extend(unlikely("stretch", stretches, [1e-5, 20.0], "1"));
             notes.extend(unlikely(
                 "stress",
@@ -235,7 +238,8 @@ impl Line {
                 x: coupon.stretch.clone(),
                 x_noise: 0.0,
                 usable: coupon.usable.clone(),
-                noise: coupon.noise_pa,
+                noise: coupon.noise_pa * over_third_differences(colour).sqrt(),
+                colour,
                 notes,
                 measured: Measured::Coupon(Box::new(coupon)),
             });
@@ -247,6 +251,12 @@ impl Line {
     #[must_use]
     pub fn samples(&self) -> usize {
         self.x.len()
+    }
+
+    /// How many rows with independent noise so many neighbours are worth.
+    #[must_use]
+    pub fn independent(&self, rows: f64) -> f64 {
+        rows / of_mean(rows, self.colour)
     }
 
     /// Unit of what is measured: the input of an axis, the torque of a bench, the stress of a coupon.
@@ -407,7 +417,8 @@ fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineE
     if !timed {
         notes.push("the file has no time: what depends on a rate cannot be told".to_owned());
     }
-    let noise = white(&torque, 3).max(1e-9 * range(&torque).max(f64::MIN_POSITIVE));
+    let noise = white(&torque, 3) * over_third_differences(colour(&torque)).sqrt();
+    let noise = noise.max(1e-9 * range(&torque).max(f64::MIN_POSITIVE));
     let rail = at_rail(&x, &torque, noise);
     let count = rail.iter().filter(|r| **r).count();
     if count > 0 {
@@ -435,11 +446,12 @@ fn bench(id: &str, raw: &RawBench, span: Option<[f64; 2]>) -> Result<Line, LineE
         step_s: median_step(&time_s),
         time_s,
         timed,
-        x_noise: white(&x, 3),
+        x_noise: white(&x, 3) * over_third_differences(colour(&x)).sqrt(),
         x,
         usable,
         measured: Measured::Torque(torque),
         noise,
+        colour: 0.0,
         notes,
     })
 }
@@ -759,8 +771,10 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         &[("coordinate", &even.x), ("input", &input)],
     )?;
     let (floor, band_hz) = band(&even.x, even.step_s, if velocity { 1 } else { 2 });
+    let floor = floor * in_band(colour(&even.x));
     let captured = even.with_rests(band_hz, velocity);
     let (input_floor, _) = band(&input, median_step(&input_time_s), 0);
+    let input_floor = input_floor * in_band(colour(&input));
     let (rest_x, rest_input) = rest.unwrap_or((0.0, 0.0));
     Ok(Line {
         id: id.into(),
@@ -772,6 +786,7 @@ fn axis(recording: &Recording) -> Result<Line, LineError> {
         x: even.x,
         usable: even.usable,
         noise: 0.0,
+        colour: 0.0,
         notes,
         measured: Measured::Axis(AxisLine {
             velocity,
@@ -845,51 +860,17 @@ fn noise_at_rest(x: &[f64], input: &[f64]) -> Option<(f64, f64)> {
     rests.get(rests.len() / 4).copied()
 }
 
-/// Samples of a piece of the spectrum, and pieces at most.
-const PIECE: usize = 512;
-const PIECES: usize = 48;
 /// How far above its floor a spectrum is signal.
 const ABOVE_FLOOR: f64 = 4.0;
 /// The band never reaches further than this share of the sampling rate.
 const WIDEST: f64 = 0.36;
 
 /// Variance of the white floor of a signal, and the frequency up to which its derivative (of the order that
-/// the balance needs) stands above that floor, Hz (Welch's averaged periodogram, Hann window).
+/// the balance needs) stands above that floor, Hz.
 fn band(values: &[f64], step_s: f64, derivatives: i32) -> (f64, f64) {
-    let size = PIECE.min(values.len() / 2 * 2).max(8);
-    let count = (2 * values.len() / size).saturating_sub(1).clamp(1, PIECES);
-    let stride = if count > 1 {
-        (values.len() - size) / (count - 1)
-    } else {
-        0
-    };
-    let window: Vec<f64> = (0..size)
-        .map(|i| 0.5 - 0.5 * (std::f64::consts::TAU * (i as f64 + 0.5) / size as f64).cos())
-        .collect();
-    let energy: f64 = window.iter().map(|w| w * w).sum();
-    let bins = size / 2;
-    let mut power = vec![0.0; bins];
-    for piece in 0..count {
-        let part = &values[piece * stride..piece * stride + size];
-        // without its line: a slope would leak over all frequencies
-        let (a, b) = (part[0], part[size - 1]);
-        let flat: Vec<f64> = part
-            .iter()
-            .enumerate()
-            .map(|(i, v)| window[i] * (v - a - (b - a) * i as f64 / (size - 1) as f64))
-            .collect();
-        for (k, p) in power.iter_mut().enumerate() {
-            let (s, c) = (std::f64::consts::TAU * k as f64 / size as f64).sin_cos();
-            let (mut re, mut im) = (1.0, 0.0);
-            let (mut x, mut y) = (0.0, 0.0);
-            for v in &flat {
-                x += v * re;
-                y += v * im;
-                (re, im) = (re * c - im * s, re * s + im * c);
-            }
-            *p += (x * x + y * y) / energy / count as f64;
-        }
-    }
+    let power = spectrum(values);
+    let bins = power.len();
+    let size = 2 * bins;
     let mut top: Vec<f64> = power[bins * 85 / 100..].to_vec();
     top.sort_by(f64::total_cmp);
     let floor = top[top.len() / 2];

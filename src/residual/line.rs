@@ -460,6 +460,8 @@ fn excursion(line: &Line, axis: &AxisLine) -> Vec<f64> {
 
 /// Nodes of a bench's torque curve at most: a turn and a half every 10 deg is more than any flexure makes.
 const MOST_NODES: usize = 60;
+/// Intervals between nodes over the range of angles, at least; wide ranges have one every 10 deg.
+const INTERVALS: f64 = 6.0;
 
 /// The plain model that recordings of one kind call for.
 #[must_use]
@@ -472,24 +474,20 @@ pub fn plain(lines: &[&Line], branches: usize) -> Plain {
             let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
                 (a.min(x), b.max(x))
             });
-            let usual = ForearmTorque::zero();
-            let nodes = usual.nodes_rad();
-            if low > nodes[0] - 0.09 && high < nodes[nodes.len() - 1] + 0.09 {
-                return Plain::Bench(usual);
-            }
-            // every 10 deg, but no more nodes than the rows can tell, and never more than a curve needs
+            // enough for any smooth curve, but no more nodes than the rows can tell
             let rows: usize = lines
                 .iter()
                 .map(|l| l.usable.iter().filter(|u| **u).count())
                 .sum();
-            let most = MOST_NODES.min(rows / 2).max(2) as f64;
-            let ten = 10f64.to_radians();
-            let step = ten
-                * ((high - low) / (ten * (most - 2.0).max(1.0)))
-                    .ceil()
-                    .max(1.0);
-            let (first, last) = ((low / step).floor(), (high / step).ceil());
-            let count = (last.max(first + 1.0) - first) as usize;
+            let most = MOST_NODES.min(rows / 2).max(4) as f64;
+            let range = (high - low).max(1e-6);
+            let step = (range / INTERVALS)
+                .min(10f64.to_radians())
+                .max(range / (most - 3.0));
+            // the curve is straight beyond its end nodes: one more to either side lets it bend where angles are
+            let first = (low / step).floor() - 1.0;
+            let last = (high / step).ceil() + 1.0;
+            let count = (last - first) as usize;
             let nodes: Vec<f64> = (0..=count).map(|i| (first + i as f64) * step).collect();
             let zero = vec![0.0; nodes.len()];
             Plain::Bench(ForearmTorque::new(nodes, zero).unwrap_or_else(|_| ForearmTorque::zero()))
@@ -1440,7 +1438,7 @@ impl<'a> LineResidual<'a> {
                 _ => p.weight.fill(1.0 / sd.max(least)),
             }
             for (w, mean) in p.weight.iter_mut().zip(p.means.iter()) {
-                *w *= mean.rows.sqrt();
+                *w *= p.line.independent(mean.rows).sqrt();
             }
         }
     }

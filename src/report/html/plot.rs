@@ -578,7 +578,7 @@ pub fn counts(
     const CELL: f64 = 24.0;
     let long = |names: &[String]| {
         let longest = names.iter().map(|n| n.chars().count()).max().unwrap_or(0);
-        8.0 + 6.4 * longest as f64
+        8.0 + 6.0 * longest as f64
     };
     let (left, foot) = (long(rows), long(columns));
     let bottom = CELL * rows.len() as f64;

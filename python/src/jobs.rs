@@ -169,7 +169,7 @@ robot_fit!(
 robot_fit!(
     fit_forearm,
     Stage::Forearm,
-    "Fits the spring-back torque of the forearms, best of single-actuator drives. The film is that of `start`."
+    "Fits the spring-back torque of the forearms, best of single drives. The film is that of `start`."
 );
 robot_fit!(
     fit_robot,
@@ -302,7 +302,8 @@ pub fn fit_hinge<'py>(
 #[pyo3(signature = (
     recordings, *, fix=None, bound=None, objective="input", cause=Vec::new(), without=Vec::new(),
     between=None, progress=None
-), text_signature = "(recordings, *, fix=None, bound=None, objective='input', cause=(), without=(), between=None, progress=None)")]
+), text_signature = "(recordings, *, fix=None, bound=None, objective='input', cause=(), without=(), \
+    between=None, progress=None)")]
 #[allow(clippy::too_many_arguments)]
 pub fn fit_axis<'py>(
     py: Python<'py>,
@@ -372,8 +373,8 @@ impl Prediction {
     }
 
     /// Writes the table as CSV, each number to the digit that means something. Voltages of a robot as .npz,
-    /// .mat or .mcap, or with `full`, come with the aligned recording and the residual, every digit. A file that
-    /// is not the program's own is overwritten only with `force`.
+    /// .mat or .mcap, or with `full`, come with the aligned recording and the residual, every digit. A file
+    /// that is not the program's own is overwritten only with `force`.
     #[pyo3(signature = (path, *, full=false, force=false))]
     fn save(&self, py: Python<'_>, path: PathBuf, full: bool, force: bool) -> PyResult<()> {
         let saved = py.detach(|| self.of.save(&path, full, overwrite(force)));
@@ -389,8 +390,8 @@ impl Prediction {
 }
 
 /// Predicts of a recording: "voltage" (motion to voltages, or the input of an axis), "force" (motion and
-/// voltages to the force on the end effector; torque of a bench, stress of a coupon) or "motion" (forward, from
-/// rest; of an axis the first `begin` samples tell where it begins).
+/// voltages to the force on the end effector; torque of a bench, stress of a coupon) or "motion" (forward,
+/// from rest; of an axis the first `begin` samples tell where it begins).
 #[pyfunction]
 #[pyo3(signature = (
     recording, parameters, what="voltage", *, rig=None, plan=None, begin=0, progress=None
@@ -556,9 +557,9 @@ pub enum NumberOrWord {
 
 /// Simulates a robot or a hanging sample with known parameters. What drives is one of `drive`
 /// ("sine:peak_V=5500,hz=0.333" and the other kinds of `deacal simulate --help`), `voltage` (a CSV file, or
-/// times in s and voltages in V) and `path` (a CSV file, through the inverse model). `effects` are causes that
-/// the plain model leaves out, "series_resistance:resistance=1e7@2". Noises in mm, payload in g (a number, or
-/// "0,7:5": 5 g from 7 s on), gaps (start, length) in s, everything else in SI.
+/// times in s and voltages in V) and `path` (a CSV file, through the inverse model). `effects` are causes
+/// that the plain model leaves out, "series_resistance:resistance=1e7@2". Noises in mm, payload in g (a
+/// number, or "0,7:5": 5 g from 7 s on), gaps (start, length) in s, everything else in SI.
 #[pyfunction]
 #[pyo3(signature = (
     rig, parameters, *, drive=None, voltage=None, path=None, effects=Vec::new(), duration=None,
@@ -566,7 +567,10 @@ pub enum NumberOrWord {
     limit=None, noise=0.0, coloured_noise=0.0, noise_correlation=0.1, gaps=Vec::new(),
     clock_offset=0.0, stated_offset=None, quantum=0.1, rate=100.0, seed=1, id="simulated", electrode=None,
     batch=None, day=None, progress=None
-), text_signature = "(rig, parameters, *, drive=None, voltage=None, path=None, effects=(), duration=None, drive_rate=1000.0, flip_every=None, hold_previous=False, payload=None, limit=None, noise=0.0, coloured_noise=0.0, noise_correlation=0.1, gaps=(), clock_offset=0.0, stated_offset=None, quantum=0.1, rate=100.0, seed=1, id='simulated', electrode=None, batch=None, day=None, progress=None)")]
+), text_signature = "(rig, parameters, *, drive=None, voltage=None, path=None, effects=(), duration=None, \
+    drive_rate=1000.0, flip_every=None, hold_previous=False, payload=None, limit=None, noise=0.0, \
+    coloured_noise=0.0, noise_correlation=0.1, gaps=(), clock_offset=0.0, stated_offset=None, quantum=0.1, \
+    rate=100.0, seed=1, id='simulated', electrode=None, batch=None, day=None, progress=None)")]
 #[allow(clippy::too_many_arguments)]
 pub fn simulate<'py>(
     py: Python<'py>,
@@ -674,16 +678,17 @@ pub fn simulate<'py>(
     Bound::new(py, table.add_subclass(Simulated { of }))
 }
 
-/// Whether the model is adequate; if not, where, and which physics was left out. `holdout` are recordings that
-/// are not fitted, to judge by (by default the last one or two of four or more); `only` are the causes to
-/// consider; `false_alarms` is the share of recordings without a cause in which one may be named all the same;
-/// `relevant` is the error that a cause must take away to be named, V; `rivals` builds the models of simpler
-/// methods too.
+/// Whether the model is adequate; if not, where, and which physics was left out. `holdout` are recordings
+/// that are not fitted, to judge by (by default the last one or two of four or more); `only` are the causes
+/// to consider; `false_alarms` is the share of recordings without a cause in which one may be named all the
+/// same; `relevant` is the error that a cause must take away to be named, V; `rivals` builds the models of
+/// simpler methods too.
 #[pyfunction]
 #[pyo3(signature = (
     recordings, *, holdout=None, rig=None, plan=None, only=Vec::new(), false_alarms=0.02, relevant=None,
     rivals=false, progress=None
-), text_signature = "(recordings, *, holdout=None, rig=None, plan=None, only=(), false_alarms=0.02, relevant=None, rivals=False, progress=None)")]
+), text_signature = "(recordings, *, holdout=None, rig=None, plan=None, only=(), false_alarms=0.02, \
+    relevant=None, rivals=False, progress=None)")]
 #[allow(clippy::too_many_arguments)]
 pub fn diagnose<'py>(
     py: Python<'py>,

@@ -46,8 +46,8 @@ impl Table {
         self.columns.iter().map(|(name, _)| name.as_str()).collect()
     }
 
-    /// Why a row has no value, or not all: one word or sentence a row, "" where nothing is missing; empty where
-    /// the table has no flags.
+    /// Why a row has no value, or not all: one word or sentence a row, "" where nothing is missing; empty
+    /// where the table has no flags.
     #[getter]
     fn flags(&self) -> Vec<&str> {
         self.flags.iter().map(String::as_str).collect()

@@ -102,8 +102,9 @@ impl<'py> Watcher<'py> {
     }
 }
 
-/// Runs a job on a thread of its own and waits for it. A job that is interrupted, by Ctrl-C or by an exception
-/// of the callback, ends at its next evaluation; the call does not wait longer for that than [`PATIENCE`].
+/// Runs a job on a thread of its own and waits for it. A job that is interrupted, by Ctrl-C or by an
+/// exception of the callback, ends at its next evaluation; the call does not wait longer for that than
+/// [`PATIENCE`].
 ///
 /// # Errors
 /// What keeps the job from being done, as [`raised`]; `KeyboardInterrupt`; what the callback raises.

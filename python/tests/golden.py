@@ -1,4 +1,4 @@
-"""Writes golden.json, the program's numbers: `python tests/golden.py PROGRAM`, in an environment with the wheel."""
+"""Writes golden.json, the program's numbers: `python tests/golden.py PROGRAM`, where the wheel is installed."""
 
 import json
 import sys

@@ -198,7 +198,7 @@ fn beyond_any_cause(d: &Diagnosis) -> Option<Finding> {
 }
 
 /// Diagnoses the first `named` recordings of a bench, an axis or coupons; the others are held out.
-pub fn judge_lines(
+pub(crate) fn judge_lines(
     recordings: &[Recording],
     named: usize,
     request: &Request,
@@ -233,7 +233,7 @@ pub fn judge_lines(
 }
 
 /// Diagnoses the first `named` datasets; the others are held out.
-pub fn judge(
+pub(crate) fn judge(
     robot: &Robot,
     datasets: &[Dataset],
     named: usize,
@@ -316,7 +316,7 @@ fn split(order: &[usize], named: usize) -> (Vec<usize>, Vec<usize>) {
 ///
 /// # Errors
 /// A figure that is no finite number.
-pub fn files(
+pub(crate) fn files(
     diagnosis: &Diagnosis,
     series: Vec<SeriesEntry>,
     findings: &[Finding],

@@ -17,7 +17,7 @@ use crate::report::provenance::Provenance;
 use crate::simulate::{Hold, PlannedPath, Sampled};
 
 /// Opens recordings, all of one kind.
-pub fn recordings(
+pub(crate) fn recordings(
     paths: &[PathBuf],
     rig: Option<&PathBuf>,
     kind: Kind,
@@ -27,7 +27,7 @@ pub fn recordings(
 }
 
 /// Opens recordings, all of one kind, which is among `kinds`.
-pub fn recordings_of(
+pub(crate) fn recordings_of(
     paths: &[PathBuf],
     rig: Option<&PathBuf>,
     kinds: &[Kind],
@@ -39,6 +39,9 @@ pub fn recordings_of(
 }
 
 /// Opens recordings of any kind, with another rig than their own where one is given.
+///
+/// # Errors
+/// A file cannot be read, with its place and what to do.
 pub fn opened(
     paths: &[PathBuf],
     rig: Option<&PathBuf>,
@@ -55,6 +58,9 @@ pub fn opened(
 }
 
 /// Refuses recordings that are not of one kind among `kinds`, or of which two have one id.
+///
+/// # Errors
+/// The first that is, and what to give instead.
 pub fn of_one_kind(all: &[Recording], kinds: &[Kind]) -> Result<(), Failure> {
     for r in all {
         let kind = r.manifest.kind;
@@ -154,7 +160,7 @@ fn distinct(all: Vec<Recording>, named: usize) -> (Vec<Recording>, usize, Vec<St
 }
 
 /// Ends what a run was putting in place in the folder of `path`, where it was cut off in the middle.
-pub fn whole(path: &Path) -> Result<(), Failure> {
+pub(crate) fn whole(path: &Path) -> Result<(), Failure> {
     let folder = if path.is_dir() {
         path
     } else {
@@ -164,12 +170,15 @@ pub fn whole(path: &Path) -> Result<(), Failure> {
 }
 
 /// Choices of an earlier run, of its `plan.toml` where one is given.
+///
+/// # Errors
+/// The file cannot be read.
 pub fn plans(path: Option<&PathBuf>) -> Result<Vec<Plan>, Failure> {
     Ok(path.map(|p| read_plan(p)).transpose()?.unwrap_or_default())
 }
 
 /// Smooths and aligns robot recordings, with the choices of a `plan.toml` where one is given.
-pub fn datasets(
+pub(crate) fn datasets(
     recordings: &[Recording],
     plan: Option<&PathBuf>,
     progress: &Progress,
@@ -177,7 +186,10 @@ pub fn datasets(
     aligned(recordings, &plans(plan)?, progress)
 }
 
-/// Smooths and aligns robot recordings, making the choices of `plans` again.
+/// Smooths and aligns robot recordings, making the choices of `plans` again: one dataset each, in SI.
+///
+/// # Errors
+/// A recording that cannot be aligned: no common time, units or axes that cannot be.
 pub fn aligned(
     recordings: &[Recording],
     plans: &[Plan],
@@ -192,7 +204,7 @@ pub fn aligned(
 }
 
 /// Cuts the recordings that are longer than a fit holds into stretches, and says so.
-pub fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
+pub(crate) fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
     let plans = stretches(&datasets.iter().collect::<Vec<_>>());
     let mut remarks = Vec::new();
     for (d, plan) in datasets.iter_mut().zip(plans) {
@@ -210,7 +222,7 @@ const OF_OFFSET: usize = 4;
 
 /// A recording alone in stretches that tell its clock offset, where it is longer than a fit holds, and what
 /// to say of it.
-pub fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
+pub(crate) fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
     let plan = stretches(&[dataset]).remove(0)?;
     let count = plan.count.div_ceil(OF_OFFSET);
     Some(cut_as(dataset, StretchPlan { count, ..plan }))
@@ -228,7 +240,7 @@ fn cut_as(dataset: &Dataset, plan: StretchPlan) -> (Dataset, String) {
 }
 
 /// Recordings of a bench, an axis or coupons, in SI units with their noise.
-pub fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>, Failure> {
+pub(crate) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>, Failure> {
     progress.step("measuring noise and bandwidth");
     let all = recordings
         .par_iter()
@@ -238,7 +250,7 @@ pub fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>,
 }
 
 /// The rig that all recordings share.
-pub fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
+pub(crate) fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
     let mut found: Option<(&Recording, &RobotRig)> = None;
     for r in recordings {
         let Some(Rig::Robot(rig)) = &r.rig else {
@@ -267,7 +279,7 @@ pub fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
 }
 
 /// The robot of a rig, with the permittivity of a parameter file where that has one.
-pub fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Result<Robot, Failure> {
+pub(crate) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Result<Robot, Failure> {
     Ok(Robot::from_rig(
         rig,
         parameters.and_then(ParameterFile::eps_r),
@@ -276,7 +288,7 @@ pub fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Result<Robot
 
 /// Hanging samples, aligned, with geometry and mass of each rig and the electrode of a parameter file where
 /// there is one.
-pub fn samples(
+pub(crate) fn samples(
     recordings: &[Recording],
     parameters: Option<&ParameterFile>,
 ) -> Result<(Vec<HangingDataset>, Vec<HangingSample>), Failure> {
@@ -307,13 +319,19 @@ pub fn samples(
     Ok((datasets, samples))
 }
 
-/// Reads a parameter file; numbers that cannot be are an error.
+/// Reads a parameter file.
+///
+/// # Errors
+/// The file cannot be read, or holds numbers that cannot be.
 pub fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     whole(path)?;
     sound(path, ParameterFile::read(path)?)
 }
 
-/// The parameter file that `text` is of; errors name it `path`.
+/// The parameter file that `text` is of.
+///
+/// # Errors
+/// As [`parameters`], under the name `path`.
 pub fn parameters_of_text(path: &Path, text: &str) -> Result<ParameterFile, Failure> {
     sound(path, ParameterFile::parse(path, text)?)
 }
@@ -372,7 +390,7 @@ fn table<const N: usize>(
 }
 
 /// A planned path: CSV with time_s and x_mm, y_mm, z_mm (or x_m, y_m, z_m).
-pub fn path(file: &Path) -> Result<PlannedPath, Failure> {
+pub(crate) fn path(file: &Path) -> Result<PlannedPath, Failure> {
     let columns: [&[(&str, f64)]; 3] = [
         &[("x_mm", 1e-3), ("x_m", 1.0)],
         &[("y_mm", 1e-3), ("y_m", 1.0)],
@@ -383,7 +401,7 @@ pub fn path(file: &Path) -> Result<PlannedPath, Failure> {
 }
 
 /// A voltage table: CSV with time_s and phi1_kV, phi2_kV, phi3_kV (or phi1_V, ...), its first row as time 0.
-pub fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
+pub(crate) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
     let columns: [&[(&str, f64)]; 3] = [
         &[("phi1_kV", 1e3), ("phi1_V", 1.0)],
         &[("phi2_kV", 1e3), ("phi2_V", 1.0)],
@@ -395,7 +413,7 @@ pub fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
 
 /// A voltage table of a hanging sample: CSV with time_s and phi_kV or phi_V (a robot's first channel will
 /// do), its first row as time 0.
-pub fn sample_voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
+pub(crate) fn sample_voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
     let names: &[(&str, f64)] = &[
         ("phi_kV", 1e3),
         ("phi_V", 1.0),
@@ -430,7 +448,7 @@ const ENDINGS: [&str; 19] = [
 
 /// Refuses a file to be written whose ending says that it is of another kind than those that `what` is
 /// written as.
-pub fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failure> {
+pub(crate) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failure> {
     let ending = path
         .extension()
         .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase());

@@ -10,8 +10,8 @@ pub mod fit;
 pub mod load;
 pub mod predict;
 mod progress;
-pub mod ranges;
-pub mod series;
+pub(crate) mod ranges;
+pub(crate) mod series;
 pub mod simulate;
 
 use std::path::Path;

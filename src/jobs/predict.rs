@@ -182,8 +182,8 @@ impl Prediction {
         csv::write_flagged(out, &self.columns(), &self.flags)
     }
 
-    /// Writes a file: the table as CSV. Voltages of a robot as `.mcap`, `.mat` or `.npz`, or when `full`, come
-    /// with the aligned recording and the residual.
+    /// Writes a file: the table as CSV. Voltages of a robot as `.mcap`, `.mat` or `.npz`, or when `full`,
+    /// come with the aligned recording and the residual.
     ///
     /// # Errors
     /// The ending is that of another kind of file; the file may not be overwritten, or cannot be written.
@@ -211,8 +211,8 @@ impl Prediction {
 }
 
 /// Predicts of one recording. `plans` are choices of an earlier run to make again. Of the motion of an axis
-/// the first `begin` samples that were measured tell where it begins; others begin at rest. `command` is what a
-/// file of it states of how it was made.
+/// the first `begin` samples that were measured tell where it begins; others begin at rest. `command` is what
+/// a file of it states of how it was made.
 ///
 /// # Errors
 /// The recording cannot be aligned, or is of another rig than the parameters; the parameters lack what is

@@ -363,7 +363,7 @@ const ENDLESS_S: f64 = 60.0;
 const STARTS_MOVING_M_S: f64 = 1e-3;
 
 /// In words, with what to do.
-pub fn explain(error: &Error) -> Failure {
+pub(crate) fn explain(error: &Error) -> Failure {
     match error.advice() {
         "" => error.to_string().into(),
         advice => format!("{error}: {advice}").into(),

@@ -31,6 +31,20 @@ def hanging(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def rubbing(tmp_path_factory, truth):
+    """Two recordings of a robot whose joints rub."""
+    folder = tmp_path_factory.mktemp("rubbing")
+    friction = "joint_friction:torque=1.5e-3,presliding=6e-3"
+    for i, drive in enumerate(["multisine:peak_V=4500,hz=0.1/0.3/0.7", bench.SINE]):
+        made = deacal.simulate(
+            bench.RIG, truth, drive=drive, duration=25.0, noise=0.02, seed=i, id=f"{i}", effects=[friction]
+        )
+        assert made.effects[0]["effect"] == "joint_friction"
+        made.save(folder / f"{i}")
+    return [folder / "0", folder / "1"]
+
+
+@pytest.fixture(scope="session")
 def samples(tmp_path_factory, truth, hanging):
     """Recordings of a hanging sample on two days, the electrode stiffer on the second."""
     folder = tmp_path_factory.mktemp("samples")

@@ -1,4 +1,4 @@
-"""Writes golden.json, the program's numbers: `python tests/golden.py PROGRAM`, where the wheel is installed."""
+"""Writes golden.json, the program's numbers: `python tests/golden.py PROGRAM`, with the wheel installed."""
 
 import json
 import sys

@@ -72,21 +72,14 @@ def test_a_result_says_how_it_was_made(fit):
     assert command.startswith("deacal.fit_film([") and "branches=2" in command and "seed" not in command
 
 
-def test_a_diagnosis_names_what_was_left_out(truth, tmp_path):
-    friction = "joint_friction:torque=1.5e-3,presliding=6e-3"
-    for i, drive in enumerate(["multisine:peak_V=4500,hz=0.1/0.3/0.7", bench.SINE]):
-        made = deacal.simulate(
-            bench.RIG, truth, drive=drive, duration=25.0, noise=0.02, seed=i, id=f"{i}", effects=[friction]
-        )
-        assert made.effects[0]["effect"] == "joint_friction"
-        made.save(tmp_path / str(i))
-    found = deacal.diagnose([tmp_path / "0"], holdout=tmp_path / "1", only=["joint_friction", "leakage"])
+def test_a_diagnosis_names_what_was_left_out(rubbing):
+    found = deacal.diagnose(rubbing[:1], holdout=rubbing[1], only=["joint_friction", "leakage"])
     assert found.verdict == "missing_physics" and found.candidates[0]["effect"] == "joint_friction"
     assert found.candidates[0]["in_model"] and 0.5 < found.confidence <= 1.0
     assert found.findings == [] and found.places and found.says
     assert 'id = "joint_friction"' in found.parameter_file.text
     assert "next_experiment.csv" in found.files
-    told = deacal.predict(tmp_path / "1", found)
+    told = deacal.predict(rubbing[1], found)
     assert "film1_V" not in told and len(told) == 2501
 
 

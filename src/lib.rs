@@ -9,6 +9,7 @@ pub mod diagnosis;
 pub mod effects;
 pub mod film;
 pub mod fit;
+pub mod jobs;
 pub mod kinematics;
 pub mod model;
 pub mod parameter;

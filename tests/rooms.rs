@@ -219,6 +219,12 @@ const ROOMS: &[Room] = &[
         FILES,
         "a report shows everything, and nothing looks at a report",
     ),
+    (
+        "jobs",
+        May::All,
+        NO_FILES,
+        "a job joins the rooms for whoever asks: it reads through `recording`, and leaves writing to who asked",
+    ),
     ("cli", May::All, FILES, "the command line opens the doors"),
     ("main", May::All, FILES, "main calls the command line"),
     (
@@ -230,7 +236,11 @@ const ROOMS: &[Room] = &[
 ];
 
 /// Rooms that nobody uses but these.
-const READERS: &[(&str, &[&str])] = &[("report", &["cli", "main"]), ("cli", &["main"])];
+const READERS: &[(&str, &[&str])] = &[
+    ("report", &["jobs", "cli", "main"]),
+    ("jobs", &["cli", "main"]),
+    ("cli", &["main"]),
+];
 
 /// A name that a room hands on from another one opens a way round the table: (room, from, name).
 const HANDED_ON: &[(&str, &str, &str)] = &[

@@ -2,24 +2,15 @@
 
 use std::path::PathBuf;
 
-use rayon::prelude::*;
-
 use super::progress::Progress;
 use super::resume::Lasting;
 use super::{Failure, Talk, load};
-use crate::calibration::{
-    AgeingInput, AgeingOutcome, AgeingRequest, AgeingSubject, By, ElectrodeAgeing, LevelStroke,
-    ageing,
-};
-use crate::dataset::{Dataset, HangingDataset, cycles};
-use crate::model::{HangingSample, Robot};
-use crate::recording::{Kind, Recording, Rig};
-use crate::report::ageing_json::AgeingJson;
-use crate::report::html::{self, number::Quantity};
-use crate::report::json::to_text;
+use crate::calibration::{AgeingOutcome, AgeingRequest, By, ElectrodeAgeing, LevelStroke};
+use crate::fit::memory::Memory;
+use crate::jobs::ageing::{KINDS, ageing, check};
+use crate::jobs::load::Given;
+use crate::report::html::number::Quantity;
 use crate::report::output::OutputSet;
-use crate::report::parameter_file::{FilmEntry, ForearmEntry, ParameterFile, ageing_effects};
-use crate::report::provenance::Provenance;
 use crate::report::terminal;
 
 /// What to compare.
@@ -57,29 +48,6 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failure> {
-    for (name, value) in [("threshold", a.threshold), ("loss", a.loss)] {
-        if !(0.0..100.0).contains(&value) {
-            return Err(format!("--{name} {value}: give a loss between 0 and 100 %").into());
-        }
-    }
-    if let Some(mount) = a.mount
-        && !(0.0..=100.0).contains(&mount)
-    {
-        return Err(format!("--mount {mount}: give a length between 0 and 100 mm").into());
-    }
-    let progress = Progress::new(talk);
-    let kinds = [Kind::FilmSample, Kind::Robot];
-    OutputSet::check(&a.output, &["report.html", "ageing.json"], talk.overwrite())?;
-    let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
-    let (recordings, _, copies) = load::distinct(recordings, 0);
-    let provenance = Provenance::of(command, &recordings);
-    let lasting = Lasting::new(&a.output, &provenance);
-    progress.step("aligning");
-    let inputs = recordings
-        .par_iter()
-        .map(input)
-        .collect::<Result<Vec<_>, Failure>>()?;
-    drop(recordings);
     let request = AgeingRequest {
         by: match a.by.as_str() {
             "batch" => By::Batch,
@@ -89,31 +57,26 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
         loss_percent: a.loss,
         cycles: a.cycles.into(),
         mount_m: a.mount.map(|mm| mm * 1e-3),
-        memory: lasting.memory(),
+        memory: Memory::default(),
     };
-    progress.step("comparing");
-    let mut outcome = ageing(&inputs, &request).map_err(|e| {
-        // without its copies there may be too few
-        let left_out = copies
-            .iter()
-            .map(|c| format!("; {}", c.trim_end_matches('.')));
-        Failure::from(format!("{e}{}", left_out.collect::<String>()))
-    })?;
-    outcome.remarks.extend(copies);
-    let json = AgeingJson::new(&outcome, provenance.clone());
-    let mut set = OutputSet::new(&a.output, talk.overwrite())?;
-    let page = html::render_ageing(&outcome, &inputs, &json, a.compare.is_some(), &provenance);
-    set.write("report.html", page)?;
-    set.write("ageing.json", to_text(&json))?;
-    for (name, text) in parameter_files(&outcome, &provenance)? {
-        set.write(&name, text)?;
-    }
-    set.commit()?;
+    check(&request)?;
+    let progress = Progress::new(talk);
+    OutputSet::check(&a.output, &["report.html", "ageing.json"], talk.overwrite())?;
+    let all = load::recordings_of(&a.recordings, a.rig.as_ref(), &KINDS, &progress)?;
+    let given = Given::new(all, 0, command);
+    let lasting = Lasting::new(&a.output, &given.provenance);
+    let request = AgeingRequest {
+        memory: lasting.memory(),
+        ..request
+    };
+    let aged = ageing(given, request, a.compare.is_some(), &progress)?;
+    aged.files.stage(&a.output, talk.overwrite())?.commit()?;
     lasting.done()?;
     drop(progress);
-    talk.result(&json);
+    let (outcome, json) = (&aged.outcome, &aged.json);
+    talk.result(json);
     talk.answer(&outcome.verdict);
-    terminal::columns(&levels(&outcome))
+    terminal::columns(&levels(outcome))
         .iter()
         .for_each(|l| talk.say(l));
     let trends = json.trend.0.iter().map(|(_, trend)| &trend.says);
@@ -148,109 +111,4 @@ fn levels(outcome: &AgeingOutcome) -> Vec<[String; 4]> {
     let each = outcome.electrodes.iter();
     each.flat_map(|e| e.levels.iter().map(move |l| row(e, l)))
         .collect()
-}
-
-/// A recording as ageing sees it: x of a sample, height of a robot.
-fn input(r: &Recording) -> Result<AgeingInput, Failure> {
-    let m = &r.manifest;
-    if m.kind == Kind::Robot {
-        let Some(Rig::Robot(rig)) = &r.rig else {
-            return Err(format!(
-                "{}: recording `{}` has no rig of kind \"robot\"",
-                r.path.display(),
-                m.id
-            )
-            .into());
-        };
-        let robot = Robot::from_rig(rig, None)?;
-        let d = Dataset::from_recording(r, None)?;
-        let end_s = d.time_s(d.samples() - 1);
-        return Ok(AgeingInput {
-            id: m.id.clone(),
-            electrode: m.electrode.clone(),
-            batch: m.batch.clone(),
-            day: m.day,
-            x_m: d.measured_m.iter().map(|p| -p[2]).collect(),
-            start_s: d.start_s,
-            step_s: d.step_s,
-            cycles: cycles(&d.voltage, d.offset_s, d.start_s, end_s),
-            command_v: (0..d.samples())
-                .map(|i| d.command_v(0, i, d.offset_s))
-                .collect(),
-            subject: AgeingSubject::Robot(Box::new(d), Box::new(robot)),
-        });
-    }
-    let Some(Rig::FilmSample(rig)) = &r.rig else {
-        return Err(format!(
-            "{}: recording `{}` has no rig of kind \"film-sample\"",
-            r.path.display(),
-            m.id
-        )
-        .into());
-    };
-    let d = HangingDataset::from_recording(r)?;
-    let sample = HangingSample::from_rig(rig, None, d.payload_kg)?;
-    let end_s = d.time_s(d.samples() - 1);
-    Ok(AgeingInput {
-        id: m.id.clone(),
-        electrode: m.electrode.clone(),
-        batch: m.batch.clone(),
-        day: m.day,
-        x_m: d.x_m.clone(),
-        start_s: d.start_s,
-        step_s: d.step_s,
-        cycles: cycles(&d.voltage, d.offset_s, d.start_s, end_s),
-        command_v: (0..d.samples())
-            .map(|i| d.voltage.at(0, d.time_s(i) + d.offset_s))
-            .collect(),
-        subject: AgeingSubject::Sample(Box::new(d), sample),
-    })
-}
-
-/// Film, forearms and electrode of every sample or robot on every level:
-/// `<electrode>[-<sample>]-<level>/parameters.toml`.
-fn parameter_files(
-    outcome: &AgeingOutcome,
-    provenance: &Provenance,
-) -> Result<Vec<(String, String)>, Failure> {
-    let safe = |text: &str| -> String {
-        text.chars()
-            .map(|c| match c {
-                c if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') => c,
-                _ => '_',
-            })
-            .collect()
-    };
-    let what = match outcome.by {
-        By::Day => "day-",
-        By::Batch => "",
-    };
-    let mut out = Vec::new();
-    for e in &outcome.electrodes {
-        for s in &e.samples {
-            let Ok(joint) = &s.joint else { continue };
-            for (i, &level) in s.levels.iter().enumerate() {
-                let own = &joint.levels[i];
-                let mut film = joint.film.clone();
-                film.mu_pa.iter_mut().for_each(|mu| *mu *= own.film_factor);
-                let file = ParameterFile {
-                    film: Some(FilmEntry::of(&film, Some(own.eps_r), &[])),
-                    forearm: joint.forearm.as_ref().map(ForearmEntry::of),
-                    effects: ageing_effects(joint, i),
-                    provenance: provenance.clone(),
-                    ..ParameterFile::default()
-                };
-                let mut folder = safe(&e.name);
-                if e.samples.len() > 1 {
-                    folder += &format!("-{}", safe(&s.name));
-                }
-                let name = safe(&e.levels[level].name);
-                out.push((
-                    format!("{folder}-{what}{name}/parameters.toml"),
-                    file.to_toml()?,
-                ));
-            }
-        }
-    }
-    Ok(out)
 }

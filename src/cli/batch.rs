@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::progress::Progress;
 use super::resume::Run;
 use super::shard::{CAMPAIGN, Campaign, Part, Shard};
-use super::{Cli, Command, Failure, Talk, diagnose, fit, load, merge, stop};
+use super::{Cli, Command, Failure, Talk, diagnose, fit, folders, merge, stop};
 use crate::recording::{Kind, Manifest, sha256, sha256_of};
 use crate::report::batch::{BatchJson, SetDiagnosis, SetJson};
 use crate::report::json::to_text;
@@ -432,14 +432,14 @@ fn of_folder(a: &Arguments) -> Result<PlanFile, Failure> {
     }
     let inside = |p: &Path| -> Result<Vec<PathBuf>, Failure> {
         let mut list = match p.is_dir() {
-            true => load::folders(p)?,
+            true => folders(p)?,
             false => Vec::new(),
         };
         list.retain(is_recording);
         Ok(list)
     };
     let mut set = Vec::new();
-    for folder in load::folders(&a.plan)? {
+    for folder in folders(&a.plan)? {
         let (recordings, holdout) = if is_recording(&folder) {
             (vec![folder.clone()], Vec::new())
         } else if folder.join("train").is_dir() {

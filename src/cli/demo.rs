@@ -2,16 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use super::fit::{say_fit, write_fit};
+use super::fit::say_fit;
 use super::progress::Progress;
-use super::{Failure, Talk, diagnose, load, series};
+use super::{Failure, Talk, load, series};
 use crate::calibration::{
     CouponRequest, Outcome, Request, Stage, calibrate_coupons, calibrate_robot,
 };
 use crate::dataset::{Coupon, Dataset};
+use crate::jobs::diagnose;
+use crate::jobs::fit::{Fitted, of_robot};
 use crate::model::Robot;
 use crate::recording::{Kind, Recording};
-use crate::report::answer::{self, Answer};
+use crate::report::answer::Answer;
 use crate::report::html;
 use crate::report::json::{FitJson, ModelValidation, ValidationJson, results_to_text};
 use crate::report::output::OutputSet;
@@ -111,8 +113,7 @@ impl Demo<'_> {
         let request = Request::new(Stage::Film);
         let (film, answer) = self.fit(robot, &datasets[..1], &request)?;
         self.tell(&answer.says);
-        let folder = self.output.join("film");
-        self.write(&folder, (&film, &answer), &recordings[..1])?;
+        self.write(&self.output.join("film"), &film, answer, &recordings[..1])?;
 
         self.talk.say(
             "\nThe forearms, from one actuator at a time; their hinges are relaxed at 0 degrees",
@@ -126,7 +127,7 @@ impl Demo<'_> {
         let (forearm, answer) = self.fit(robot, &datasets[1..], &request)?;
         self.tell(&answer.says);
         let folder = self.output.join("forearm");
-        self.write(&folder, (&forearm, &answer), &recordings[1..])?;
+        self.write(&folder, &forearm, answer, &recordings[1..])?;
 
         self.talk.say("\nBoth, jointly from all four");
         let request = Request {
@@ -135,8 +136,8 @@ impl Demo<'_> {
             ..Request::new(Stage::Robot)
         };
         let (joint, answer) = self.fit(robot, datasets, &request)?;
-        let fit = self.write(self.output, (&joint, &answer), recordings)?;
-        say_fit(&answer, &fit, &answer::remarks(&joint), self.talk);
+        let fitted = self.write(self.output, &joint, answer, recordings)?;
+        say_fit(&fitted.answer, &fitted.fit, &fitted.remarks, self.talk);
         Ok(joint)
     }
 
@@ -158,13 +159,15 @@ impl Demo<'_> {
     fn write(
         &self,
         folder: &Path,
-        found: (&Outcome, &Answer),
+        outcome: &Outcome,
+        answer: Answer,
         recordings: &[Recording],
-    ) -> Result<FitJson, Failure> {
+    ) -> Result<Fitted, Failure> {
         let provenance = Provenance::of("deacal demo", recordings);
-        let fit = FitJson::new(found.0, provenance.clone());
-        write_fit(folder, found, &fit, provenance, &[], self.talk.overwrite())?.commit()?;
-        Ok(fit)
+        let fitted = of_robot(outcome, answer, provenance, &[])?;
+        let set = fitted.files.stage(folder, self.talk.overwrite())?;
+        set.commit()?;
+        Ok(fitted)
     }
 
     /// The parameters held against a recording that was not fitted.
@@ -229,9 +232,9 @@ impl Demo<'_> {
             search,
         )?;
         let provenance = Provenance::of("deacal demo", recordings);
-        let folder = self.output.join("diagnosis");
-        let overwrite = self.talk.overwrite();
-        diagnose::write(&folder, &diagnosis, series, &[], provenance, overwrite)?;
+        let (_, files) = diagnose::files(&diagnosis, series, &[], provenance)?;
+        let set = files.stage(&self.output.join("diagnosis"), self.talk.overwrite())?;
+        set.commit()?;
         self.tell(&Answer::of_diagnosis(&diagnosis).says);
         Ok(())
     }

@@ -1,6 +1,5 @@
 //! `fit film|forearm|robot|sample|coupon|hinge|axis`.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,23 +7,14 @@ use clap::{Args, Subcommand};
 
 use super::progress::Progress;
 use super::resume::Lasting;
-use super::{Failure, Talk, load};
-use crate::calibration::{
-    self, Causes, CouponRequest, LineOutcome, LineRequest, MotionRequest, Outcome, Request,
-    SampleRequest, Stage, calibrate_coupons, calibrate_lines, calibrate_motion, calibrate_robot,
-    calibrate_samples,
-};
-use crate::checks::Finding;
-use crate::dataset::line::Line;
-use crate::dataset::{Coupon, Plan};
-use crate::recording::Kind;
-use crate::report::answer::{self, Answer};
-use crate::report::html;
-use crate::report::json::{FindingJson, FitJson, results_to_text};
-use crate::report::output::{OutputSet, Overwrite};
-use crate::report::parameter_file::ParameterFile;
-use crate::report::plan_file::plan_to_toml;
-use crate::report::provenance::Provenance;
+use super::{Failure, Talk, load, say_findings};
+use crate::calibration::{CouponRequest, LineRequest, Request, SampleRequest, Stage};
+use crate::jobs::fit::{self as job, Fitted};
+use crate::jobs::load::Given;
+use crate::recording::{Kind, Recording};
+use crate::report::answer::Answer;
+use crate::report::json::FitJson;
+use crate::report::output::OutputSet;
 use crate::report::terminal;
 use crate::residual::motion::Between;
 
@@ -213,6 +203,22 @@ pub(super) struct Complete {
 }
 
 impl Complete {
+    /// Writes the files for a folder.
+    fn of(
+        fitted: Fitted,
+        output: &Path,
+        lasting: Option<Arc<Lasting>>,
+        talk: Talk,
+    ) -> Result<Self, Failure> {
+        Ok(Complete {
+            files: fitted.files.stage(output, talk.overwrite())?,
+            fit: fitted.fit,
+            answer: fitted.answer,
+            remarks: fitted.remarks,
+            lasting,
+        })
+    }
+
     /// Puts the files in place, all or none, and says what they hold.
     pub(super) fn in_place(self, talk: Talk) -> Result<(), Failure> {
         let folder = self.files.dir().to_owned();
@@ -233,28 +239,35 @@ pub(super) fn complete(fit: &Fit, command: &str, talk: Talk) -> Result<Complete,
         Fit::Robot(a) => robot(Stage::Robot, a, command, talk),
         Fit::Sample(a) => sample(a, command, talk),
         Fit::Coupon(a) => coupon(a, command, talk),
-        Fit::Hinge(a) => line(a, Kind::HingeBench, command, talk, &calibrate_lines),
-        Fit::Axis(a) => axis(a, command, talk),
+        Fit::Hinge(a) => line(a, Kind::HingeBench, job::Objective::Input, command, talk),
+        Fit::Axis(a) => {
+            let motion = a.objective == Objective::Motion;
+            let between = a.between.map(Between::from);
+            let objective = job::Objective::stated(motion, &a.cause, &a.without, between)?;
+            line(&a.lines, Kind::Axis, objective, command, talk)
+        }
     }
+}
+
+/// Recordings that are to be fitted; what is wrong with them is said.
+fn given(all: Vec<Recording>, command: &str, progress: &Progress, talk: Talk) -> Given {
+    let given = Given::new(all, 0, command).look_over(progress);
+    say_findings(&given.findings, talk);
+    given
 }
 
 fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
-    OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
-    let recordings =
-        load::recordings(&a.common.recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
-    let (recordings, _, copies) = load::distinct(recordings, 0);
-    let file = a.start.as_deref().map(load::parameters).transpose()?;
-    let robot = load::robot(load::rig(&recordings)?, file.as_ref())?;
-    let findings = load::findings(&recordings, &progress, talk);
-    let provenance = Provenance::of(command, &recordings);
-    let lasting = Lasting::new(&a.common.output, &provenance);
-    let mut datasets = load::datasets(&recordings, a.plan.as_ref(), &progress)?;
-    drop(recordings);
-    let cut = load::cut_all(&mut datasets);
+    let Common {
+        recordings, output, ..
+    } = &a.common;
+    OutputSet::check(output, &FILES, talk.overwrite())?;
+    let all = load::recordings(recordings, a.rig.as_ref(), Kind::Robot, &progress)?;
+    let start = a.start.as_deref().map(load::parameters).transpose()?;
+    let given = given(all, command, &progress, talk);
+    let lasting = Lasting::new(output, &given.provenance);
     let request = Request {
         branches: a.common.branches.into(),
-        start: file.as_ref().map(ParameterFile::parameters).transpose()?,
         fix: a.common.fix.clone(),
         bound: a.common.bound.clone(),
         starts: a.common.starts.into(),
@@ -263,56 +276,13 @@ fn robot(stage: Stage, a: &Robot, command: &str, talk: Talk) -> Result<Complete,
         memory: lasting.memory(),
         ..Request::new(stage)
     };
-    let refs: Vec<_> = datasets.iter().collect();
-    progress.fit(request.starts);
-    let mut outcome = calibrate_robot(&robot, &refs, &request, &|state| progress.watch(state))?;
-    outcome.remarks.extend(copies);
-    outcome.remarks.extend(cut);
-    let answer = Answer::of_robot(&outcome, &robot);
-    progress.step("writing");
-    let mut fit = FitJson::new(&outcome, provenance.clone());
-    fit.findings = FindingJson::of(&findings);
-    let files = write_fit(
-        &a.common.output,
-        (&outcome, &answer),
-        &fit,
-        provenance,
-        &findings,
-        talk.overwrite(),
-    )?;
-    Ok(Complete {
-        fit,
-        files,
-        remarks: answer::remarks(&outcome),
-        answer,
-        lasting: Some(lasting),
-    })
+    let plans = load::plans(a.plan.as_ref())?;
+    let fitted = job::robot(given, start.as_ref(), &plans, request, &progress)?;
+    Complete::of(fitted, output, Some(lasting), talk)
 }
 
 /// The files of a fit.
 const FILES: [&str; 4] = ["report.html", "parameters.toml", "fit.json", "plan.toml"];
-
-/// Parameters, numbers, choices and report of a fit, complete and not in place yet.
-pub(super) fn write_fit(
-    output: &Path,
-    (outcome, answer): (&Outcome, &Answer),
-    fit: &FitJson,
-    provenance: Provenance,
-    findings: &[Finding],
-    overwrite: Overwrite,
-) -> Result<OutputSet, Failure> {
-    let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
-    let mut set = OutputSet::new(output, overwrite)?;
-    let page = html::render(outcome, answer, &provenance);
-    set.write("report.html", html::with_findings(page, findings))?;
-    set.write(
-        "parameters.toml",
-        ParameterFile::of_outcome(outcome, provenance).to_toml()?,
-    )?;
-    set.write("fit.json", results_to_text("fit.json", fit)?)?;
-    set.write("plan.toml", plan_to_toml(&plans))?;
-    Ok(set)
-}
 
 /// The first screen of the report, in the terminal: the answer, its quantities, then the parameters and what
 /// is open.
@@ -340,23 +310,15 @@ pub(super) fn say_fit(answer: &Answer, fit: &FitJson, remarks: &[String], talk: 
 
 fn sample(a: &Samples, command: &str, talk: Talk) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
-    OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
-    let recordings = load::recordings(
-        &a.common.recordings,
-        a.rig.as_ref(),
-        Kind::FilmSample,
-        &progress,
-    )?;
-    let (recordings, _, copies) = load::distinct(recordings, 0);
-    let file = a.start.as_deref().map(load::parameters).transpose()?;
-    let provenance = Provenance::of(command, &recordings);
-    let findings = load::findings(&recordings, &progress, talk);
-    let lasting = Lasting::new(&a.common.output, &provenance);
-    let (datasets, samples) = load::samples(&recordings, file.as_ref())?;
-    let refs: Vec<_> = datasets.iter().collect();
-    let start = file.as_ref().map(ParameterFile::parameters).transpose()?;
+    let Common {
+        recordings, output, ..
+    } = &a.common;
+    OutputSet::check(output, &FILES, talk.overwrite())?;
+    let all = load::recordings(recordings, a.rig.as_ref(), Kind::FilmSample, &progress)?;
+    let start = a.start.as_deref().map(load::parameters).transpose()?;
+    let given = given(all, command, &progress, talk);
+    let lasting = Lasting::new(output, &given.provenance);
     let request = SampleRequest {
-        start: start.map(|p| p.film),
         fix: a.common.fix.clone(),
         bound: a.common.bound.clone(),
         starts: a.common.starts.into(),
@@ -364,162 +326,46 @@ fn sample(a: &Samples, command: &str, talk: Talk) -> Result<Complete, Failure> {
         memory: lasting.memory(),
         ..SampleRequest::new(a.common.branches.into())
     };
-    progress.step("fitting");
-    let mut outcome = calibrate_samples(&refs, &samples, &request, &|_| ControlFlow::Continue(()))?;
-    outcome.remarks.extend(copies);
-    let plans: Vec<Plan> = outcome.recordings.iter().map(|r| r.plan.clone()).collect();
-    let found = Found {
-        answer: Answer::of_samples(&outcome),
-        report: html::render_samples(&outcome, &provenance),
-        fit: FitJson::of_samples(&outcome, provenance.clone()),
-        parameters: ParameterFile::of_samples(&outcome, provenance),
-        plan: Some(plan_to_toml(&plans)),
-        findings,
-    };
-    found.complete(&a.common.output, Some(lasting), talk)
+    let fitted = job::sample(given, start.as_ref(), request, &progress)?;
+    Complete::of(fitted, output, Some(lasting), talk)
 }
-
-/// What a fit of samples, lines or coupons finds.
-struct Found {
-    answer: Answer,
-    report: String,
-    fit: FitJson,
-    parameters: ParameterFile,
-    plan: Option<String>,
-    findings: Vec<Finding>,
-}
-
-impl Found {
-    /// Writes it.
-    fn complete(
-        self,
-        output: &Path,
-        lasting: Option<Arc<Lasting>>,
-        talk: Talk,
-    ) -> Result<Complete, Failure> {
-        let mut fit = self.fit;
-        fit.findings = FindingJson::of(&self.findings);
-        let mut files = OutputSet::new(output, talk.overwrite())?;
-        let page = html::with_findings(self.report, &self.findings);
-        files.write("report.html", page)?;
-        files.write("parameters.toml", self.parameters.to_toml()?)?;
-        files.write("fit.json", results_to_text("fit.json", &fit)?)?;
-        if let Some(plan) = &self.plan {
-            files.write("plan.toml", plan)?;
-        }
-        Ok(Complete {
-            remarks: fit.remarks.clone(),
-            fit,
-            files,
-            answer: self.answer,
-            lasting,
-        })
-    }
-}
-
-fn axis(a: &AxisFit, command: &str, talk: Talk) -> Result<Complete, Failure> {
-    if a.objective == Objective::Input {
-        if !a.cause.is_empty() || !a.without.is_empty() || a.between.is_some() {
-            return Err(
-                "--cause, --without and --between are for --objective motion; `deacal diagnose` looks for \
-                 causes in the input"
-                    .into(),
-            );
-        }
-        return line(&a.lines, Kind::Axis, command, talk, &calibrate_lines);
-    }
-    let choose = a.cause.iter().any(|c| c == "choose");
-    if choose && a.cause.len() > 1 {
-        return Err("--cause choose stands alone".into());
-    }
-    if !choose && !a.without.is_empty() {
-        return Err("--without is for --cause choose".into());
-    }
-    let causes = match a.cause.as_slice() {
-        [] => Causes::None,
-        _ if choose => Causes::Choose {
-            without: a.without.clone(),
-        },
-        ids => Causes::These(ids.to_vec()),
-    };
-    let fit = |lines: &[Line], request: &LineRequest| {
-        let request = MotionRequest {
-            line: request.clone(),
-            causes: causes.clone(),
-            between: a.between.map(Between::from),
-        };
-        calibrate_motion(lines, &request).map(|m| m.outcome)
-    };
-    line(&a.lines, Kind::Axis, command, talk, &fit)
-}
-
-/// How a line is fitted.
-type FitLines<'a> = dyn Fn(&[Line], &LineRequest) -> Result<LineOutcome, calibration::Error> + 'a;
 
 fn line(
     a: &Lines,
     kind: Kind,
+    objective: job::Objective,
     command: &str,
     talk: Talk,
-    fit: &FitLines,
 ) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
-    let recordings = load::recordings(&a.recordings, None, kind, &progress)?;
-    let (recordings, _, copies) = load::distinct(recordings, 0);
-    let provenance = Provenance::of(command, &recordings);
-    let findings = load::findings(&recordings, &progress, talk);
-    let lines = load::lines(&recordings, &progress)?;
-    drop(recordings);
+    let all = load::recordings(&a.recordings, None, kind, &progress)?;
+    let given = given(all, command, &progress, talk);
     let request = LineRequest {
         fix: a.fix.clone(),
         bound: a.bound.clone(),
     };
-    progress.step("fitting");
-    let mut outcome = fit(&lines, &request)?;
-    outcome.remarks.extend(copies);
-    let found = Found {
-        answer: Answer::of_lines(&outcome),
-        report: html::render_lines(&outcome, &provenance),
-        fit: FitJson::of_lines(&outcome, provenance.clone()),
-        parameters: ParameterFile::of_lines(&outcome, provenance),
-        plan: None,
-        findings,
-    };
-    found.complete(&a.output, None, talk)
+    let fitted = job::line(given, request, objective, &progress)?;
+    Complete::of(fitted, &a.output, None, talk)
 }
 
 fn coupon(a: &Coupons, command: &str, talk: Talk) -> Result<Complete, Failure> {
     let progress = Progress::new(talk);
-    OutputSet::check(&a.common.output, &FILES, talk.overwrite())?;
-    let recordings = load::recordings(&a.common.recordings, None, Kind::FilmCoupon, &progress)?;
-    let (recordings, _, copies) = load::distinct(recordings, 0);
-    let provenance = Provenance::of(command, &recordings);
-    let findings = load::findings(&recordings, &progress, talk);
-    let lasting = Lasting::new(&a.common.output, &provenance);
-    let coupons = recordings
-        .iter()
-        .map(Coupon::from_recording)
-        .collect::<Result<Vec<_>, _>>()?;
-    let refs: Vec<_> = coupons.iter().collect();
+    let Common {
+        recordings, output, ..
+    } = &a.common;
+    OutputSet::check(output, &FILES, talk.overwrite())?;
+    let all = load::recordings(recordings, None, Kind::FilmCoupon, &progress)?;
+    let given = given(all, command, &progress, talk);
+    let lasting = Lasting::new(output, &given.provenance);
     let request = CouponRequest {
         fix: a.common.fix.clone(),
         bound: a.common.bound.clone(),
-        starts: usize::from(a.common.starts).max(8),
+        starts: a.common.starts.into(),
         seed: a.common.seed,
         memory: lasting.memory(),
         ..CouponRequest::new(a.common.branches.into())
     };
-    progress.fit(request.starts);
-    let mut outcome = calibrate_coupons(&refs, &request, &|state| progress.watch(state))?;
-    outcome.remarks.extend(copies);
-    let found = Found {
-        answer: Answer::of_coupons(&outcome),
-        report: html::render_coupons(&outcome, &provenance),
-        fit: FitJson::of_coupons(&outcome, provenance.clone()),
-        parameters: ParameterFile::of_coupons(&outcome, provenance),
-        plan: None,
-        findings,
-    };
-    found.complete(&a.common.output, Some(lasting), talk)
+    let fitted = job::coupon(given, request, &progress)?;
+    Complete::of(fitted, output, Some(lasting), talk)
 }

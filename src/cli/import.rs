@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::load::finding_line;
 use super::progress::Progress;
-use super::{Failure, Talk, load};
+use super::{Failure, Talk, finding_line, load};
 use crate::calibration::{Outcome, Request, Stage, calibrate_robot};
 use crate::checks::{Grade, check};
 use crate::dataset::{Dataset, OffsetSource};

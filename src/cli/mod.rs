@@ -9,15 +9,12 @@ mod examples;
 mod export;
 mod fit;
 mod import;
-mod load;
 mod merge;
 mod new;
 mod predict;
 mod progress;
 mod prove;
-mod ranges;
 mod resume;
-mod series;
 mod shard;
 mod simulate;
 mod stop;
@@ -31,11 +28,10 @@ use std::sync::OnceLock;
 
 use clap::{Args, CommandFactory, FromArgMatches as _, Parser, Subcommand};
 
+use crate::checks::{Finding, Grade};
+use crate::jobs::{Failure, load, ranges, series};
 use crate::report::html::number;
 use crate::report::output::Overwrite;
-
-/// Anything that keeps a job from being done: one line that says what, where, and what to do.
-type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Calibrates dielectric-elastomer actuators from recordings of motion and voltage.
 ///
@@ -153,6 +149,38 @@ impl Talk {
             Overwrite::Own
         }
     }
+}
+
+/// Says what is wrong with recordings, before anything is fitted to them.
+fn say_findings(findings: &[Finding], talk: Talk) {
+    findings.iter().for_each(|f| talk.say(&finding_line(f)));
+}
+
+/// A finding for a terminal.
+fn finding_line(finding: &Finding) -> String {
+    format!(
+        "{} {}: {}",
+        match finding.grade {
+            Grade::Wrong => "! wrong:",
+            Grade::Doubtful => "? doubtful:",
+        },
+        finding.recording,
+        number::words(&finding.line())
+    )
+}
+
+/// The folders in a folder that are not hidden, by name.
+fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;
+    let mut out: Vec<PathBuf> = list.filter_map(|e| e.ok().map(|e| e.path())).collect();
+    out.retain(|p| {
+        let hidden = p
+            .file_name()
+            .is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
+        p.is_dir() && !hidden
+    });
+    out.sort();
+    Ok(out)
 }
 
 /// Columns of the terminal that standard output is; `None` where it is none.

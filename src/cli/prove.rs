@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 use super::progress::Progress;
 use super::resume::{Pieces, Run, from_hex};
 use super::shard::{Campaign, Part, Shard, short};
-use super::{Failure, Talk, diagnose, load};
-use super::{series, stop};
+use super::{Failure, Talk, folders, load, series, stop};
 use crate::cases::line::{self, Rig};
 use crate::cases::{Case, DriveSet, Likeness, Spec, Truth, generate_on, plan};
 use crate::diagnosis::{self, Diagnosis, Entry};
+use crate::jobs::diagnose;
 use crate::proof::{
     Proof, StandsOut, Trial, compare, own_form, run as run_own, score, stands_out, trial,
     trial_lines,
@@ -534,7 +534,7 @@ fn try_all<S: Sync + Clone, C>(
 /// The cases of a folder. Each has an answer that can be read: that is looked at now, hours before it is
 /// needed, and forgotten.
 fn cases_of(cases: &Path, answers: Option<&Path>) -> Result<Vec<PathBuf>, Failure> {
-    let list: Vec<PathBuf> = load::folders(cases)?
+    let list: Vec<PathBuf> = folders(cases)?
         .into_iter()
         .filter(|c| c.join("train").is_dir())
         .collect();
@@ -643,12 +643,7 @@ fn of_folder(list: &[PathBuf], share: &Share) -> Result<Option<(Numbered, Pieces
 
 /// How the true effects of a robot's case stand out in its recordings.
 fn likeness(case: &Path, truth: &Truth, progress: &Progress) -> Result<Vec<StandsOut>, Failure> {
-    let recordings = load::recordings(
-        &load::folders(&case.join("train"))?,
-        None,
-        Kind::Robot,
-        progress,
-    )?;
+    let recordings = load::recordings(&folders(&case.join("train"))?, None, Kind::Robot, progress)?;
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, None, progress)?;
     let series = series::order(&recordings, &datasets)?;
@@ -665,10 +660,10 @@ fn likeness(case: &Path, truth: &Truth, progress: &Progress) -> Result<Vec<Stand
 
 /// Diagnoses a case from its recordings alone.
 fn blind(case: &Path, progress: &Progress) -> Result<Diagnosis, Failure> {
-    let train = load::folders(&case.join("train"))?;
+    let train = folders(&case.join("train"))?;
     let mut paths = train.clone();
     if case.join("holdout").is_dir() {
-        paths.extend(load::folders(&case.join("holdout"))?);
+        paths.extend(folders(&case.join("holdout"))?);
     }
     let recordings = load::recordings_of(&paths, None, &diagnose::KINDS, progress)?;
     let request = diagnosis::Request::default();

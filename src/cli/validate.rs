@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Failure, Talk, load, ranges, series};
+use super::{Failure, Talk, load, ranges, say_findings, series};
 use crate::calibration::{validate_lines, validate_samples};
 use crate::checks::Finding;
 use crate::dataset::Dataset;
+use crate::jobs::load::Given;
 use crate::recording::{Kind, Recording};
 use crate::report::answer::Answer;
 use crate::report::html::{self, number};
@@ -57,10 +58,16 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     ];
     OutputSet::check(&a.output, &FILES, talk.overwrite())?;
     let recordings = load::recordings_of(&a.recordings, a.rig.as_ref(), &kinds, &progress)?;
-    let (recordings, _, copies) = load::distinct(recordings, 0);
-    copies.iter().for_each(|remark| talk.say(remark));
-    let findings = load::findings(&recordings, &progress, talk);
-    let provenance = Provenance::of(command, &recordings);
+    let given = Given::new(recordings, 0, command);
+    given.copies.iter().for_each(|remark| talk.say(remark));
+    let Given {
+        recordings,
+        copies,
+        findings,
+        provenance,
+        ..
+    } = given.look_over(&progress);
+    say_findings(&findings, talk);
     let given = (&recordings[..], &findings[..]);
     match recordings[0].manifest.kind {
         Kind::Robot => {}

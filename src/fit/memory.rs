@@ -8,7 +8,9 @@
 
 use std::fmt;
 use std::ops::ControlFlow;
+use std::panic::resume_unwind;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ring::digest::{SHA256, digest};
@@ -32,11 +34,35 @@ const EVERY: Duration = Duration::from_secs(1);
 /// Less work than this share of that is not worth writing down at its end.
 const WORTH: u32 = 20;
 
-/// The memory of a run; by default it has none. It changes no result.
+/// Ends a run before its time, from another thread. A copy asks for the same run; by default nobody does.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<AtomicBool>);
+
+/// What a run that was asked to stop unwinds with, through whatever it was at, so that no room has to carry
+/// an end that is neither a result nor an error: whoever asks catches it (`std::panic::catch_unwind`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stopped;
+
+impl Stop {
+    /// Asks the run to stop; it does at its next step or evaluation.
+    pub fn ask(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Unwinds with [`Stopped`] if the run was asked to stop. No message is printed.
+    pub fn check(&self) {
+        if self.0.load(Ordering::Relaxed) {
+            resume_unwind(Box::new(Stopped));
+        }
+    }
+}
+
+/// The memory of a run, and what may stop it; by default it has none. It changes no result.
 #[derive(Clone, Default)]
 pub struct Memory {
     keep: Option<Arc<dyn Keep>>,
     every: Duration,
+    stop: Stop,
 }
 
 impl fmt::Debug for Memory {
@@ -90,8 +116,17 @@ impl<'a> Piece<'a> {
 impl Memory {
     /// A memory that keeps in `keep`.
     pub fn new(keep: Arc<dyn Keep>) -> Self {
-        let keep = Some(keep);
-        Memory { keep, every: EVERY }
+        Memory {
+            keep: Some(keep),
+            every: EVERY,
+            stop: Stop::default(),
+        }
+    }
+
+    /// The same of a run that may be asked to stop: its searches look before each evaluation.
+    #[must_use]
+    pub fn until(self, stop: Stop) -> Self {
+        Memory { stop, ..self }
     }
 
     /// [`super::separable::minimise`], from where it stood when it was stopped. `tag` says what the residual
@@ -115,6 +150,7 @@ impl Memory {
             format!("{tag}: {n} evaluations, cost {cost:.4}, {ended}")
         };
         while state.ended.is_none() {
+            self.stop.check();
             advance(problem, nonlinear, linear, options, &mut state);
             if let (Some(keep), None, 1) = (&self.keep, state.ended, state.evaluations) {
                 piece = Piece::new(keep.as_ref(), &(tag, nonlinear, linear, options, &state));
@@ -147,6 +183,10 @@ impl Memory {
         options: &lm::Options,
         mut watch: impl FnMut(&lm::State) -> ControlFlow<()>,
     ) -> Result<lm::Outcome, lm::Misuse> {
+        let mut watch = |state: &lm::State| {
+            self.stop.check();
+            watch(state)
+        };
         let Some(keep) = &self.keep else {
             return lm::minimise_watched(problem, start, options, watch);
         };
@@ -171,7 +211,7 @@ impl Memory {
 mod tests {
     use std::collections::HashMap;
     use std::sync::Mutex;
-    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::atomic::AtomicUsize;
 
     use super::*;
     use crate::fit::separable::minimise;
@@ -232,6 +272,7 @@ mod tests {
         Memory {
             keep: Some(Arc::new(InMind::default())),
             every: Duration::ZERO,
+            ..Memory::default()
         }
     }
 
@@ -266,6 +307,27 @@ mod tests {
         assert_eq!((bits(&state), spent), (bits(&plain), all));
         let (state, spent) = search(&Memory::default(), "", usize::MAX);
         assert_eq!((bits(&state), spent), (bits(&plain), all));
+    }
+
+    #[test]
+    fn a_run_that_is_asked_to_stop_evaluates_nothing_more() {
+        let (nonlinear, linear, start) = unknowns();
+        let counted = Counted(AtomicUsize::new(0));
+        let stop = Stop::default();
+        let memory = Memory::default().until(stop.clone());
+        let search = || {
+            let watch = |s: &State| {
+                if s.evaluations == 3 {
+                    stop.ask();
+                }
+                ControlFlow::Continue(())
+            };
+            let options = Options::default();
+            memory.minimise("", &counted, &nonlinear, &linear, &start, &options, watch)
+        };
+        let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(search));
+        assert!(ended.unwrap_err().is::<Stopped>());
+        assert_eq!(counted.0.load(Ordering::Relaxed), 3);
     }
 
     #[test]

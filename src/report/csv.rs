@@ -29,6 +29,18 @@ impl<'a> Column<'a> {
         }
     }
 
+    /// The header.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The value in a row, every digit; NaN for an empty cell.
+    #[must_use]
+    pub fn value(&self, row: usize) -> f64 {
+        (self.value)(row)
+    }
+
     /// Three columns; `name` has `{}` in the place of x, y, z or 1, 2, 3.
     fn three(
         name: &str,
@@ -228,20 +240,17 @@ pub fn no_command(flags: &mut [Option<Missing>], command_v: &[[f64; 3]]) {
     }
 }
 
-/// Predicted voltages: `time_s,phi1_V,phi2_V,phi3_V,phi1_sd_V,phi2_sd_V,phi3_sd_V,flag`. `sd` is what the
-/// noise of the capture makes of the prediction. Every frame has its row; see [`Missing`] for the flags. With
-/// `command_v`, what the amplifier must be told, that is phi, and `film1_V` to `film3_V` before the flag are
+/// Columns of predicted voltages: `time_s,phi1_V,phi2_V,phi3_V,phi1_sd_V,phi2_sd_V,phi3_sd_V`. `sd` is what
+/// the noise of the capture makes of the prediction. Every frame has its row; see [`Missing`] for the flags.
+/// With `command_v`, what the amplifier must be told, that is phi, and `film1_V` to `film3_V` at the end are
 /// the voltages on the films.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_voltage(
-    out: &mut (impl Write + ?Sized),
-    r: &RecordingOutcome,
-    command_v: Option<&[[f64; 3]]>,
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    let known = |i: usize, v: [f64; 3]| match &flags[i] {
+#[must_use]
+pub fn predicted_voltage<'a>(
+    r: &'a RecordingOutcome,
+    command_v: Option<&'a [[f64; 3]]>,
+    flags: &'a [Option<Missing>],
+) -> Vec<Column<'a>> {
+    let known = move |i: usize, v: [f64; 3]| match &flags[i] {
         None => v,
         Some(Missing::Negative(chains)) => [0, 1, 2].map(|k| {
             if chains.contains(&(k + 1)) {
@@ -252,23 +261,19 @@ pub fn predicted_voltage(
         }),
         Some(_) => [f64::NAN; 3],
     };
-    let command = |i: usize| known(i, command_v.map_or(r.predicted_v[i], |c| c[i]));
-    let film = |i: usize| match &flags[i] {
+    let command = move |i: usize| known(i, command_v.map_or(r.predicted_v[i], |c| c[i]));
+    let film = move |i: usize| match &flags[i] {
         Some(Missing::NoCommand(_)) => r.predicted_v[i],
         _ => known(i, r.predicted_v[i]),
     };
-    let sd = |i: usize| known(i, r.sd_v.get(i).copied().unwrap_or([f64::NAN; 3]));
+    let sd = move |i: usize| known(i, r.sd_v.get(i).copied().unwrap_or([f64::NAN; 3]));
     let mut columns = vec![Column::new("time_s", TIME, |i| r.time_s[i])];
     columns.extend(Column::three("phi{}_V", CHAINS, VOLT, command));
     columns.extend(Column::three("phi{}_sd_V", CHAINS, VOLT, sd));
     if command_v.is_some() {
         columns.extend(Column::three("film{}_V", CHAINS, VOLT, film));
     }
-    write_table(out, &columns, r.time_s.len(), |i, buffer| {
-        if let Some(flag) = &flags[i] {
-            put(buffer, flag);
-        }
-    })
+    columns
 }
 
 /// Why nothing is predicted at each frame of a hanging sample: of its voltage, which follows from the
@@ -291,84 +296,79 @@ pub fn missing_of_sample(r: &SampleFit) -> Vec<Option<Missing>> {
         .collect()
 }
 
-/// Predicted voltage of a hanging sample: `time_s,phi_V,phi_sd_V,flag`, the command that the motion needs.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_sample_voltage(
-    out: &mut (impl Write + ?Sized),
-    r: &SampleFit,
-    command_v: &[f64],
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    let known = |i: usize, v: f64| if flags[i].is_none() { v } else { f64::NAN };
-    let columns = [
-        Column::new("time_s", TIME, |i| r.time_s[i]),
-        Column::new("phi_V", VOLT, |i| known(i, command_v[i])),
-        Column::new("phi_sd_V", VOLT, |i| known(i, r.sd_v[i])),
-    ];
-    flagged(out, &columns, flags)
+/// A column of values, empty where there is a flag.
+fn unflagged<'a>(
+    name: impl Into<String>,
+    decimals: usize,
+    flags: &'a [Option<Missing>],
+    value: impl Fn(usize) -> f64 + 'a,
+) -> Column<'a> {
+    Column::new(name, decimals, move |i| match flags[i] {
+        None => value(i),
+        Some(_) => f64::NAN,
+    })
 }
 
-/// Predicted motion of a hanging sample: `time_s,x_mm,flag`, x downwards, zero at rest.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_sample_motion(
-    out: &mut (impl Write + ?Sized),
-    time_s: &[f64],
-    x_m: &[f64],
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    let known = |i: usize, v: f64| if flags[i].is_none() { v } else { f64::NAN };
-    let columns = [
+/// Columns of the predicted voltage of a hanging sample: `time_s,phi_V,phi_sd_V`, the command that the motion
+/// needs.
+#[must_use]
+pub fn predicted_sample_voltage<'a>(
+    r: &'a SampleFit,
+    command_v: &'a [f64],
+    flags: &'a [Option<Missing>],
+) -> Vec<Column<'a>> {
+    vec![
+        Column::new("time_s", TIME, |i| r.time_s[i]),
+        unflagged("phi_V", VOLT, flags, |i| command_v[i]),
+        unflagged("phi_sd_V", VOLT, flags, |i| r.sd_v[i]),
+    ]
+}
+
+/// Columns of the predicted motion of a hanging sample: `time_s,x_mm`, x downwards, zero at rest.
+#[must_use]
+pub fn predicted_sample_motion<'a>(
+    time_s: &'a [f64],
+    x_m: &'a [f64],
+    flags: &'a [Option<Missing>],
+) -> Vec<Column<'a>> {
+    vec![
         Column::new("time_s", TIME, |i| time_s[i]),
-        Column::new("x_mm", POSITION, |i| known(i, x_m[i] * 1e3)),
-    ];
-    flagged(out, &columns, flags)
+        unflagged("x_mm", POSITION, flags, |i| x_m[i] * 1e3),
+    ]
 }
 
-/// The motion that a model makes of the input of an axis: `time_s`, and the coordinate under the header and
-/// in the unit that `column` says, with its factor. A sample with a flag has empty cells.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_line_motion(
-    out: &mut (impl Write + ?Sized),
-    r: &LineFit,
+/// Columns of the motion that a model makes of the input of an axis: `time_s`, and the coordinate under the
+/// header and in the unit that `column` says, with its factor.
+#[must_use]
+pub fn predicted_line_motion<'a>(
+    r: &'a LineFit,
     (header, factor): (&str, f64),
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    let known = |i: usize, v: f64| if flags[i].is_none() { v } else { f64::NAN };
-    let columns = [
+    flags: &'a [Option<Missing>],
+) -> Vec<Column<'a>> {
+    vec![
         Column::new("time_s", TIME, |i| r.time_s[i]),
-        Column::new(header, FORCE, |i| known(i, factor * r.predicted[i])),
-    ];
-    flagged(out, &columns, flags)
+        unflagged(header, FORCE, flags, move |i| factor * r.predicted[i]),
+    ]
 }
 
-/// Predicted side of a single coordinate: `time_s`, the coordinate, what was measured and what the model asks
-/// for; `names` are the headers of the last three. A sample with a flag has empty cells.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_line(
-    out: &mut (impl Write + ?Sized),
-    r: &LineFit,
-    names: [String; 3],
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    let [coordinate, measured, predicted] = names;
-    let columns = [
+/// Columns of the predicted side of a single coordinate: `time_s`, the coordinate, what was measured and what
+/// the model asks for; `names` are the headers of the last three.
+#[must_use]
+pub fn predicted_line<'a>(r: &'a LineFit, names: &[String; 3]) -> Vec<Column<'a>> {
+    let [coordinate, measured, predicted] = names.clone();
+    vec![
         Column::new("time_s", TIME, |i| r.time_s[i]),
         Column::new(coordinate, FORCE, |i| r.coordinate[i]),
         Column::new(measured, FORCE, |i| r.measured[i]),
         Column::new(predicted, FORCE, |i| r.predicted[i]),
-    ];
-    flagged(out, &columns, flags)
+    ]
 }
 
-fn flagged(
+/// Writes a table with a row for each flag.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write_flagged(
     out: &mut (impl Write + ?Sized),
     columns: &[Column<'_>],
     flags: &[Option<Missing>],
@@ -380,52 +380,40 @@ fn flagged(
     })
 }
 
-/// Predicted force: `time_s,Fx_N,Fy_N,Fz_N,flag`; world axes, N. A frame with a flag has empty cells.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_force(
-    out: &mut (impl Write + ?Sized),
-    time_s: &[f64],
-    force_n: &[[f64; 3]],
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    vectors(out, time_s, force_n, flags, ("F{}_N", FORCE, 1.0))
+/// Columns of a predicted force: `time_s,Fx_N,Fy_N,Fz_N`; world axes, N. A frame with a flag has empty cells.
+#[must_use]
+pub fn predicted_force<'a>(
+    time_s: &'a [f64],
+    force_n: &'a [[f64; 3]],
+    flags: &'a [Option<Missing>],
+) -> Vec<Column<'a>> {
+    vectors(time_s, force_n, flags, ("F{}_N", FORCE, 1.0))
 }
 
-/// Predicted motion: `time_s,x_mm,y_mm,z_mm,flag`; world axes, from m.
-///
-/// # Errors
-/// Those of the writer.
-pub fn predicted_motion(
-    out: &mut (impl Write + ?Sized),
-    time_s: &[f64],
-    position_m: &[[f64; 3]],
-    flags: &[Option<Missing>],
-) -> io::Result<()> {
-    vectors(out, time_s, position_m, flags, ("{}_mm", POSITION, 1e3))
+/// Columns of a predicted motion: `time_s,x_mm,y_mm,z_mm`; world axes, from m. A frame with a flag has empty
+/// cells.
+#[must_use]
+pub fn predicted_motion<'a>(
+    time_s: &'a [f64],
+    position_m: &'a [[f64; 3]],
+    flags: &'a [Option<Missing>],
+) -> Vec<Column<'a>> {
+    vectors(time_s, position_m, flags, ("{}_mm", POSITION, 1e3))
 }
 
-fn vectors(
-    out: &mut (impl Write + ?Sized),
-    time_s: &[f64],
-    values: &[[f64; 3]],
-    flags: &[Option<Missing>],
+fn vectors<'a>(
+    time_s: &'a [f64],
+    values: &'a [[f64; 3]],
+    flags: &'a [Option<Missing>],
     (name, decimals, factor): (&str, usize, f64),
-) -> io::Result<()> {
-    let flag = |i: usize| flags.get(i).and_then(Option::as_ref);
-    let value = |i: usize| match flag(i) {
+) -> Vec<Column<'a>> {
+    let value = move |i: usize| match &flags[i] {
         None => values[i].map(|v| v * factor),
         Some(_) => [f64::NAN; 3],
     };
     let mut columns = vec![Column::new("time_s", TIME, |i| time_s[i])];
     columns.extend(Column::three(name, AXES, decimals, value));
-    let rows = time_s.len().min(values.len());
-    write_table(out, &columns, rows, |i, buffer| {
-        if let Some(flag) = flag(i) {
-            put(buffer, flag);
-        }
-    })
+    columns
 }
 
 /// The aligned recording, on the motion clock, world axes: raw and smoothed position (mm), velocity (mm/s),

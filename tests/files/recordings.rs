@@ -200,7 +200,8 @@ fn every_frame_has_its_row_and_a_missing_one_its_reason() {
     let d = dataset(1000);
     let r = recording_outcome(&d);
     let mut out = Vec::new();
-    csv::predicted_voltage(&mut out, &r, None, &csv::missing(&r)).unwrap();
+    let flags = csv::missing(&r);
+    csv::write_flagged(&mut out, &csv::predicted_voltage(&r, None, &flags), &flags).unwrap();
     let (header, rows) = rows(out);
     assert_eq!(
         header.join(","),
@@ -232,13 +233,16 @@ fn every_frame_has_its_row_and_a_missing_one_its_reason() {
 fn forces_and_motions_have_their_columns() {
     let flags = [None, Some(csv::Missing::Gap)];
     let mut out = Vec::new();
-    csv::predicted_force(&mut out, &[0.0, 0.01], &[[1e-3, 0.0, -2e-9]; 2], &flags).unwrap();
+    let force = [[1e-3, 0.0, -2e-9]; 2];
+    let columns = csv::predicted_force(&[0.0, 0.01], &force, &flags);
+    csv::write_flagged(&mut out, &columns, &flags).unwrap();
     assert_eq!(
         String::from_utf8(out).unwrap(),
         "time_s,Fx_N,Fy_N,Fz_N,flag\n0.000000,0.001000000,0.000000000,-0.000000002,\n0.010000,,,,gap\n"
     );
     let mut out = Vec::new();
-    csv::predicted_motion(&mut out, &[0.0], &[[1e-3, 0.0, -0.08]], &[]).unwrap();
+    let columns = csv::predicted_motion(&[0.0], &[[1e-3, 0.0, -0.08]], &flags[..1]);
+    csv::write_flagged(&mut out, &columns, &flags[..1]).unwrap();
     assert_eq!(
         String::from_utf8(out).unwrap(),
         "time_s,x_mm,y_mm,z_mm,flag\n0.000000,1.000000,0.000000,-80.000000,\n"
@@ -281,7 +285,8 @@ fn a_minute_is_written_in_milliseconds() {
     csv::aligned(&mut out, &d, 0.5).unwrap();
     let aligned = started.elapsed();
     let started = Instant::now();
-    csv::predicted_voltage(&mut out, &r, None, &csv::missing(&r)).unwrap();
+    let flags = csv::missing(&r);
+    csv::write_flagged(&mut out, &csv::predicted_voltage(&r, None, &flags), &flags).unwrap();
     let predicted = started.elapsed();
     let started = Instant::now();
     let mut file = Cursor::new(Vec::new());

@@ -29,13 +29,13 @@ fn family(id: &str) -> &str {
 }
 
 /// A series: its recordings in the order in which they were given, and what had to be assumed.
-pub(super) struct Series {
+pub struct Series {
     pub entries: Vec<SeriesEntry>,
     pub remarks: Vec<String>,
 }
 
 /// What is known beforehand of when a recording was made.
-pub(super) struct Occasion<'a> {
+pub struct Occasion<'a> {
     /// Its id.
     pub id: &'a str,
     /// Its `start` on the clock of the laboratory, s since 1970.
@@ -59,12 +59,12 @@ fn occasions<'a>(recordings: &'a [Recording], datasets: &[Dataset]) -> Vec<Occas
 
 /// Puts recordings in the order in which they were made. Numbers are the leading ones of the ids, otherwise
 /// the order of the stated beginnings, otherwise that of the command line.
-pub(super) fn order(recordings: &[Recording], datasets: &[Dataset]) -> Result<Series, Failure> {
+pub fn order(recordings: &[Recording], datasets: &[Dataset]) -> Result<Series, Failure> {
     order_of(&occasions(recordings, datasets))
 }
 
 /// The same from when each recording was made.
-pub(super) fn order_of(occasions: &[Occasion]) -> Result<Series, Failure> {
+pub fn order_of(occasions: &[Occasion]) -> Result<Series, Failure> {
     let ids: Vec<&str> = occasions.iter().map(|o| o.id).collect();
     let starts: Option<Vec<f64>> = occasions.iter().map(|o| o.clock_s).collect();
     let durations: Vec<f64> = occasions.iter().map(|o| o.duration_s).collect();
@@ -142,7 +142,7 @@ fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<
 }
 
 /// When a recording was made whose first sample is at `start_s` on its motion clock.
-pub(super) fn when(entry: &SeriesEntry, start_s: f64) -> When {
+pub fn when(entry: &SeriesEntry, start_s: f64) -> When {
     When {
         recording: entry.number,
         series_s: entry.begins_s,
@@ -151,14 +151,14 @@ pub(super) fn when(entry: &SeriesEntry, start_s: f64) -> When {
 }
 
 /// The causes of a parameter file, and when each recording was made, as they see it.
-pub(super) struct AtWork {
+pub struct AtWork {
     pub effects: Vec<Acting>,
     pub when: Vec<When>,
     pub remarks: Vec<String>,
 }
 
 /// The causes of `file` at work in `recordings`.
-pub(super) fn at_work(
+pub fn at_work(
     file: &ParameterFile,
     recordings: &[Recording],
     datasets: &[Dataset],
@@ -168,7 +168,7 @@ pub(super) fn at_work(
 
 /// The causes of `file` at work on some occasions. A moment that is stated without its recording lies in the
 /// first of them.
-pub(super) fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork, Failure> {
+pub fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork, Failure> {
     if file.effects.is_empty() {
         return Ok(AtWork {
             effects: Vec::new(),

@@ -11,7 +11,7 @@ use crate::model::{Mechanics, Robot, others};
 const ENDS_S: f64 = 0.3;
 
 /// What is to be said of the measured motion of `dataset`, where the amplifiers are told `told_v`.
-pub(super) fn of_dataset(
+pub fn of_dataset(
     robot: &Robot,
     dataset: &Dataset,
     (effects, when): (&[Acting], When),
@@ -28,7 +28,7 @@ pub(super) fn of_dataset(
 }
 
 /// The same of a motion that was predicted, `position_m` at the frames of `dataset`; NaN where it was not.
-pub(super) fn of_motion(
+pub fn of_motion(
     robot: &Robot,
     dataset: &Dataset,
     position_m: &[Vec3],
@@ -79,14 +79,14 @@ pub(super) fn of_motion(
 }
 
 /// The commands of a recording, read with the clock offset `offset_s`, V.
-pub(super) fn commands_v(dataset: &Dataset, offset_s: f64) -> [Vec<f64>; 3] {
+pub fn commands_v(dataset: &Dataset, offset_s: f64) -> [Vec<f64>; 3] {
     let n = dataset.samples();
     [0, 1, 2].map(|k| (0..n).map(|i| dataset.command_v(k, i, offset_s)).collect())
 }
 
 /// Voltages of the three actuators as rows, as one list of each; a voltage that is not known is the one
 /// before it.
-pub(super) fn by_actuator(rows: &[Vec3]) -> [Vec<f64>; 3] {
+pub fn by_actuator(rows: &[Vec3]) -> [Vec<f64>; 3] {
     [0, 1, 2].map(|k| {
         let mut last = 0.0;
         let held = rows.iter().map(|row| {

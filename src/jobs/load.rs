@@ -4,21 +4,20 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::progress::Progress;
-use super::{Failure, Talk};
-use crate::checks::{Finding, Grade, check_all, check_parameters};
+use super::{Failure, Progress};
+use crate::checks::{Finding, check_all, check_parameters};
 use crate::dataset::line::Line;
 use crate::dataset::{Dataset, HangingDataset, Plan, StretchPlan, stretches};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
-use crate::report::html::number;
 use crate::report::output::settle;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::read_plan;
+use crate::report::provenance::Provenance;
 use crate::simulate::{Hold, PlannedPath, Sampled};
 
 /// Opens recordings, all of one kind.
-pub(super) fn recordings(
+pub(crate) fn recordings(
     paths: &[PathBuf],
     rig: Option<&PathBuf>,
     kind: Kind,
@@ -28,20 +27,42 @@ pub(super) fn recordings(
 }
 
 /// Opens recordings, all of one kind, which is among `kinds`.
-pub(super) fn recordings_of(
+pub(crate) fn recordings_of(
     paths: &[PathBuf],
     rig: Option<&PathBuf>,
     kinds: &[Kind],
     progress: &Progress,
 ) -> Result<Vec<Recording>, Failure> {
+    let all = opened(paths, rig, progress)?;
+    of_one_kind(&all, kinds)?;
+    Ok(all)
+}
+
+/// Opens recordings of any kind, with another rig than their own where one is given.
+///
+/// # Errors
+/// A file cannot be read, with its place and what to do.
+pub fn opened(
+    paths: &[PathBuf],
+    rig: Option<&PathBuf>,
+    progress: &Progress,
+) -> Result<Vec<Recording>, Failure> {
     progress.reading(format!("reading {} recording(s)", paths.len()));
     paths.iter().chain(rig).try_for_each(|p| whole(p))?;
     let options = OpenOptions { rig: rig.cloned() };
-    let all: Vec<Recording> = paths
+    let all = paths
         .par_iter()
         .map(|p| Recording::open_with(p, &options))
         .collect::<Result<_, _>>()?;
-    for r in &all {
+    Ok(all)
+}
+
+/// Refuses recordings that are not of one kind among `kinds`, or of which two have one id.
+///
+/// # Errors
+/// The first that is, and what to give instead.
+pub fn of_one_kind(all: &[Recording], kinds: &[Kind]) -> Result<(), Failure> {
+    for r in all {
         let kind = r.manifest.kind;
         if !kinds.contains(&kind) {
             let names: Vec<&str> = kinds.iter().map(|k| k.name()).collect();
@@ -75,13 +96,52 @@ pub(super) fn recordings_of(
             .into());
         }
     }
-    Ok(all)
+    Ok(())
+}
+
+/// What a job works on.
+#[derive(Debug, Clone)]
+pub struct Given {
+    /// The recordings, none a copy of another one.
+    pub recordings: Vec<Recording>,
+    /// How many of them, from the first on, were not asked to be held out.
+    pub named: usize,
+    /// What to say of copies that were left out.
+    pub copies: Vec<String>,
+    /// What is wrong with the recordings, or looks so; see [`Given::look_over`].
+    pub findings: Vec<Finding>,
+    /// What a result of it is made of.
+    pub provenance: Provenance,
+}
+
+impl Given {
+    /// Of recordings, the first `named` of which were not asked to be held out. `command` is what a result
+    /// states of how it was made.
+    #[must_use]
+    pub fn new(all: Vec<Recording>, named: usize, command: &str) -> Self {
+        let (recordings, named, copies) = distinct(all, named);
+        Given {
+            provenance: Provenance::of(command, &recordings),
+            findings: Vec::new(),
+            recordings,
+            named,
+            copies,
+        }
+    }
+
+    /// The same with what is wrong with the recordings.
+    #[must_use]
+    pub fn look_over(mut self, progress: &Progress) -> Self {
+        progress.step("looking at wiring, axes, units and clocks");
+        self.findings = check_all(&self.recordings);
+        self
+    }
 }
 
 /// Recordings without copies of one another, and what to say of those that were left out. The same motion and
 /// voltage under another id is no further evidence: fifty copies would make every interval seven times too
 /// narrow. Of the first `named` recordings that many stay.
-pub(super) fn distinct(all: Vec<Recording>, named: usize) -> (Vec<Recording>, usize, Vec<String>) {
+fn distinct(all: Vec<Recording>, named: usize) -> (Vec<Recording>, usize, Vec<String>) {
     let sums: Vec<String> = all.par_iter().map(Recording::content_sum).collect();
     let ids: Vec<String> = all.iter().map(|r| r.manifest.id.clone()).collect();
     let (mut kept, mut still_named, mut remarks) = (Vec::new(), 0, Vec::new());
@@ -100,7 +160,7 @@ pub(super) fn distinct(all: Vec<Recording>, named: usize) -> (Vec<Recording>, us
 }
 
 /// Ends what a run was putting in place in the folder of `path`, where it was cut off in the middle.
-pub(super) fn whole(path: &Path) -> Result<(), Failure> {
+pub(crate) fn whole(path: &Path) -> Result<(), Failure> {
     let folder = if path.is_dir() {
         path
     } else {
@@ -109,36 +169,32 @@ pub(super) fn whole(path: &Path) -> Result<(), Failure> {
     Ok(settle(folder)?)
 }
 
-/// What is wrong with recordings, said before anything is fitted to them.
-pub(super) fn findings(recordings: &[Recording], progress: &Progress, talk: Talk) -> Vec<Finding> {
-    progress.step("looking at wiring, axes, units and clocks");
-    let found = check_all(recordings);
-    for finding in &found {
-        talk.say(&finding_line(finding));
-    }
-    found
+/// Choices of an earlier run, of its `plan.toml` where one is given.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn plans(path: Option<&PathBuf>) -> Result<Vec<Plan>, Failure> {
+    Ok(path.map(|p| read_plan(p)).transpose()?.unwrap_or_default())
 }
 
-/// A finding for a terminal.
-pub(super) fn finding_line(finding: &Finding) -> String {
-    format!(
-        "{} {}: {}",
-        match finding.grade {
-            Grade::Wrong => "! wrong:",
-            Grade::Doubtful => "? doubtful:",
-        },
-        finding.recording,
-        number::words(&finding.line())
-    )
-}
-
-/// Smooths and aligns robot recordings.
-pub(super) fn datasets(
+/// Smooths and aligns robot recordings, with the choices of a `plan.toml` where one is given.
+pub(crate) fn datasets(
     recordings: &[Recording],
     plan: Option<&PathBuf>,
     progress: &Progress,
 ) -> Result<Vec<Dataset>, Failure> {
-    let plans: Vec<Plan> = plan.map(|p| read_plan(p)).transpose()?.unwrap_or_default();
+    aligned(recordings, &plans(plan)?, progress)
+}
+
+/// Smooths and aligns robot recordings, making the choices of `plans` again: one dataset each, in SI.
+///
+/// # Errors
+/// A recording that cannot be aligned: no common time, units or axes that cannot be.
+pub fn aligned(
+    recordings: &[Recording],
+    plans: &[Plan],
+    progress: &Progress,
+) -> Result<Vec<Dataset>, Failure> {
     progress.step("smoothing and aligning");
     let all = recordings
         .par_iter()
@@ -148,7 +204,7 @@ pub(super) fn datasets(
 }
 
 /// Cuts the recordings that are longer than a fit holds into stretches, and says so.
-pub(super) fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
+pub(crate) fn cut_all(datasets: &mut [Dataset]) -> Vec<String> {
     let plans = stretches(&datasets.iter().collect::<Vec<_>>());
     let mut remarks = Vec::new();
     for (d, plan) in datasets.iter_mut().zip(plans) {
@@ -166,7 +222,7 @@ const OF_OFFSET: usize = 4;
 
 /// A recording alone in stretches that tell its clock offset, where it is longer than a fit holds, and what
 /// to say of it.
-pub(super) fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
+pub(crate) fn cut(dataset: &Dataset) -> Option<(Dataset, String)> {
     let plan = stretches(&[dataset]).remove(0)?;
     let count = plan.count.div_ceil(OF_OFFSET);
     Some(cut_as(dataset, StretchPlan { count, ..plan }))
@@ -184,7 +240,7 @@ fn cut_as(dataset: &Dataset, plan: StretchPlan) -> (Dataset, String) {
 }
 
 /// Recordings of a bench, an axis or coupons, in SI units with their noise.
-pub(super) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>, Failure> {
+pub(crate) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec<Line>, Failure> {
     progress.step("measuring noise and bandwidth");
     let all = recordings
         .par_iter()
@@ -194,7 +250,7 @@ pub(super) fn lines(recordings: &[Recording], progress: &Progress) -> Result<Vec
 }
 
 /// The rig that all recordings share.
-pub(super) fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
+pub(crate) fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
     let mut found: Option<(&Recording, &RobotRig)> = None;
     for r in recordings {
         let Some(Rig::Robot(rig)) = &r.rig else {
@@ -223,7 +279,7 @@ pub(super) fn rig(recordings: &[Recording]) -> Result<&RobotRig, Failure> {
 }
 
 /// The robot of a rig, with the permittivity of a parameter file where that has one.
-pub(super) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Result<Robot, Failure> {
+pub(crate) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Result<Robot, Failure> {
     Ok(Robot::from_rig(
         rig,
         parameters.and_then(ParameterFile::eps_r),
@@ -232,7 +288,7 @@ pub(super) fn robot(rig: &RobotRig, parameters: Option<&ParameterFile>) -> Resul
 
 /// Hanging samples, aligned, with geometry and mass of each rig and the electrode of a parameter file where
 /// there is one.
-pub(super) fn samples(
+pub(crate) fn samples(
     recordings: &[Recording],
     parameters: Option<&ParameterFile>,
 ) -> Result<(Vec<HangingDataset>, Vec<HangingSample>), Failure> {
@@ -263,10 +319,24 @@ pub(super) fn samples(
     Ok((datasets, samples))
 }
 
-/// Reads a parameter file; numbers that cannot be are an error.
-pub(super) fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
+/// Reads a parameter file.
+///
+/// # Errors
+/// The file cannot be read, or holds numbers that cannot be.
+pub fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
     whole(path)?;
-    let file = ParameterFile::read(path)?;
+    sound(path, ParameterFile::read(path)?)
+}
+
+/// The parameter file that `text` is of.
+///
+/// # Errors
+/// As [`parameters`], under the name `path`.
+pub fn parameters_of_text(path: &Path, text: &str) -> Result<ParameterFile, Failure> {
+    sound(path, ParameterFile::parse(path, text)?)
+}
+
+fn sound(path: &Path, file: ParameterFile) -> Result<ParameterFile, Failure> {
     if let Ok(parameters) = file.parameters()
         && let Some(wrong) = check_parameters(&path.display().to_string(), &parameters).first()
     {
@@ -320,7 +390,7 @@ fn table<const N: usize>(
 }
 
 /// A planned path: CSV with time_s and x_mm, y_mm, z_mm (or x_m, y_m, z_m).
-pub(super) fn path(file: &Path) -> Result<PlannedPath, Failure> {
+pub(crate) fn path(file: &Path) -> Result<PlannedPath, Failure> {
     let columns: [&[(&str, f64)]; 3] = [
         &[("x_mm", 1e-3), ("x_m", 1.0)],
         &[("y_mm", 1e-3), ("y_m", 1.0)],
@@ -331,7 +401,7 @@ pub(super) fn path(file: &Path) -> Result<PlannedPath, Failure> {
 }
 
 /// A voltage table: CSV with time_s and phi1_kV, phi2_kV, phi3_kV (or phi1_V, ...), its first row as time 0.
-pub(super) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
+pub(crate) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
     let columns: [&[(&str, f64)]; 3] = [
         &[("phi1_kV", 1e3), ("phi1_V", 1.0)],
         &[("phi2_kV", 1e3), ("phi2_V", 1.0)],
@@ -343,7 +413,7 @@ pub(super) fn voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
 
 /// A voltage table of a hanging sample: CSV with time_s and phi_kV or phi_V (a robot's first channel will
 /// do), its first row as time 0.
-pub(super) fn sample_voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
+pub(crate) fn sample_voltage(file: &Path, hold: Hold) -> Result<Sampled, Failure> {
     let names: &[(&str, f64)] = &[
         ("phi_kV", 1e3),
         ("phi_V", 1.0),
@@ -378,7 +448,7 @@ const ENDINGS: [&str; 19] = [
 
 /// Refuses a file to be written whose ending says that it is of another kind than those that `what` is
 /// written as.
-pub(super) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failure> {
+pub(crate) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failure> {
     let ending = path
         .extension()
         .map_or(String::new(), |e| e.to_string_lossy().to_ascii_lowercase());
@@ -392,18 +462,4 @@ pub(super) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failu
         fits.join(" or ")
     )
     .into())
-}
-
-/// The folders in a folder that are not hidden, by name.
-pub(super) fn folders(dir: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let list = std::fs::read_dir(dir).map_err(|e| format!("{}: {e}", dir.display()))?;
-    let mut out: Vec<PathBuf> = list.filter_map(|e| e.ok().map(|e| e.path())).collect();
-    out.retain(|p| {
-        let hidden = p
-            .file_name()
-            .is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
-        p.is_dir() && !hidden
-    });
-    out.sort();
-    Ok(out)
 }

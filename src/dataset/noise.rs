@@ -134,10 +134,10 @@ const LEAP: f64 = 5.0;
 fn without_leaps(values: &[f64]) -> Vec<f64> {
     let most = LEAP * std::f64::consts::SQRT_2 * white(values, 3);
     let large = |i: usize| (values[i] - values[i - 1]).abs() > most;
-    let alone = |i: usize| !(i > 1 && large(i - 1)) && !(i + 1 < values.len() && large(i + 1));
+    let beside = |i: usize| (i > 1 && large(i - 1)) || (i + 1 < values.len() && large(i + 1));
     let mut closed = 0.0;
     let each = values.iter().enumerate().map(|(i, v)| {
-        if i > 0 && large(i) && alone(i) {
+        if i > 0 && large(i) && !beside(i) {
             closed += v - values[i - 1];
         }
         v - closed

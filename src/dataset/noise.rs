@@ -126,19 +126,25 @@ const SIGNAL: f64 = 6.0;
 /// with steps exceeds it.
 const SKIRT: f64 = 1.3;
 
-/// Size of a leap, in standard deviations of a difference of noise.
-const LEAP: f64 = 5.0;
+/// Size of a leap beyond the slopes on both sides, in standard deviations of noise there.
+const LEAP: f64 = 4.0;
 
 /// The values with leaps between two neighbours closed: their spectrum falls slowly, as that of noise whose
 /// neighbours correlate does.
 fn without_leaps(values: &[f64]) -> Vec<f64> {
-    let most = LEAP * std::f64::consts::SQRT_2 * white(values, 3);
-    let large = |i: usize| (values[i] - values[i - 1]).abs() > most;
-    let beside = |i: usize| (i > 1 && large(i - 1)) || (i + 1 < values.len() && large(i + 1));
+    let n = values.len();
+    // half a third difference is how far a step goes beyond the mean of its neighbours
+    let most = LEAP * 0.5 * variance(3).sqrt() * white(values, 3);
+    let beyond = |i: usize| match i > 1 && i + 1 < n {
+        true => -0.5 * difference(&values[i - 2..i + 2]),
+        false => 0.0,
+    };
     let mut closed = 0.0;
     let each = values.iter().enumerate().map(|(i, v)| {
-        if i > 0 && large(i) && !beside(i) {
-            closed += v - values[i - 1];
+        let own = beyond(i);
+        let largest = (i > 0).then(|| beyond(i - 1).abs().max(beyond(i + 1).abs()));
+        if own.abs() > most && largest.is_some_and(|l| own.abs() > l) {
+            closed += own;
         }
         v - closed
     });
@@ -259,7 +265,7 @@ mod tests {
         }
         let mut steps = coloured(0.0, 1);
         for (i, v) in steps.iter_mut().enumerate() {
-            *v += 0.1 * f64::from(u8::from(i / 100 % 2 == 0));
+            *v += 0.2 * f64::from(u8::from(i / 100 % 2 == 0));
         }
         assert!(colour(&steps) < 0.05, "{}", colour(&steps));
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::super::blocks::{Blocks, Foretold};
 use super::super::problem::Fitted;
 use super::columns::prior_root;
-use super::{Group, Made, POLISH, Problem, Tangent, Taught};
+use super::{Group, Made, POLISH, Problem, Subject, Tangent, Taught};
 use crate::effects::Acting;
 use crate::effects::learnt::{Form, Learnt, Place, Variable, wider};
 use crate::effects::line::Kind;
@@ -175,6 +175,42 @@ fn foretold(list: &[Listed], chosen: &Chosen, tangent: &Tangent, blocks: &Blocks
     blocks.foretell(tangent, Some((&columns, &ridge)))
 }
 
+/// The plain model and chosen groups together.
+struct Solved {
+    /// Inverse of the columns' products, ridges and priors included.
+    inverse: DMatrix<f64>,
+    /// Steps of the plain unknowns, and the groups' unknowns.
+    step: DVector<f64>,
+    /// What is left.
+    left: DVector<f64>,
+}
+
+fn solved(list: &[Listed], chosen: &Chosen, tangent: &Tangent) -> Option<Solved> {
+    let (columns, ridge) = together(list, chosen);
+    let (own, more) = (tangent.columns.ncols(), columns.ncols());
+    let mut all = DMatrix::zeros(columns.nrows(), own + more);
+    all.columns_mut(0, own).copy_from(&tangent.columns);
+    all.columns_mut(own, more).copy_from(&columns);
+    let mut whole = all.tr_mul(&all);
+    for (j, root) in tangent.prior_roots().iter().enumerate() {
+        whole[(j, j)] += root * root + 1e-12;
+    }
+    for (j, r) in ridge.iter().enumerate() {
+        whole[(own + j, own + j)] += r;
+    }
+    // the plain unknowns are at their optimum
+    let mut pull = all.tr_mul(&tangent.residual);
+    pull.rows_mut(0, own).fill(0.0);
+    let inverse = whole.cholesky()?.inverse();
+    let step = -(&inverse * pull);
+    let left = &tangent.residual + &all * &step;
+    Some(Solved {
+        inverse,
+        step,
+        left,
+    })
+}
+
 /// Learns what the plain model of `plain` leaves on a single coordinate; `independent` of the rows count.
 /// `None` where nothing foretells what was left out.
 ///
@@ -212,7 +248,11 @@ pub(in crate::diagnosis) fn learn_along(
         let Some((more, told)) = best_of(RIDGES.map(|r| with(next, r)).to_vec()) else {
             break;
         };
-        if log(&told) < log(&reached) + price {
+        // what it leaves is nearer to noise than what the plain model leaves: more of its rows count
+        let left = solved(&list, &more, &tangent).map(|s| s.left);
+        let own = left.map_or(independent, |l| residual.independent(l.as_slice()));
+        let at = independent.max(own);
+        if told.log_density(at) < reached.log_density(at) + price {
             break;
         }
         (chosen, reached) = (more, told);
@@ -221,27 +261,18 @@ pub(in crate::diagnosis) fn learn_along(
     if chosen.is_empty() || !helps || reached.beats(&nothing) < BETTER {
         return Ok(None);
     }
-    let (columns, ridge) = together(&list, &chosen);
-    let (own, more) = (tangent.columns.ncols(), columns.ncols());
-    let mut all = DMatrix::zeros(columns.nrows(), own + more);
-    all.columns_mut(0, own).copy_from(&tangent.columns);
-    all.columns_mut(own, more).copy_from(&columns);
-    let mut whole = all.tr_mul(&all);
-    for (j, root) in tangent.prior_roots().iter().enumerate() {
-        whole[(j, j)] += root * root + 1e-12;
-    }
-    for (j, r) in ridge.iter().enumerate() {
-        whole[(own + j, own + j)] += r;
-    }
-    // the plain unknowns are at their optimum
-    let mut pull = all.tr_mul(&tangent.residual);
-    pull.rows_mut(0, own).fill(0.0);
-    let Some(inverse) = whole.cholesky().map(|c| c.inverse()) else {
+    let Some(Solved {
+        inverse,
+        step,
+        left,
+    }) = solved(&list, &chosen, &tangent)
+    else {
         return Ok(None);
     };
-    let step = -(&inverse * pull);
-    let left = (&tangent.residual + &all * &step).norm_squared() / all.nrows() as f64;
-    let open = inverse.view((own, own), (more, more)) * (left.max(1.0) / independent);
+    let own = tangent.columns.ncols();
+    let more = step.len() - own;
+    let square = left.norm_squared() / left.len() as f64;
+    let open = inverse.view((own, own), (more, more)) * (square.max(1.0) / independent);
     let (mut effects, mut told, mut from) = (Vec::new(), Vec::new(), 0);
     for (at, &(i, _)) in chosen.iter().enumerate() {
         let mut others = chosen.clone();

@@ -237,6 +237,8 @@ pub(in crate::diagnosis) fn learn_along(
         });
         told.max_by(|a, b| log(&a.1).total_cmp(&log(&b.1)))
     };
+    // what a model with groups leaves is nearer to noise than what the plain one leaves: more rows count
+    let counts = |left: &DVector<f64>| independent.max(residual.independent(left.as_slice()));
     let (mut chosen, mut reached) = (Chosen::new(), nothing.clone());
     while chosen.len() < MOST {
         let free = (0..list.len()).filter(|i| chosen.iter().all(|c| c.0 != *i));
@@ -248,10 +250,8 @@ pub(in crate::diagnosis) fn learn_along(
         let Some((more, told)) = best_of(RIDGES.map(|r| with(next, r)).to_vec()) else {
             break;
         };
-        // what it leaves is nearer to noise than what the plain model leaves: more of its rows count
         let left = solved(&list, &more, &tangent).map(|s| s.left);
-        let own = left.map_or(independent, |l| residual.independent(l.as_slice()));
-        let at = independent.max(own);
+        let at = left.map_or(independent, |l| counts(&l));
         if told.log_density(at) < reached.log_density(at) + price {
             break;
         }
@@ -272,7 +272,7 @@ pub(in crate::diagnosis) fn learn_along(
     let own = tangent.columns.ncols();
     let more = step.len() - own;
     let square = left.norm_squared() / left.len() as f64;
-    let open = inverse.view((own, own), (more, more)) * (square.max(1.0) / independent);
+    let open = inverse.view((own, own), (more, more)) * (square.max(1.0) / counts(&left));
     let (mut effects, mut told, mut from) = (Vec::new(), Vec::new(), 0);
     for (at, &(i, _)) in chosen.iter().enumerate() {
         let mut others = chosen.clone();

@@ -450,6 +450,9 @@ impl Subject for LineResidual<'_> {
     fn made_by(&self, acting: &Acting) -> Made {
         learn::made_along(self, acting)
     }
+    fn work_of(&self, terms: &[Acting]) -> Option<[f64; 2]> {
+        Some(learn::work_along(self, terms))
+    }
     fn noise_rows(&self) -> Vec<Vec<f64>> {
         LineResidual::noise_rows(self, super::DRAWN)
     }

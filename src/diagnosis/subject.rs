@@ -144,6 +144,11 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
     fn made_by(&self, _acting: &Acting) -> Made {
         Made::default()
     }
+    /// Net work of learnt terms together, and the sum of what is exchanged; `None` where those of each term
+    /// add up.
+    fn work_of(&self, _terms: &[Acting]) -> Option<[f64; 2]> {
+        None
+    }
     /// The same recordings, of which these kept samples of one count nothing.
     fn without(&self, _recording: usize, _kept: Range<usize>) -> Self {
         unreachable!("there is no dictionary")

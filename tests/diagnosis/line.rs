@@ -282,6 +282,7 @@ fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
         let variables = learnt.variables();
         assert!(variables.iter().any(|v| v.0 == variable), "{variables:?}");
         assert!(learnt.gap_closed > 0.85, "{id}: {}", learnt.says);
+        assert_eq!(learnt.takes_energy(), id == "sticky", "{}", learnt.says);
         let file = ParameterFile::of_diagnosis(&d, Vec::new(), Provenance::default());
         let text = file.to_toml().unwrap();
         let read = ParameterFile::parse(Path::new("parameters.toml"), &text).unwrap();

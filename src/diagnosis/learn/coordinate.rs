@@ -322,12 +322,28 @@ pub(in crate::diagnosis) fn made_along(residual: &LineResidual, acting: &Acting)
             *all = wider(*all, own);
         }
         let made = term.made_along(&acting.values, &view);
+        let kept = residual.kept(number).iter();
+        out.largest = kept.map(|&i| made[i].abs()).fold(out.largest, f64::max);
+    }
+    out
+}
+
+/// Net work of terms together on what moves, and the sum of what is exchanged.
+pub(in crate::diagnosis) fn work_along(residual: &LineResidual, terms: &[Acting]) -> [f64; 2] {
+    let mut out = [0.0; 2];
+    for number in 0..residual.lines().count() {
+        let (_, xi, _) = residual.course(number);
+        let at_rest = vec![0.0; xi.len()];
+        let view = residual.view(number, &at_rest);
+        let each: Vec<Vec<f64>> = (terms.iter())
+            .filter_map(|a| Some(a.effect.learnt()?.made_along(&a.values, &view)))
+            .collect();
         for &i in residual.kept(number).iter().filter(|i| **i > 0) {
-            out.largest = out.largest.max(made[i].abs());
             // what is asked of the drive is given away
-            let power = -made[i] * (xi[i] - xi[i - 1]);
-            out.work += power;
-            out.exchanged += power.abs();
+            let asked: f64 = each.iter().map(|made| made[i]).sum();
+            let power = -asked * (xi[i] - xi[i - 1]);
+            out[0] += power;
+            out[1] += power.abs();
         }
     }
     out

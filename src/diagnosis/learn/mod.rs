@@ -46,7 +46,7 @@ use crate::fit::separable::{Prior, Unknown};
 use crate::residual::Departure;
 pub(super) use columns::{Group, Made};
 use columns::{Known, known};
-pub(super) use coordinate::{learn_along, made_along};
+pub(super) use coordinate::{learn_along, made_along, work_along};
 pub(super) use dictionary::{made_by, of_robot};
 use evidence::{About, Choice, Products, log_det};
 pub(super) use physics::physics;

@@ -57,6 +57,8 @@ pub(in crate::diagnosis) fn physics<S: Subject>(
             largest: made.largest,
         });
     }
+    let together = problem.train.work_of(&fitted.effects);
+    let [work, exchanged] = together.unwrap_or([work, exchanged]);
     let on = [0, 1, 2].map(|k| fitted.effects.iter().any(|a| a.on[k]));
     let mut resembles = cosines(&tangent, &column, learnt::ID, on, groups);
     resembles.retain(|r| r.1 >= LIKE.1);

@@ -130,7 +130,8 @@ const SKIRT: f64 = 1.3;
 const LEAP: f64 = 4.0;
 
 /// The values with leaps between two neighbours closed: their spectrum falls slowly, as that of noise whose
-/// neighbours correlate does.
+/// neighbours correlate does. Leaps below nine standard deviations of the noise are mostly lost in it: forty
+/// of ten among 4,000 samples still pass for a correlation of 0.09.
 fn without_leaps(values: &[f64]) -> Vec<f64> {
     let n = values.len();
     // half a third difference is how far a step goes beyond the mean of its neighbours
@@ -152,8 +153,9 @@ fn without_leaps(values: &[f64]) -> Vec<f64> {
 }
 
 /// Correlation of neighbours in the noise of evenly taken values, less its standard error: the first-order
-/// autoregression whose spectrum is likeliest (Whittle 1953) from an eighth to half of the sampling rate, where
-/// a well-sampled motion has nothing. 0 where nothing is told: too few values, or motion at those frequencies.
+/// autoregression whose spectrum is likeliest (Whittle 1953) from an eighth to half of the sampling rate,
+/// where a well-sampled motion has nothing. 0 where nothing is told: too few values, or motion at those
+/// frequencies.
 #[must_use]
 pub fn colour(values: &[f64]) -> f64 {
     if values.len() < COLOUR_FROM || values.iter().any(|v| !v.is_finite()) {
@@ -185,13 +187,14 @@ pub fn colour(values: &[f64]) -> f64 {
     let rho = likeliest.unwrap_or(0.0);
     let (lower, upper) = (bins / 4..bins / 2, bins / 2..bins);
     let told = rho < MOST_COLOUR && middle(over(rho, lower)) < SKIRT * middle(over(rho, upper));
-    // Whittle's information in that band: three quarters of the frequencies, over which d ln S/d rho = 2 cos w
-    // has the variance 1.216
+    // Whittle's information in that band: three quarters of the frequencies, over which
+    // d ln S/d rho = 2 cos w has the variance 1.216
     let error = (0.375 * 1.216 * values.len() as f64).sqrt().recip();
     if told { (rho - error).max(0.0) } else { 0.0 }
 }
 
-/// Power of noise at low frequencies over that at the top of its spectrum, from the correlation of neighbours.
+/// Power of noise at low frequencies over that at the top of its spectrum, from the correlation of
+/// neighbours.
 #[must_use]
 pub fn in_band(correlation: f64) -> f64 {
     ((1.0 + correlation) / (1.0 - correlation)).powi(2)
@@ -263,11 +266,14 @@ mod tests {
                 assert!((sd / 0.01 - 1.0).abs() < 0.08, "{sd} for {told}");
             }
         }
-        let mut steps = coloured(0.0, 1);
-        for (i, v) in steps.iter_mut().enumerate() {
-            *v += 0.2 * f64::from(u8::from(i / 100 % 2 == 0));
+        // leaps of twenty standard deviations, and of ten, of which a third are lost in the noise
+        for (size, most) in [(0.2, 0.05), (0.1, 0.1)] {
+            let mut steps = coloured(0.0, 1);
+            for (i, v) in steps.iter_mut().enumerate() {
+                *v += size * f64::from(u8::from(i / 100 % 2 == 0));
+            }
+            assert!(colour(&steps) < most, "{size}: {}", colour(&steps));
         }
-        assert!(colour(&steps) < 0.05, "{}", colour(&steps));
     }
 
     #[test]

@@ -29,6 +29,11 @@ use super::verdict::MATTERS;
 /// Draws of the blocks' weights.
 const DRAWS: usize = 400;
 
+/// Student's t from which one model foretells better than another, block by block.
+pub(super) const BETTER: f64 = 2.5;
+/// Ridges of flexible columns, over their squared length.
+pub(super) const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
+
 /// Consecutive stretches of rows.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Blocks {

@@ -14,7 +14,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::blocks::{self, Blocks, Foretold, Forms, form_leaves, unlisted_leaves};
+use super::blocks::{self, BETTER, Blocks, Foretold, Forms, RIDGES, form_leaves, unlisted_leaves};
 use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
 use super::explain::{gains, parameters, places};
@@ -65,12 +65,8 @@ const MATTERS: f64 = 0.9;
 /// Largest odds of a cause that is not named: it failed a test beside its odds (too small to matter, within
 /// one sample, not told from off), and is less likely than not to be at work in a way that matters.
 const NOT_NAMED: f64 = 0.49;
-/// Student's t from which one model foretells better than another, block by block.
-const BETTER: f64 = 2.5;
 /// Share of the plain fit's mass, damping or stiffness below which a drive stands in for it.
 const CANCELLED: f64 = 0.1;
-/// Ridges of flexible columns, over their squared length.
-const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
 
 /// A fitted model with what it foretells.
 struct Model {

@@ -99,11 +99,17 @@ const FOLLOW_S: f64 = 2e-4;
 
 /// z of z' = (x - z)/tau from z = x on, where x is straight between samples; the last of each step.
 fn lagging(x: &[f64], tau_s: f64, step_s: f64) -> Vec<f64> {
-    let (left, far) = decays(step_s / tau_s);
+    let over_step = decays(step_s / tau_s);
+    lagging_by(x, |_| over_step)
+}
+
+/// The same where the step to each sample decays ([`decays`]) by its own.
+fn lagging_by(x: &[f64], over_step: impl Fn(usize) -> (f64, f64)) -> Vec<f64> {
     let mut z = x.first().copied().unwrap_or(0.0);
     let mut out = Vec::with_capacity(x.len());
     for i in 0..x.len() {
         if i > 0 {
+            let (left, far) = over_step(i);
             z = left * z + (far - left) * x[i - 1] + (1.0 - far) * x[i];
         }
         out.push(z);
@@ -949,15 +955,9 @@ impl Learnt {
             Form::Lag { of, times_s, by } => {
                 let x = along_coordinate(*of, view);
                 let column = |tau_s: &f64| {
-                    let mut z = x.first().copied().unwrap_or(0.0);
-                    let lagged = (0..x.len()).map(|i| {
-                        let before = i.saturating_sub(1);
-                        let step_s = view.time_s[i] - view.time_s[before];
-                        let (left, far) = decays(step_s / tau_s);
-                        z = left * z + (far - left) * x[before] + (1.0 - far) * x[i];
-                        z
-                    });
-                    lagged.collect()
+                    lagging_by(&x, |i| {
+                        decays((view.time_s[i] - view.time_s[i - 1]) / tau_s)
+                    })
                 };
                 scaled(times_s.iter().map(column).collect(), by)
             }

@@ -173,8 +173,8 @@ fn own_keys(form: &str) -> &'static [&'static str] {
 /// it from the file's other learnt terms; it is one along a single coordinate, or of a robot.
 ///
 /// # Errors
-/// A term of another kind of rig, a key that is unknown, missing or of the wrong kind, or a value that cannot be: each with what was found,
-/// what may stand there, and what to do.
+/// A term of another kind of rig, a key that is unknown, missing or of the wrong kind, or a value that cannot
+/// be: each with what was found, what may stand there, and what to do.
 pub(super) fn acting(
     entry: &Effect,
     path: &Path,

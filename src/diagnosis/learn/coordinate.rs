@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::super::blocks::{Blocks, Foretold};
+use super::super::blocks::{BETTER, Blocks, Foretold, RIDGES};
 use super::super::problem::Fitted;
 use super::columns::prior_root;
 use super::{Group, Made, POLISH, Problem, Subject, Tangent, Taught};
@@ -16,17 +16,13 @@ use crate::residual::line::LineResidual;
 
 /// Groups that join, at most.
 const MOST: usize = 3;
-/// Ridges of a group's unknowns over the square of their columns' mean length.
-const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
 /// The ridge at which groups are held against each other.
 const FIRST: f64 = 1e-2;
 /// Logarithm of the density of what was left out that a group adds at least, beside what the choice among
 /// groups costs: odds of twenty to one.
 const ADDS: f64 = 3.0;
-/// Share of the mean square of what was left out that may remain, and Student's t of the logarithms of the
-/// blocks' shares: what comes at a moment, or wanders, is told worse in block after block.
+/// Share of the mean square of what was left out that may remain.
 const HELPS: f64 = 0.9;
-const BETTER: f64 = 2.5;
 
 /// Groups of columns with their terms.
 struct Listed {
@@ -257,6 +253,7 @@ pub(in crate::diagnosis) fn learn_along(
         }
         (chosen, reached) = (more, told);
     }
+    // what comes at a moment, or wanders, is not told better in block after block
     let helps = reached.mean_square() < HELPS * nothing.mean_square();
     if chosen.is_empty() || !helps || reached.beats(&nothing) < BETTER {
         return Ok(None);

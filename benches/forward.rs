@@ -1,9 +1,11 @@
-//! Forward dynamics: 60 s of robot, 60 s of hanging film sample, and the sample's inverse dynamics.
+//! Forward dynamics: 60 s of robot, 60 s of hanging film sample (by the adaptive simulator, and by the steps
+//! of a fit), and the sample's inverse dynamics.
 use deacal::film::Film;
 use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};
 use deacal::model::{ForearmTorque, HangingSample, Parameters, Robot};
+use deacal::residual::{Bounce, Steps, run_sample};
 use deacal::simulate::{
-    Hold, Options, SampleOptions, SampleTrack, Sampled, motion, sample_motion,
+    Hold, Options, SampleOptions, SampleTrack, Sampled, Side, Voltage, motion, sample_motion,
     sample_phi_squared_v2,
 };
 
@@ -140,6 +142,19 @@ fn sample_60_s(bencher: divan::Bencher) {
     bencher.bench_local(|| {
         sample_motion(&sample(), &film(0.4), &voltage, &options).expect("a motion")
     });
+}
+
+/// 60 s of film sample in the steps of a fit, 10 ms each, which follow the bounce of the mass.
+#[divan::bench]
+fn sample_60_s_in_steps(bencher: divan::Bencher) {
+    let voltage = sines(5000.0, Hold::Linear);
+    let command: Vec<f64> = (0..=6000)
+        .map(|i| voltage.phi_v(0.01 * f64::from(i), Side::Before)[0])
+        .collect();
+    let film = film(0.4);
+    let steps = Steps::of(&sample(), &film, 0.0, 0.01);
+    assert_eq!(steps.bounce, Bounce::Followed);
+    bencher.bench_local(|| run_sample(&sample(), &film, &command, &steps, &[]).expect("a motion"));
 }
 
 /// Inverse dynamics of 60 s of film sample at 100 Hz.

@@ -933,26 +933,9 @@ fn motion(
     film: &Film,
     offset_s: f64,
 ) -> Result<(Vec<f64>, f64), Error> {
-    let d = hung.residual.dataset();
-    let h = hung.residual.step_s();
     let command = hung.residual.command_v(offset_s);
-    let run = run_sample(sample, film, &command, h, d.start_s, &[])?;
-    let x = &run.x_m;
-    // The cubic through the four grid points around each frame.
-    let last = x.len() - 1;
-    let at = |i: usize| {
-        let place = (i as f64 * d.step_s / h).min(last as f64);
-        let j = (place as usize).clamp(1, last.saturating_sub(2).max(1));
-        if last < 3 {
-            return x[(place.round() as usize).min(last)];
-        }
-        let s = place - j as f64;
-        let (a, b, c, e) = (x[j - 1], x[j], x[j + 1], x[j + 2]);
-        -s * (s - 1.0) * (s - 2.0) / 6.0 * a + (s + 1.0) * (s - 1.0) * (s - 2.0) / 2.0 * b
-            - (s + 1.0) * s * (s - 2.0) / 2.0 * c
-            + (s + 1.0) * s * (s - 1.0) / 6.0 * e
-    };
-    Ok(((0..d.samples()).map(at).collect(), run.rest_length_m))
+    let run = run_sample(sample, film, &command, &hung.residual.steps(), &[])?;
+    Ok((hung.residual.at_frames(&run.x_m), run.rest_length_m))
 }
 
 /// A recording of a sample as it is held against a film.

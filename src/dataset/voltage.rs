@@ -154,6 +154,14 @@ impl Voltage {
         (self.integrals(channel)[i] + since, b)
     }
 
+    /// Root of the mean of phi^2 of `channel` over `step` around `t` (s, voltage clock), V, with the sign of phi
+    /// there. Where the drive jumps between two steps the mean square has its area and its moment.
+    pub fn mean(&self, channel: usize, t: f64, step: f64) -> f64 {
+        let to = |t: f64| self.integral(channel, t).0;
+        let square = (to(t + 0.5 * step) - to(t - 0.5 * step)) / step;
+        square.max(0.0).sqrt().copysign(self.at(channel, t))
+    }
+
     /// phi^2 of `channel` at `count` times from `start` in steps of `step` (s, voltage clock), V^2, and its
     /// derivative with respect to a shift of the clock, V^2/s.
     ///
@@ -191,6 +199,26 @@ impl Voltage {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn means_keep_the_area_and_the_moment_of_a_jump() {
+        // up at 1.0373 s, down at 3.0121 s
+        let time = vec![0.0, 1.0373, 3.0121, 4.0];
+        let v = Voltage::new(time, vec![vec![0.0, -2000.0, 0.0, 0.0]], true);
+        let step = 0.05;
+        let (mut area, mut moment) = (0.0, 0.0);
+        for i in 1..80 {
+            let t = i as f64 * step;
+            let mean = v.mean(0, t, step);
+            assert!(mean <= 0.0);
+            area += mean * mean * step;
+            moment += mean * mean * step * t;
+        }
+        let [from, to]: [f64; 2] = [1.0373, 3.0121];
+        assert!((area / 4e6 - (to - from)).abs() < 1e-9);
+        let middle = moment / area;
+        assert!((middle - 0.5 * (from + to)).abs() < 1e-2 * step, "{middle}");
+    }
 
     #[test]
     fn squared_is_the_point_value_of_a_smooth_drive_and_the_area_of_a_jump() {

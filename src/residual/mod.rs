@@ -24,8 +24,8 @@ pub use robot::{
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
 pub(crate) use sample::deviation;
 pub use sample::{
-    MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun, SampleTrouble,
-    command_for_v, film_voltage_v, inverse_sample, run_sample,
+    Bounce, MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun,
+    SampleTrouble, Steps, command_for_v, film_voltage_v, inverse_sample, run_sample,
 };
 
 /// Correlation length of residuals in a row, in residuals: 1 + 2 sum of their autocorrelation until that

@@ -23,7 +23,10 @@
 //! ```text
 //! branch     e' = u' - (e + N(e))/T,  N = g(e) - e of second order in e
 //!            e_+ = alpha e + beta (u_+ - u) - (1 - alpha) N - (1 - beta)(N - N_-)     alpha = exp(-h/T), beta = (1 - alpha) T/h
-//! inertia    x''_+ = (2 x_+ - 5 x + 4 x_- - x_--)/h^2                                   (Houbolt 1950)
+//! inertia    x_+ = x + h x' + h^2 ((1/2 - b) a + b a_+),  x'_+ = x' + h ((1 - g) a + g a_+)  (Newmark 1959)
+//!            b = 1/12, g = 1/2, x''_+ = a_+ where a step is short for the bounce of the mass (Fox and Goodwin
+//!            1949: of fourth order, stable below 2.4/omega); else b = 1, g = 3/2, x''_+ = 2 a_+ - a, which
+//!            takes what is not resolved away (Houbolt 1950; Chung and Hulbert 1993 with rho = 0)
 //! electrode  (c phi)' tau = phi_c - phi: exponential over the step with c' and the mean of c, phi_c linear
 //! ```
 //!
@@ -206,10 +209,123 @@ struct Constants {
     mass: f64,
     weight: f64,
     time_constant: f64,
+    inertia: Inertia,
+}
+
+/// x, its rate, and its acceleration as the scheme averages it.
+type Moving = [f64; 3];
+
+/// How steps carry the bounce of the mass on the film.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bounce {
+    /// Short steps follow it, to fourth order.
+    Followed,
+    /// Long steps take it away.
+    Damped,
+}
+
+/// Equal steps of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Steps {
+    /// First moment, on the motion clock, s.
+    pub start_s: f64,
+    /// Length of a step, s.
+    pub step_s: f64,
+    /// What they make of the bounce of the mass.
+    pub bounce: Bounce,
+}
+
+/// Angle of the bounce within a step, rad, up to which it is followed. The scheme is stable up to 2.4: a film
+/// that a fit tries may be five times as stiff.
+const FOLLOWED_RAD: f64 = 1.0;
+
+impl Steps {
+    /// Steps that follow the bounce of `sample` where they are short enough for it.
+    #[must_use]
+    pub fn of(sample: &HangingSample, film: &Film, start_s: f64, step_s: f64) -> Self {
+        let angle = bounce_rad_s(sample, film).map(|rate| rate * step_s);
+        let bounce = match angle {
+            Some(angle) if angle < FOLLOWED_RAD => Bounce::Followed,
+            _ => Bounce::Damped,
+        };
+        Steps {
+            start_s,
+            step_s,
+            bounce,
+        }
+    }
+}
+
+/// Angular frequency with which the mass bounces on the film at rest, before any branch relaxes, rad/s.
+fn bounce_rad_s(sample: &HangingSample, film: &Film) -> Option<f64> {
+    let steps = Steps {
+        start_s: 0.0,
+        step_s: 1.0,
+        bounce: Bounce::Damped,
+    };
+    let c = Constants::new(sample, film, &steps);
+    let (y, _) = rest(&c, 0.0, 0.0).ok()?;
+    let s = c.springs(&y, &[[0.0; LANES]; KINDS]);
+    let still = Loads::still(0.0, c.weight);
+    let (b, _) = linearise(&c, &y, &s, &[1.0; LANES], &still);
+    let moved = b.solve([1.0, 1.0, 0.0]);
+    let [active, end] = c.lengths_at(&y);
+    Some((c.mass * (active * moved[0] + end * moved[2])).powf(-0.5))
+}
+
+/// How the acceleration follows from x over a step.
+#[derive(Clone, Copy)]
+struct Inertia {
+    h: f64,
+    /// x''_+ by x_+, 1/s^2, and by a.
+    by_x: f64,
+    by_mean: f64,
+    beta: f64,
+    gamma: f64,
+}
+
+impl Inertia {
+    fn new(steps: &Steps) -> Self {
+        let h = steps.step_s;
+        // x''_+ = (1 - m) a_+ + m a
+        let (beta, gamma, m) = match steps.bounce {
+            Bounce::Followed => (1.0 / 12.0, 0.5, 0.0),
+            Bounce::Damped => (1.0, 1.5, -1.0),
+        };
+        Inertia {
+            h,
+            by_x: (1.0 - m) / (beta * h * h),
+            by_mean: m - (1.0 - m) * (0.5 / beta - 1.0),
+            beta,
+            gamma,
+        }
+    }
+
+    /// x''_+ where x_+ is 0.
+    #[inline(always)]
+    fn past(&self, [x, rate, mean]: &Moving) -> f64 {
+        self.by_mean * mean - self.by_x * (x + self.h * rate)
+    }
+
+    /// x''_+ at x_+ = `x`.
+    #[inline(always)]
+    fn acceleration(&self, before: &Moving, x: f64) -> f64 {
+        self.by_x * x + self.past(before)
+    }
+
+    /// The end of a step at `x`.
+    #[inline(always)]
+    fn on(&self, [before, rate, mean]: &Moving, x: f64) -> Moving {
+        let h = self.h;
+        let next = (x - before - h * rate) / (self.beta * h * h) - (0.5 / self.beta - 1.0) * mean;
+        let mixed = (1.0 - self.gamma) * mean + self.gamma * next;
+        [x, rate + h * mixed, next]
+    }
 }
 
 impl Constants {
-    fn new(sample: &HangingSample, film: &Film, h: f64) -> Self {
+    fn new(sample: &HangingSample, film: &Film, steps: &Steps) -> Self {
+        let h = steps.step_s;
         let branches = film.branches().min(LANES);
         let mut c = Constants {
             branches,
@@ -226,6 +342,7 @@ impl Constants {
             mass: sample.mass_kg,
             weight: sample.weight_n(),
             time_constant: sample.time_constant_s().max(LEAST_TIME_CONSTANT_S),
+            inertia: Inertia::new(steps),
         };
         for n in 0..branches {
             c.mu[n] = film.mu_pa[n + 1];
@@ -461,27 +578,26 @@ struct Derivative {
     nonlinear: Strains,
     nonlinear_before: Strains,
     y: [f64; 3],
-    x: [f64; 3],
+    x: Moving,
     phi: f64,
     rest: f64,
 }
 
-/// Runs the model over `command_v` at equal steps `h_s` (the sample hangs at rest under the first), with
-/// derivatives by `knobs`.
+/// Runs the model over `command_v` at `steps` (the sample hangs at rest under the first), with derivatives by
+/// `knobs`.
 ///
 /// # Errors
-/// [`SampleTrouble`]; times count from `start_s`.
+/// [`SampleTrouble`].
 pub fn run_sample(
     sample: &HangingSample,
     film: &Film,
     command_v: &[f64],
-    h_s: f64,
-    start_s: f64,
+    steps: &Steps,
     knobs: &[SampleKnob],
 ) -> Result<SampleRun, SampleTrouble> {
     Arch::new().dispatch(
         #[inline(always)]
-        || run(sample, film, command_v, h_s, start_s, knobs),
+        || run(sample, film, command_v, steps, knobs),
     )
 }
 
@@ -680,7 +796,7 @@ struct Run<'a> {
     sample: &'a HangingSample,
     knobs: &'a [SampleKnob],
     h: f64,
-    /// 2 M/h^2, N/m.
+    /// M x''_+ by x_+, N/m.
     inertia: f64,
     rest_length: f64,
     c: Constants,
@@ -692,8 +808,7 @@ struct State {
     e: Strains,
     n: Strains,
     n_before: Strains,
-    /// x, and x one and two steps before.
-    x: [f64; 3],
+    x: Moving,
     phi: f64,
     /// y, and y one and two steps before.
     guess: [[f64; 3]; 3],
@@ -739,18 +854,18 @@ fn run(
     sample: &HangingSample,
     film: &Film,
     command: &[f64],
-    h: f64,
-    start_s: f64,
+    steps: &Steps,
     knobs: &[SampleKnob],
 ) -> Result<SampleRun, SampleTrouble> {
-    let c = Constants::new(sample, film, h);
+    let (h, start_s) = (steps.step_s, steps.start_s);
+    let c = Constants::new(sample, film, steps);
     let steps = command.len();
     let (y, at_rest) = rest(&c, command[0], start_s)?;
     let run = Run {
         sample,
         knobs,
         h,
-        inertia: 2.0 * c.mass / (h * h),
+        inertia: c.mass * c.inertia.by_x,
         rest_length: c.length(&y),
         c,
     };
@@ -831,8 +946,8 @@ impl Run<'_> {
         let base = state.carried(c);
         let mut next = [0, 1, 2].map(|k| 3.0 * guess[0][k] - 3.0 * guess[1][k] + guess[2][k]);
         let area_before = area_of(y);
-        // T = M g - M (2 (l - l_0) - 5 x + 4 x_- - x_--)/h^2
-        let history = 0.5 * inertia * (-5.0 * x[0] + 4.0 * x[1] - x[2]);
+        // T = M (g - x''_+)
+        let history = c.mass * c.inertia.past(x);
         for _ in 0..NEWTON_ITERATIONS {
             let mut e = base;
             follow(&mut e, &c.beta, [0, 1, 2].map(|k| next[k] - y[k]));
@@ -895,8 +1010,7 @@ impl Run<'_> {
             maxwell: c.maxwell * end.phi * end.phi * area,
             by_phi: 2.0 * c.maxwell * end.phi * area,
             moved: DRIVEN_BY.map(|(_, from)| end.y[from] - state.y[from]),
-            acceleration: self.inertia / c.mass
-                * (0.5 * (2.0 * end.x - 5.0 * x[0] + 4.0 * x[1] - x[2])),
+            acceleration: c.inertia.acceleration(x, end.x),
         }
     }
 
@@ -910,7 +1024,7 @@ impl Run<'_> {
         end: &End,
         shared: &Shared,
     ) {
-        let (c, inertia) = (&self.c, self.inertia);
+        let c = &self.c;
         let End { b, q, f, .. } = end;
         let mut p = d.carried(c);
         if let SampleKnob::LogTime(l) = knob {
@@ -926,7 +1040,7 @@ impl Run<'_> {
         let mut push = Push {
             r: c.stresses_by(&end.s, &p),
             phi: q.by_area_before * before + q.by_phi_before * d.phi,
-            load: -0.5 * inertia * (-2.0 * d.rest - 5.0 * d.x[0] + 4.0 * d.x[1] - d.x[2]),
+            load: -c.mass * c.inertia.acceleration(&d.x, -d.rest),
             maxwell: 0.0,
         };
         self.push(knob, end, shared, &mut push);
@@ -949,7 +1063,7 @@ impl Run<'_> {
         }
         d.phi = push.phi + q.by_area * 2.0 * shared.area * (dy[0] + dy[1]);
         let dx = end.lengths[0] * dy[0] + end.lengths[1] * dy[2] - d.rest;
-        d.x = [dx, d.x[0], d.x[1]];
+        d.x = c.inertia.on(&d.x, dx);
         d.y = dy;
     }
 
@@ -1025,7 +1139,7 @@ impl State {
             n[3][l] = f.value[3][l] + d3 * (f.slope[5][l] + 1.0);
         }
         self.e = end.e;
-        self.x = [end.x, self.x[0], self.x[1]];
+        self.x = c.inertia.on(&self.x, end.x);
         self.y = end.y;
         self.phi = end.phi;
         self.guess = [end.y, self.guess[0], self.guess[1]];
@@ -1057,14 +1171,27 @@ const LONGEST_STEP_S: f64 = 0.1;
 /// Frames over which a step may be split before the search for one ends.
 const FINEST_SPLIT: usize = 16;
 
+/// Grid points that tell x between them.
+const AROUND: usize = 5;
+const BESIDE: usize = AROUND / 2;
+
+/// Weights with which the points from two before to two after tell what lies `s` steps after the middle one:
+/// Lagrange's quartic.
+fn around(s: f64) -> [f64; AROUND] {
+    let points = [-2.0, -1.0, 0.0, 1.0, 2.0];
+    points.map(|p| {
+        let others = points.iter().filter(|q| **q != p);
+        others.map(|q| (s - q) / (p - q)).product()
+    })
+}
+
 /// Frames that are averaged around one grid point.
 #[derive(Debug, Clone, Copy)]
 struct Bin {
-    /// Grid point, never the first or last.
+    /// Grid point; those around it are there too.
     at: usize,
-    /// Weights of x at the grid points before, at and after it: the parabola through them, averaged over the
-    /// captured frames.
-    weights: [f64; 3],
+    /// Weights of x at the grid points around it: the quartic through them, averaged over the captured frames.
+    weights: [f64; AROUND],
     /// Mean of the captured x, m.
     mean_m: f64,
     /// Frames.
@@ -1076,6 +1203,7 @@ struct Bin {
 pub struct SampleResidual<'a> {
     dataset: &'a HangingDataset,
     h_s: f64,
+    bounce: Bounce,
     steps: usize,
     bins: Vec<Bin>,
     noise_m: f64,
@@ -1113,28 +1241,34 @@ pub(crate) fn deviation(x: &[f64]) -> f64 {
     (known().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
+impl Bin {
+    /// What a course on the grid is for its frames.
+    fn of(&self, x: &[f64]) -> f64 {
+        let near = x[self.at - BESIDE..].iter();
+        self.weights.iter().zip(near).map(|(w, x)| w * x).sum()
+    }
+}
+
 impl<'a> SampleResidual<'a> {
-    /// On a grid of steps of `h_s`, rows weighed by `noise_m` a frame.
+    /// On a grid of steps of `h_s` that make `bounce` of the mass, rows weighed by `noise_m` a frame.
     #[must_use]
-    pub fn new(dataset: &'a HangingDataset, h_s: f64, noise_m: f64) -> Self {
+    pub fn new(dataset: &'a HangingDataset, h_s: f64, bounce: Bounce, noise_m: f64) -> Self {
         let span = dataset.step_s * (dataset.samples() - 1) as f64;
         let steps = (span / h_s + 1e-9).floor() as usize + 1;
-        let mut sums: Vec<(f64, [f64; 3], usize)> = vec![(0.0, [0.0; 3], 0); steps];
+        let mut sums: Vec<(f64, [f64; AROUND], usize)> = vec![(0.0, [0.0; AROUND], 0); steps];
         for i in 0..dataset.samples() {
             if !dataset.captured(i) {
                 continue;
             }
             let place = i as f64 * dataset.step_s / h_s;
             let at = place.round() as usize;
-            if at == 0 || at + 1 >= steps {
+            if at < BESIDE || at + BESIDE >= steps {
                 continue;
             }
-            let s = place - at as f64;
             let bin = &mut sums[at];
             bin.0 += dataset.x_m[i];
-            bin.1[0] += 0.5 * s * (s - 1.0);
-            bin.1[1] += 1.0 - s * s;
-            bin.1[2] += 0.5 * s * (s + 1.0);
+            let own = around(place - at as f64);
+            bin.1.iter_mut().zip(own).for_each(|(sum, w)| *sum += w);
             bin.2 += 1;
         }
         let bins = sums
@@ -1151,6 +1285,7 @@ impl<'a> SampleResidual<'a> {
         SampleResidual {
             dataset,
             h_s,
+            bounce,
             steps,
             bins,
             noise_m,
@@ -1181,10 +1316,10 @@ impl<'a> SampleResidual<'a> {
         } else {
             dt / (dt / longest).ceil()
         };
+        let bounce_of = |h: f64| Steps::of(sample, film, dataset.start_s, h).bounce;
         let x_of = |h: f64| -> Result<Vec<f64>, SampleTrouble> {
-            let grid = SampleResidual::new(dataset, h, noise_m);
-            let command = grid.command_v(dataset.offset_s);
-            Ok(run_sample(sample, film, &command, h, dataset.start_s, &[])?.x_m)
+            let grid = SampleResidual::new(dataset, h, bounce_of(h), noise_m);
+            grid.x_m(sample, film)
         };
         let mut coarse = x_of(h)?;
         loop {
@@ -1197,7 +1332,8 @@ impl<'a> SampleResidual<'a> {
             let moved = square.sqrt();
             let enough = error_m.max(share * deviation(&fine));
             if moved < enough || 0.5 * h * (FINEST_SPLIT as f64) < dt {
-                return Ok((SampleResidual::new(dataset, h, noise_m), moved));
+                let grid = SampleResidual::new(dataset, h, bounce_of(h), noise_m);
+                return Ok((grid, moved));
             }
             h *= 0.5;
             coarse = fine;
@@ -1212,6 +1348,15 @@ impl<'a> SampleResidual<'a> {
     /// Step of the grid, s.
     pub fn step_s(&self) -> f64 {
         self.h_s
+    }
+
+    /// Its steps.
+    pub fn steps(&self) -> Steps {
+        Steps {
+            start_s: self.dataset.start_s,
+            step_s: self.h_s,
+            bounce: self.bounce,
+        }
     }
 
     /// Rows.
@@ -1230,6 +1375,12 @@ impl<'a> SampleResidual<'a> {
         self.bins.iter().map(at).collect()
     }
 
+    /// x of the plain model on the grid, m, at the clock offset that the recording begins with.
+    fn x_m(&self, sample: &HangingSample, film: &Film) -> Result<Vec<f64>, SampleTrouble> {
+        let command = self.command_v(self.dataset.offset_s);
+        Ok(run_sample(sample, film, &command, &self.steps(), &[])?.x_m)
+    }
+
     /// Standard deviation of a row's captured x, m.
     pub fn row_noise_m(&self) -> Vec<f64> {
         let sd = |b: &Bin| self.noise_m / (b.count as f64).sqrt();
@@ -1242,11 +1393,17 @@ impl<'a> SampleResidual<'a> {
         self.bins.iter().map(|b| b.mean_m).collect()
     }
 
-    /// The command on the grid, V.
+    /// The command on the grid, V: the root of its mean square over a step, but for the first.
     pub fn command_v(&self, offset_s: f64) -> Vec<f64> {
         let start = self.dataset.start_s + offset_s;
         (0..self.steps)
-            .map(|i| self.dataset.voltage.at(0, start + self.h_s * i as f64))
+            .map(|i| match i {
+                0 => self.dataset.voltage.at(0, start),
+                _ => self
+                    .dataset
+                    .voltage
+                    .mean(0, start + self.h_s * i as f64, self.h_s),
+            })
             .collect()
     }
 
@@ -1261,10 +1418,26 @@ impl<'a> SampleResidual<'a> {
         offset_s: f64,
     ) -> Result<f64, SampleTrouble> {
         let start_s = self.dataset.start_s;
-        let c = Constants::new(sample, film, self.h_s);
+        let c = Constants::new(sample, film, &self.steps());
         let phi = self.dataset.voltage.at(0, start_s + offset_s);
         let (y, _) = rest(&c, phi, start_s)?;
         Ok(c.length(&y))
+    }
+
+    /// What a course on the grid is at each frame: the quartic through the points around it.
+    pub fn at_frames(&self, x: &[f64]) -> Vec<f64> {
+        let last = x.len() - 1;
+        let at = |i: usize| {
+            let place = (i as f64 * self.dataset.step_s / self.h_s).min(last as f64);
+            if last + 1 < AROUND {
+                return x[place.round() as usize];
+            }
+            let middle = (place.round() as usize).clamp(BESIDE, last - BESIDE);
+            let near = x[middle - BESIDE..].iter();
+            let weights = around(place - middle as f64);
+            weights.iter().zip(near).map(|(w, x)| w * x).sum()
+        };
+        (0..self.dataset.samples()).map(at).collect()
     }
 
     /// Residuals, and derivatives by `knobs`, shift and offset.
@@ -1280,25 +1453,15 @@ impl<'a> SampleResidual<'a> {
         knobs: &[SampleKnob],
     ) -> Result<SampleRows, SampleTrouble> {
         let command = self.command_v(offset_s);
-        let run = run_sample(
-            sample,
-            film,
-            &command,
-            self.h_s,
-            self.dataset.start_s,
-            knobs,
-        )?;
-        let seen = |b: &Bin, x: &[f64]| -> f64 {
-            b.weights[0] * x[b.at - 1] + b.weights[1] * x[b.at] + b.weights[2] * x[b.at + 1]
-        };
+        let run = run_sample(sample, film, &command, &self.steps(), knobs)?;
         let weight = |b: &Bin| (b.count as f64).sqrt() / self.noise_m;
         let column =
-            |x: &[f64]| -> Vec<f64> { self.bins.iter().map(|b| weight(b) * seen(b, x)).collect() };
+            |x: &[f64]| -> Vec<f64> { self.bins.iter().map(|b| weight(b) * b.of(x)).collect() };
         Ok(SampleRows {
             residuals: self
                 .bins
                 .iter()
-                .map(|b| weight(b) * (seen(b, &run.x_m) + shift_m - b.mean_m))
+                .map(|b| weight(b) * (b.of(&run.x_m) + shift_m - b.mean_m))
                 .collect(),
             columns: run.columns.iter().map(|c| column(c)).collect(),
             shift: self.bins.iter().map(weight).collect(),
@@ -1325,7 +1488,12 @@ pub fn inverse_sample(
     h_s: f64,
     rest_phi_v: f64,
 ) -> Result<SampleInverse, SampleTrouble> {
-    let c = Constants::new(sample, film, h_s);
+    let steps = Steps {
+        start_s: 0.0,
+        step_s: h_s,
+        bounce: Bounce::Damped,
+    };
+    let c = Constants::new(sample, film, &steps);
     let (mut y, _) = rest(&c, rest_phi_v, 0.0)?;
     let rest_length = c.length(&y);
     let none: Strains = [[0.0; LANES]; KINDS];

@@ -12,7 +12,9 @@ use deacal::dataset::HangingDataset;
 use deacal::film::Film;
 use deacal::model::{Electrode, HangingSample};
 use deacal::recording::{Recording, Rig};
-use deacal::residual::{SampleKnob, command_for_v, film_voltage_v, inverse_sample, run_sample};
+use deacal::residual::{
+    Bounce, SampleKnob, Steps, command_for_v, film_voltage_v, inverse_sample, run_sample,
+};
 use deacal::simulate::write::{Capture, Noise, RecordingText, VoltageLog, sample_recording};
 use deacal::simulate::{Hold, SampleOptions, Sampled, Smooth, sample_motion};
 
@@ -66,7 +68,8 @@ fn the_scheme_agrees_with_the_simulator() {
         let truth = sample_motion(&sample, &film(), &Smooth(|t| [drive(t); 3]), &options).unwrap();
         let command: Vec<f64> = (0..truth.x_m.len()).map(|i| drive(i as f64 * h)).collect();
         let at = std::time::Instant::now();
-        let run = run_sample(&sample, &film(), &command, h, 0.0, &[]).unwrap();
+        let steps = Steps::of(&sample, &film(), 0.0, h);
+        let run = run_sample(&sample, &film(), &command, &steps, &[]).unwrap();
         let took = at.elapsed();
         let worst = run
             .x_m
@@ -84,9 +87,60 @@ fn the_scheme_agrees_with_the_simulator() {
     }
 }
 
+/// Up within 0.2 s and down again, half a second later.
+fn kick(t: f64) -> f64 {
+    let rise = |t: f64| 0.5 - 0.5 * (std::f64::consts::PI * (t / 0.2).clamp(0.0, 1.0)).cos();
+    3000.0 * (rise(t - 0.2) - rise(t - 0.9))
+}
+
+#[test]
+fn the_bounce_of_the_mass_is_followed() {
+    let (sample, film) = (sample(Electrode::IDEAL), lively());
+    let worst = |h: f64, bounce: Bounce| {
+        let options = SampleOptions {
+            sample_step_s: h,
+            duration_s: 3.0,
+            ..SampleOptions::default()
+        };
+        let truth = sample_motion(&sample, &film, &Smooth(|t| [kick(t); 3]), &options).unwrap();
+        let command: Vec<f64> = (0..truth.x_m.len()).map(|i| kick(i as f64 * h)).collect();
+        let steps = Steps {
+            start_s: 0.0,
+            step_s: h,
+            bounce,
+        };
+        let run = run_sample(&sample, &film, &command, &steps, &[]).unwrap();
+        let off = run.x_m.iter().zip(&truth.x_m).map(|(a, b)| (a - b).abs());
+        1e6 * off.fold(0.0, f64::max)
+    };
+    let [long, short] = [0.01, 0.005].map(|h| worst(h, Bounce::Followed));
+    let [damped, damped_short] = [0.01, 0.005].map(|h| worst(h, Bounce::Damped));
+    eprintln!("followed {long:.3} {short:.4} um, damped {damped:.1} {damped_short:.1} um");
+    // 16 for the mass alone; the strains of the branches are of second order
+    assert!(short * 8.0 < long && long < 4.0);
+    assert!(30.0 * long < damped);
+    // where steps are too long for it, it is taken away instead
+    let of = |h: f64| Steps::of(&sample, &film, 0.0, h).bounce;
+    assert_eq!((of(0.01), of(0.1)), (Bounce::Followed, Bounce::Damped));
+}
+
+/// A film that damps the mass little.
+fn lively() -> Film {
+    Film {
+        mu_pa: vec![4.4e5, 8e3, 6e3],
+        relaxation_time_s: vec![0.3, 5.0],
+        locking: 80.0,
+    }
+}
+
 #[test]
 fn derivatives_are_those_of_the_scheme() {
-    let h = 0.04;
+    for h in [0.04, 0.01] {
+        derivatives_at(h);
+    }
+}
+
+fn derivatives_at(h: f64) {
     let command: Vec<f64> = (0..400).map(|i| drive(i as f64 * h)).collect();
     let (film, sample) = (film(), sample(AGED));
     let knobs = [
@@ -98,11 +152,12 @@ fn derivatives_are_those_of_the_scheme() {
         SampleKnob::ActiveFraction,
         SampleKnob::Mass,
     ];
+    let steps = Steps::of(&sample, &film, 0.0, h);
     let at = |sample: &HangingSample, film: &Film| {
-        let run = run_sample(sample, film, &command, h, 0.0, &[]).unwrap();
+        let run = run_sample(sample, film, &command, &steps, &[]).unwrap();
         (run.x_m, run.rest_length_m)
     };
-    let run = run_sample(&sample, &film, &command, h, 0.0, &knobs).unwrap();
+    let run = run_sample(&sample, &film, &command, &steps, &knobs).unwrap();
     for (k, knob) in knobs.iter().enumerate() {
         let moved = |sign: f64| {
             let (mut s, mut f) = (sample, film.clone());

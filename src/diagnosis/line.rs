@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::in_unit;
 use super::learn::{self, Made};
 use super::outcome::*;
 use super::problem::Problem;
@@ -18,6 +19,9 @@ use crate::residual::{OFFSET_REACH_S, correlation_length};
 
 /// Branches of a coupon's plain model.
 pub const COUPON_BRANCHES: usize = 6;
+/// Fewest samples at fitted angles that what was held out of a bench is judged by: they tell an error to a
+/// sixth.
+const FEWEST_HELD: usize = 20;
 /// Fewest samples of which a quarter is left out where no recording is.
 const FEWEST_FOR_BLOCKS: usize = 100;
 /// What is known of a linear unknown of a coupon, over the largest stress: nothing but its order.
@@ -74,12 +78,15 @@ pub fn diagnose_lines(
     let mut held_out = holdout;
     if held.is_none() && own.rows() >= FEWEST_FOR_BLOCKS {
         let last = |i: usize, n: usize| 4 * i >= 3 * n;
-        held = Some(own.only(last));
-        own = own.only(|i, n| !last(i, n));
+        held = Some(own.only(|i, n, _| last(i, n)));
+        own = own.only(|i, n, _| !last(i, n));
         held_out = train;
         remarks.push("No recording was held out: the last quarter of each was left out of fits and choices instead, with its history known. That is a weaker test than another recording.".into());
     } else if held.is_none() {
         remarks.push("No recording was held out, and these are too short to leave a part out: nothing tells how the model does on others.".into());
+    }
+    if matches!(model, Plain::Bench(_)) {
+        held = held.and_then(|held| within(held, &own, &mut remarks));
     }
     let problem = Problem {
         holdout: held,
@@ -96,6 +103,33 @@ pub fn diagnose_lines(
         tally: request.tally.clone(),
     };
     doubt(problem, remarks, request, watch)
+}
+
+/// What was held out at angles that were fitted: of others a torque curve that is free foretells nothing.
+/// `None` where hardly any is.
+fn within<'a>(
+    held: LineResidual<'a>,
+    own: &LineResidual,
+    remarks: &mut Vec<String>,
+) -> Option<LineResidual<'a>> {
+    let [low, high] = own.range();
+    let told = held.only(|_, _, x| (low..=high).contains(&x));
+    let (all, beyond) = (held.rows(), held.rows() - told.rows());
+    if beyond == 0 {
+        return Some(held);
+    }
+    let enough = told.rows() >= FEWEST_HELD;
+    remarks.push(format!(
+        "{beyond} of the {all} samples that were held out lie at angles beyond {} to {}, where nothing was fitted: a torque curve that is free foretells nothing there, and they {}.",
+        in_unit(low, "rad"),
+        in_unit(high, "rad"),
+        if enough {
+            "do not count"
+        } else {
+            "leave too few to judge by: nothing was held out"
+        }
+    ));
+    enough.then_some(told)
 }
 
 /// Unknowns of the plain model of recordings of one coordinate.

@@ -1821,14 +1821,24 @@ impl<'a> LineResidual<'a> {
         }
     }
 
-    /// The same recordings with only those kept places for which `keep` is true: number of the place, and how
-    /// many there are.
+    /// The least and the largest coordinate at the kept places (angle, rad; position, m; stretch).
     #[must_use]
-    pub fn only(&self, keep: impl Fn(usize, usize) -> bool) -> Self {
+    pub fn range(&self) -> [f64; 2] {
+        let all = (self.parts.iter()).flat_map(|p| p.kept.iter().map(|&c| p.line.x[c]));
+        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+            [low.min(x), high.max(x)]
+        })
+    }
+
+    /// The same recordings with only those kept places for which `keep` is true: number of the place, how many
+    /// there are, and the coordinate there (angle, rad; position, m; stretch).
+    #[must_use]
+    pub fn only(&self, keep: impl Fn(usize, usize, f64) -> bool) -> Self {
         let mut out = self.clone();
         for p in &mut out.parts {
             let n = p.kept.len();
-            let rows: Vec<usize> = (0..n).filter(|&i| keep(i, n)).collect();
+            let at = |i: usize| p.line.x[p.kept[i]];
+            let rows: Vec<usize> = (0..n).filter(|&i| keep(i, n, at(i))).collect();
             let pick = |v: &[f64]| -> Vec<f64> {
                 rows.iter().filter_map(|&i| v.get(i).copied()).collect()
             };

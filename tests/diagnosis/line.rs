@@ -245,6 +245,43 @@ fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
     assert!((curve.torque_n_m_at(0.3) - (0.006 + 0.05 * 0.027)).abs() < 5e-4);
 }
 
+#[test]
+fn what_is_held_out_beyond_the_fitted_angles_does_not_count() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let hinge = |id: &str, middle: f64, reach: f64, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        let (mut z, mut before) = (0.0, 0.0_f64);
+        for i in 0..400 {
+            let x = middle + reach * (std::f64::consts::TAU * f64::from(i) / 130.0).sin();
+            let d = x - before;
+            before = x;
+            z += (d.signum() - z) * (1.0 - (-d.abs() / 0.01).exp());
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let torque = 0.02 * x + 0.05 * x.powi(3) + 1e-3 * z + 2e-5 * noise;
+            writeln!(out, "{x:.6},{torque:.8}").unwrap();
+        }
+        line(dir.path(), id, "hinge-bench", table, &out)
+    };
+    let fitted = hinge("fitted", 0.0, 0.3, 3);
+    for (id, middle, reach, says) in [
+        ("wider", 0.0, 0.6, "do not count"),
+        ("elsewhere", 0.7, 0.3, "nothing was held out"),
+    ] {
+        let other = hinge(id, middle, reach, 4);
+        let d = diagnose(&[&fitted], &[&other]);
+        assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+        assert_eq!(d.candidates[0].acting.effect.id(), "joint_friction");
+        let said = d.remarks.iter().find(|r| r.contains("beyond")).unwrap();
+        assert!(said.contains(says), "{said}");
+        assert_eq!(d.holdout.is_some(), id == "wider");
+        if let Some(h) = &d.holdout {
+            assert!(h.after_v < 1.3 * h.noise_floor_v, "{h:?}");
+        }
+    }
+}
+
 /// A hinge whose detents no cause of the catalogue has, and friction that lives in one place of a slide's
 /// track: both are learnt along the coordinate, and a file that holds the term predicts with it.
 #[test]

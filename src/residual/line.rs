@@ -1824,7 +1824,8 @@ impl<'a> LineResidual<'a> {
     /// The least and the largest coordinate at the kept places (angle, rad; position, m; stretch).
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
-        let all = (self.parts.iter()).flat_map(|p| p.kept.iter().map(|&c| p.line.x[c]));
+        let at = |xi: f64| self.scales.rest + self.scales.coordinate * xi;
+        let all = (self.parts.iter()).flat_map(|p| p.kept.iter().map(|&c| at(p.xi[c])));
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
             [low.min(x), high.max(x)]
         })
@@ -1837,7 +1838,7 @@ impl<'a> LineResidual<'a> {
         let mut out = self.clone();
         for p in &mut out.parts {
             let n = p.kept.len();
-            let at = |i: usize| p.line.x[p.kept[i]];
+            let at = |i: usize| self.scales.rest + self.scales.coordinate * p.xi[p.kept[i]];
             let rows: Vec<usize> = (0..n).filter(|&i| keep(i, n, at(i))).collect();
             let pick = |v: &[f64]| -> Vec<f64> {
                 rows.iter().filter_map(|&i| v.get(i).copied()).collect()

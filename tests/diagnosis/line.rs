@@ -282,6 +282,27 @@ fn what_is_held_out_beyond_the_fitted_angles_does_not_count() {
     }
 }
 
+/// The places of a coupon are nodes of a grid, of which there are other numbers than of samples.
+#[test]
+fn the_last_quarter_of_a_coupon_is_held_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[coupon]\nfile = \"data.csv\"\ntime = \"t\"\nstretch = \"l\"\nnominal_stress = \"s\"\nmode = \"uniaxial\"\nunits = { time = \"s\", nominal_stress = \"Pa\" }\n";
+    let mut generator = ChaCha12Rng::seed_from_u64(5);
+    let mut out = String::from("t,l,s\n");
+    for i in (0..600).filter(|i| i % 7 != 3) {
+        let t = 0.1 * f64::from(i);
+        let l = 1.2 + 0.15 * (0.4 * t).sin();
+        let noise: f64 = StandardNormal.sample(&mut generator);
+        let stress = 4e4 * (l - 1.0 / (l * l)) + 20.0 * noise;
+        writeln!(out, "{t:.2},{l:.6},{stress:.3}").unwrap();
+    }
+    let strip = line(dir.path(), "strip", "film-coupon", table, &out);
+    let d = diagnose(&[&strip], &[]);
+    let held = d.holdout.unwrap();
+    assert!(held.before_v < 2.0 * held.noise_floor_v, "{held:?}");
+    assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
+}
+
 /// A hinge whose detents no cause of the catalogue has, and friction that lives in one place of a slide's
 /// track: both are learnt along the coordinate, and a file that holds the term predicts with it.
 #[test]

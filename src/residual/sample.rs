@@ -645,7 +645,7 @@ fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), Sampl
     Err(SampleTrouble::GivesWay { at_s })
 }
 
-/// phi^2 and its derivative by c; the tension, which falls by `inertia` (M x 2/h^2, N/m) a metre of length.
+/// phi^2 and its derivative by c; the tension, which falls by `inertia` (N/m) a metre of length.
 struct Loads {
     square: f64,
     square_by_area: f64,

@@ -1247,6 +1247,12 @@ impl Bin {
         let near = x[self.at - BESIDE..].iter();
         self.weights.iter().zip(near).map(|(w, x)| w * x).sum()
     }
+
+    /// How much the course changes over a step there: the slope of the same quartic at its middle.
+    fn rate(&self, x: &[f64]) -> f64 {
+        let [far, near] = [2, 1].map(|k| x[self.at + k] - x[self.at - k]);
+        (8.0 * near - far) / 12.0
+    }
 }
 
 impl<'a> SampleResidual<'a> {
@@ -1468,7 +1474,7 @@ impl<'a> SampleResidual<'a> {
             offset: self
                 .bins
                 .iter()
-                .map(|b| weight(b) * (run.x_m[b.at + 1] - run.x_m[b.at - 1]) / (2.0 * self.h_s))
+                .map(|b| weight(b) * b.rate(&run.x_m) / self.h_s)
                 .collect(),
             run,
         })

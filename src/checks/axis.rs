@@ -20,6 +20,10 @@ const EXPLAINS: f64 = 0.6;
 /// A clock offset is told where the regression explains at most this share, and this much more with it.
 const HARDLY: f64 = 0.5;
 const WELL: f64 = 0.85;
+/// Standard errors that a mass, a damping, a stiffness or a friction lies from 0 to count as told.
+const TOLD: f64 = 8.0;
+/// Share of the largest rate below which an axis counts as at rest.
+const AT_REST: f64 = 0.02;
 /// Steps of the regression, at most.
 const MOST: usize = 6000;
 
@@ -250,13 +254,46 @@ impl<'a> Course<'a> {
         })
     }
 
+    /// Whether dry friction is told beside mass, damping and stiffness, and takes energy: the input does work
+    /// then, as the sign of its gain says, and a negative stiffness is that of a joint that gravity tips over.
+    fn input_works(&self, step: f64, gain: f64) -> bool {
+        let Some((mut columns, y)) = self.rows(step, 0.0) else {
+            return false;
+        };
+        let fast = columns[1].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let direction: Vec<f64> = columns[1]
+            .iter()
+            .map(|v| {
+                if v.abs() < AT_REST * fast {
+                    0.0
+                } else {
+                    v.signum()
+                }
+            })
+            .collect();
+        let solve = |columns: Vec<Vec<f64>>| Some(Columns::new(columns)?.solve(&y));
+        let Some(without) = solve(columns.clone()) else {
+            return false;
+        };
+        columns.push(direction);
+        let at = columns.len() - 1;
+        let Some(with) = solve(columns) else {
+            return false;
+        };
+        let floor = 1e-12 * about_mean(&y);
+        let t_square = 0.25 * y.len() as f64 * (without.left / with.left.max(floor) - 1.0);
+        t_square > TOLD * TOLD && with.beta[at] * gain > 0.0
+    }
+
+    /// Steps that are tried, s.
+    fn steps(&self) -> impl Iterator<Item = f64> {
+        (0..8).map(|k| self.frame_s * f64::from(1 << k))
+    }
+
     /// The step at which it explains most: long enough for the noise, short enough for the motion.
     fn best_step(&self) -> Option<(f64, Regression)> {
-        (0..8)
-            .filter_map(|k| {
-                let step = self.frame_s * f64::from(1 << k);
-                self.regress(step, 0.0).map(|r| (step, r))
-            })
+        self.steps()
+            .filter_map(|step| self.regress(step, 0.0).map(|r| (step, r)))
             .max_by(|a, b| a.1.explained.total_cmp(&b.1.explained))
     }
 
@@ -299,7 +336,7 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
     let NumberOrEstimate::Number(gain) = stated.input_gain else {
         return;
     };
-    if r.explained < EXPLAINS {
+    if r.explained < EXPLAINS || course.steps().any(|step| course.input_works(step, gain)) {
         return;
     }
     negative(&r, gain, velocity, found);
@@ -308,7 +345,7 @@ fn signs(view: &View<'_>, x: &[f64], velocity: bool, found: &mut Findings) {
 /// Says when all that is told of mass, damping and stiffness has the wrong sign.
 fn negative(r: &Regression, gain: f64, velocity: bool, found: &mut Findings) {
     let names = ["mass", "damping", "stiffness"];
-    let told: Vec<usize> = (0..3).filter(|&k| r.t[k] > 8.0).collect();
+    let told: Vec<usize> = (0..3).filter(|&k| r.t[k] > TOLD).collect();
     let negative: Vec<usize> = told
         .iter()
         .copied()

@@ -158,15 +158,16 @@ fn say_findings(findings: &[Finding], talk: Talk) {
 
 /// A finding for a terminal.
 fn finding_line(finding: &Finding) -> String {
-    format!(
-        "{} {}: {}",
-        match finding.grade {
-            Grade::Wrong => "! wrong:",
-            Grade::Doubtful => "? doubtful:",
-        },
-        finding.recording,
-        number::words(&finding.line())
-    )
+    let grade = match finding.grade {
+        Grade::Wrong => "! wrong:",
+        Grade::Doubtful => "? doubtful:",
+    };
+    // what all recordings tell together is of none of them
+    let of = match finding.recording.as_str() {
+        "" => String::new(),
+        id => format!("{id}: "),
+    };
+    format!("{grade} {of}{}", number::words(&finding.line()))
 }
 
 /// The folders in a folder that are not hidden, by name.

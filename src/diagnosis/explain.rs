@@ -5,6 +5,7 @@ use super::chain::{Case, Choice, Field};
 use super::errors::{holdout_gain, spots, train_gain};
 use super::fits::rising;
 use super::judge::{INDEPENDENT, Judged};
+use super::learn::Taught;
 use super::locate::locate;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
@@ -83,7 +84,8 @@ pub(super) fn explain<S: Subject>(
     let mut taught = None;
     if nothing_known {
         (case.watch)("learning what no cause accounts for");
-        taught = learn::learn(problem, &plain.fitted)?;
+        let learnt = learn::learn(problem, &plain.fitted)?;
+        taught = that_holds(problem, &plain.fitted, learnt, remarks)?;
     }
     let augmented: &Fitted = match &taught {
         Some(taught) => &taught.fitted,
@@ -295,6 +297,30 @@ pub(super) fn gains<S: Subject>(
         gain
     });
     Ok((train, holdout, traces))
+}
+
+/// What was learnt, where it holds: a term that raises the error of what was held out is dropped, and that is
+/// remarked.
+pub(super) fn that_holds<S: Subject>(
+    problem: &Problem<S>,
+    plain: &Fitted,
+    taught: Option<Taught>,
+    remarks: &mut Vec<String>,
+) -> Result<Option<Taught>, Error> {
+    let Some(term) = taught else {
+        return Ok(None);
+    };
+    let held_out = holdout_gain(problem, problem.holdout.as_ref(), plain, &term.fitted)?;
+    let Some((gain, _)) = held_out.filter(|(gain, _)| gain.gap_closed() < 0.0) else {
+        return Ok(Some(term));
+    };
+    let unit = problem.train.words().unit;
+    remarks.push(format!(
+        "What was learnt from the recordings does not hold where nothing was fitted, and was dropped: there the error goes from {} to {}.",
+        in_unit(gain.before_v, &unit),
+        in_unit(gain.after_v, &unit)
+    ));
+    Ok(None)
 }
 
 /// Film and forearm of a fitted model.

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use super::blocks::{self, BETTER, Blocks, Foretold, Forms, RIDGES, form_leaves, unlisted_leaves};
 use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
-use super::explain::{gains, parameters, places};
+use super::explain::{gains, parameters, places, that_holds};
 use super::fits::{baseline, choose, polish, refit};
 use super::learn::{learn_along, physics};
 use super::moments::{Moments, moments};
@@ -697,10 +697,11 @@ impl<'a, 'b> Field<'a, 'b> {
         let named = odds.named.as_ref().map(|(i, _)| &self.models[*i]);
         let augmented = named.filter(|_| in_model).unwrap_or(plain);
         let unknown = verdict == Verdict::Unexplained && self.leaps_beyond(plain).is_none();
-        let taught = match unknown && request.only.is_empty() {
+        let learnt = match unknown && request.only.is_empty() {
             true => learn_along(problem, &plain.fitted, &self.bench.blocks, self.independent)?,
             false => None,
         };
+        let taught = that_holds(problem, &plain.fitted, learnt, remarks)?;
         let with_it = taught.as_ref().map_or(&augmented.fitted, |t| &t.fitted);
         let something_else = match (named, verdict) {
             (Some(m), _) => self.unlisted(m, self.left(m)),
@@ -864,8 +865,13 @@ impl<'a, 'b> Field<'a, 'b> {
                 in_model: is_in,
                 values: values(problem, &m.fitted, own, &estimates),
                 says: format!(
-                    "{}; over blocks that took no part in the fit the weighted mean square falls from {} to {}",
+                    "{}; over blocks that took no part in the fit the weighted mean square {} from {} to {}",
                     acting.effect.says(),
+                    if m.raw < self.plain.raw {
+                        "falls"
+                    } else {
+                        "rises"
+                    },
                     short(self.plain.raw),
                     short(m.raw)
                 ),

@@ -234,6 +234,37 @@ fn axis(seed: u64) -> Files {
     ])
 }
 
+/// A joint that gravity tips over, with dry friction and hardly any mass, led to and fro by a servo whose
+/// torque is recorded: its stiffness is negative.
+fn tipped(seed: u64) -> Files {
+    let mut noise = Noise(seed);
+    let mut table = String::from("t,x,u\n");
+    let angle = |t: f64| {
+        let of = |(f, a, p): (f64, f64, f64)| a * (std::f64::consts::TAU * f * t + p).sin();
+        [(0.11, 0.3, 0.2), (0.27, 0.1, 1.4)]
+            .map(of)
+            .iter()
+            .sum::<f64>()
+    };
+    for i in 0..6000 {
+        let t = 0.005 * f64::from(i);
+        let (x, ahead) = (angle(t), angle(t + 1e-4));
+        let torque = 0.3 * ((ahead - x) / 1e-4 / 5e-3).tanh() - 2.4 * x;
+        table += &format!(
+            "{t:.4},{:.7},{:.5}\n",
+            x + 2e-6 * noise.normal(),
+            torque + 0.05 * noise.normal()
+        );
+    }
+    let text = &axis(seed).0[1].1;
+    let units = text.replace("\"m\", input = \"N\"", "\"rad\", input = \"N m\"");
+    let manifest = units.replace("mass_kg", "inertia_kg_m2");
+    Files(vec![
+        ("table.csv".into(), table),
+        ("recording.toml".into(), manifest),
+    ])
+}
+
 /// The numbers of a table changed, a column at a time.
 fn cell(files: Files, name: &str, change: impl Fn(usize, &mut [f64])) -> Files {
     files.rows(name, |row, cells| {
@@ -912,6 +943,7 @@ fn sound_recordings_are_not_accused() {
             ("sample", sample(seed)),
             ("bench", bench(seed)),
             ("axis", axis(seed)),
+            ("tipped", tipped(seed)),
         ] {
             accused.extend(accusations(
                 &files.write(&dir.path().join(format!("{kind}-{seed}"))),

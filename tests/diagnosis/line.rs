@@ -351,6 +351,13 @@ fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
             "{held:?}"
         );
     }
+    // what raises the error of a recording that was held out is dropped
+    let away = make("away", &|x, _| -detents(x, 0.0), 6);
+    let [a, b] = [1, 2].map(|n| make(&format!("again-{n}"), &detents, n));
+    let d = diagnose(&[&a, &b], &[&away]);
+    assert_eq!((d.verdict, &d.learnt), (Verdict::Unexplained, &None));
+    let dropped = |r: &String| r.starts_with("What was learnt") && r.contains("was dropped");
+    assert!(d.remarks.iter().any(dropped), "{:?}", d.remarks);
     // noise teaches nothing
     let [a, b] = [4, 5].map(|n| make(&format!("plain-{n}"), &|_, _| 0.0, n));
     let d = diagnose(&[&a], &[&b]);

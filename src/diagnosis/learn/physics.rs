@@ -115,10 +115,6 @@ fn says_of_learnt(l: &LearntPhysics) -> String {
         None => String::new(),
     };
     let gap = match l.gap_closed {
-        g if g < 0.0 => {
-            "; recordings that were not fitted it predicts worse than the plain model does: do not use it there"
-                .into()
-        }
         g if g.is_finite() => format!(
             "; on recordings that were not fitted it closes {:.0} % of the gap to the noise",
             100.0 * g

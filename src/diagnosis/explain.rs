@@ -116,7 +116,13 @@ pub(super) fn explain<S: Subject>(
     let learnt = match &taught {
         Some(t) => {
             let gap = holdout.map_or(f64::NAN, |h| h.gap_closed());
-            Some(learn::physics(problem, t, &field.seen.groups, gap)?)
+            Some(learn::physics(
+                problem,
+                &plain.fitted,
+                t,
+                &field.seen.groups,
+                gap,
+            )?)
         }
         None => None,
     };
@@ -299,19 +305,19 @@ pub(super) fn gains<S: Subject>(
     Ok((train, holdout, traces))
 }
 
-/// What was learnt, where it holds: a term that raises the error of what was held out is dropped, and that is
-/// remarked.
+/// What was learnt of what `model` leaves, where it holds: a term that does not lower the error of what was
+/// held out is dropped, and that is remarked.
 pub(super) fn that_holds<S: Subject>(
     problem: &Problem<S>,
-    plain: &Fitted,
+    model: &Fitted,
     taught: Option<Taught>,
     remarks: &mut Vec<String>,
 ) -> Result<Option<Taught>, Error> {
     let Some(term) = taught else {
         return Ok(None);
     };
-    let held_out = holdout_gain(problem, problem.holdout.as_ref(), plain, &term.fitted)?;
-    let Some((gain, _)) = held_out.filter(|(gain, _)| gain.gap_closed() < 0.0) else {
+    let held_out = holdout_gain(problem, problem.holdout.as_ref(), model, &term.fitted)?;
+    let Some((gain, _)) = held_out.filter(|(gain, _)| gain.after_v >= gain.before_v) else {
         return Ok(Some(term));
     };
     let unit = problem.train.words().unit;

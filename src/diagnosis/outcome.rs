@@ -292,11 +292,13 @@ pub struct LearntPhysics {
     pub net_work: f64,
     /// Causes of the catalogue whose traces are nearest, with the cosine.
     pub resembles: Vec<(&'static str, f64)>,
-    /// Share of the way from the plain model's error to the noise that it closes on recordings that were
-    /// held out; NaN without any.
+    /// Share of the way from the error without it, of the plain model or of that with the named causes, to
+    /// the noise that it closes on recordings that were held out; NaN without any.
     pub gap_closed: f64,
+    /// Whether it was learnt beside named causes.
+    pub beside: bool,
     /// Logarithm of the squares that it leaves of fitted recordings, were the others alone fitted, over those
-    /// that the plain model leaves: mean of that of each and of that of all.
+    /// that are left without it: mean of that of each and of that of all.
     pub left_out: f64,
     /// One sentence.
     pub says: String,
@@ -444,7 +446,8 @@ impl Diagnosis {
         if self.over_all() { OVER_ALL } else { self.over }
     }
 
-    /// Whether there is a model beside the plain one: with causes that are named, or with what was learnt.
+    /// Whether there is a model beside the plain one: with causes that are named, with what was learnt, or
+    /// with both.
     pub fn has_augmented(&self) -> bool {
         self.verdict == Verdict::MissingPhysics || self.learnt.is_some()
     }

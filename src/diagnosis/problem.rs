@@ -187,9 +187,22 @@ pub(super) fn free_values(acting: &Acting) -> Vec<usize> {
 impl<S: Subject> Problem<S> {
     /// Fits the plain model with `effects`, from the film at `eta` (plain unknowns) and `beta`.
     pub fn fit(&self, effects: &[Acting], eta: &[f64], beta: &[f64], effort: Effort) -> Fitted {
+        self.fit_from(0, effects, eta, beta, effort)
+    }
+
+    /// The same, where the values of the first `held` effects stay as they are.
+    fn fit_from(
+        &self,
+        held: usize,
+        effects: &[Acting],
+        eta: &[f64],
+        beta: &[f64],
+        effort: Effort,
+    ) -> Fitted {
         let free: Vec<(usize, usize)> = effects
             .iter()
             .enumerate()
+            .skip(held)
             .flat_map(|(e, a)| free_values(a).into_iter().map(move |v| (e, v)))
             .collect();
         let mut residual =
@@ -221,7 +234,7 @@ impl<S: Subject> Problem<S> {
             start.extend(off);
             let _ = residual.linearise(&start, beta, true);
         }
-        let tag = format!("{effects:?}");
+        let tag = format!("{held} {effects:?}");
         let search = |residual: &S, linear: &[Unknown], eta: &[f64]| {
             let memory = &self.memory;
             memory.minimise(&tag, residual, &nonlinear, linear, eta, &options, watch)
@@ -255,6 +268,14 @@ impl<S: Subject> Problem<S> {
     pub fn fit_near(&self, near: &Fitted, effects: &[Acting], effort: Effort) -> Fitted {
         let eta = &near.state.eta[..self.nonlinear.len()];
         self.fit(effects, eta, &near.state.beta, effort)
+    }
+
+    /// Fits the plain model with the effects of another fit, whose values stay, and more beside them, from the
+    /// film at which that fit ended.
+    pub fn fit_beside(&self, near: &Fitted, more: &[Acting], effort: Effort) -> Fitted {
+        let eta = &near.state.eta[..self.nonlinear.len()];
+        let effects = [&near.effects[..], more].concat();
+        self.fit_from(near.effects.len(), &effects, eta, &near.state.beta, effort)
     }
 
     /// Fits the plain model with `effects` from the nominal film.
@@ -599,6 +620,8 @@ pub(super) struct Tangent {
     prior_roots: DVector<f64>,
     /// Slope of half the sum of squares, priors included, in the scaled unknowns: zero where a fit has ended.
     slope: DVector<f64>,
+    /// How far each scaled unknown may go down and up.
+    room: Vec<[f64; 2]>,
     /// How many of the columns, the last, are no unknowns of the fit: the residual is not at their optimum.
     pub beside: usize,
 }
@@ -646,6 +669,7 @@ impl Tangent {
             .collect();
         let mut columns = DMatrix::zeros(design.nrows(), free.len());
         let mut ridge = vec![0.0; free.len()];
+        let mut room = Vec::with_capacity(free.len());
         let mut slope = design.column(width).tr_mul(&design).transpose();
         slope = DVector::from_iterator(
             free.len(),
@@ -660,6 +684,7 @@ impl Tangent {
             let norm = design.column(i).norm().max(f64::MIN_POSITIVE);
             columns.set_column(j, &(design.column(i) / norm));
             slope[j] /= norm;
+            room.push([unknowns[i].lower, unknowns[i].upper].map(|end| norm * (end - at[i])));
             ridge[j] = unknowns[i].prior.map_or(0.0, |p| (p.sd * norm).powi(-2)) + 1e-12;
         }
         let more = match problem.begun.is_empty() {
@@ -690,6 +715,7 @@ impl Tangent {
             inverse,
             prior_roots: DVector::from_iterator(size, ridge.iter().map(|r| r.sqrt())),
             slope,
+            room,
         })
     }
 
@@ -702,6 +728,11 @@ impl Tangent {
     /// Slope of half the sum of squares, priors included, in the scaled unknowns.
     pub fn slope(&self) -> &DVector<f64> {
         &self.slope
+    }
+
+    /// How far each scaled unknown of the fit may go down and up.
+    pub fn room(&self) -> &[[f64; 2]] {
+        &self.room
     }
 
     /// Roots of the priors' weights in the scaled unknowns.

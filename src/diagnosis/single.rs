@@ -696,13 +696,20 @@ impl<'a, 'b> Field<'a, 'b> {
         let in_model = verdict == Verdict::MissingPhysics;
         let named = odds.named.as_ref().map(|(i, _)| &self.models[*i]);
         let augmented = named.filter(|_| in_model).unwrap_or(plain);
-        let unknown = verdict == Verdict::Unexplained && self.leaps_beyond(plain).is_none();
-        let learnt = match unknown && request.only.is_empty() {
-            true => learn_along(problem, &plain.fitted, &self.bench.blocks, self.independent)?,
+        // what nothing listed accounts for, or what is left beside it
+        let told = &augmented.fitted;
+        let more = match verdict {
+            Verdict::Adequate => false,
+            Verdict::MissingPhysics => self.leaves_structure(augmented)?,
+            Verdict::Unexplained => true,
+        };
+        let steady = self.leaps_beyond(augmented).is_none();
+        let learnt = match more && steady && request.only.is_empty() {
+            true => learn_along(problem, told, &self.bench.blocks, self.independent)?,
             false => None,
         };
-        let taught = that_holds(problem, &plain.fitted, learnt, remarks)?;
-        let with_it = taught.as_ref().map_or(&augmented.fitted, |t| &t.fitted);
+        let taught = that_holds(problem, told, learnt, remarks)?;
+        let with_it = taught.as_ref().map_or(told, |t| &t.fitted);
         let something_else = match (named, verdict) {
             (Some(m), _) => self.unlisted(m, self.left(m)),
             (None, Verdict::Unexplained) => self.unlisted(plain, 1.0),
@@ -722,22 +729,34 @@ impl<'a, 'b> Field<'a, 'b> {
             .then(|| law::law(problem, &plain.fitted))
             .transpose()?;
         let (train, holdout, traces) = gains(problem, &plain.fitted, with_it)?;
-        let gap = holdout.map_or(f64::NAN, |h| h.gap_closed());
-        let learnt = (taught.as_ref())
-            .map(|t| physics(problem, t, &self.seen.groups, gap))
-            .transpose()?;
+        let learnt = match &taught {
+            Some(t) => {
+                let (_, own, _) = gains(problem, told, with_it)?;
+                let gap = own.map_or(f64::NAN, |h| h.gap_closed());
+                Some(physics(problem, told, t, &self.seen.groups, gap)?)
+            }
+            None => None,
+        };
         let words = problem.train.words();
         let apart = odds
             .within_sample
             .filter(|_| verdict == Verdict::Adequate)
             .map(|i| sample_apart(problem, &plain.fitted, &self.models[i].fitted))
             .transpose()?;
+        // what named causes bring about alone
+        let alone = match (&taught, in_model) {
+            (Some(_), true) => Some(gains(problem, &plain.fitted, told)?),
+            _ => None,
+        };
+        let (own, own_held) = alone
+            .as_ref()
+            .map_or((&train, &holdout), |(own, held, _)| (own, held));
         let said = || {
             says(
                 verdict,
                 &candidates,
-                &train,
-                holdout.as_ref(),
+                own,
+                own_held.as_ref(),
                 &places,
                 &words,
                 &groups,
@@ -745,7 +764,8 @@ impl<'a, 'b> Field<'a, 'b> {
         };
         let mut says = apart.unwrap_or_else(said);
         if let Some(learnt) = &learnt {
-            says += &format!(" Learnt from the recordings: {}", learnt.says);
+            let beside = if learnt.beside { ", beside that" } else { "" };
+            says += &format!(" Learnt from the recordings{beside}: {}", learnt.says);
         }
         let nothing = match verdict {
             Verdict::Adequate => odds.probability[0].max(0.5),
@@ -865,15 +885,9 @@ impl<'a, 'b> Field<'a, 'b> {
                 in_model: is_in,
                 values: values(problem, &m.fitted, own, &estimates),
                 says: format!(
-                    "{}; over blocks that took no part in the fit the weighted mean square {} from {} to {}",
+                    "{}; over blocks that took no part in the fit the weighted mean square {}",
                     acting.effect.says(),
-                    if m.raw < self.plain.raw {
-                        "falls"
-                    } else {
-                        "rises"
-                    },
-                    short(self.plain.raw),
-                    short(m.raw)
+                    goes(self.plain.raw, m.raw)
                 ),
             }
         };
@@ -1201,6 +1215,15 @@ fn sample_apart(
         in_unit(told.after_v, &unit),
         in_unit(told.noise_floor_v, &unit)
     ))
+}
+
+/// From one number to another, in words.
+fn goes(before: f64, after: f64) -> String {
+    match [before, after].map(short) {
+        [before, after] if before == after => format!("stays at {before}"),
+        [from, to] if after < before => format!("falls from {from} to {to}"),
+        [from, to] => format!("rises from {from} to {to}"),
+    }
 }
 
 fn says(

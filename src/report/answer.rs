@@ -243,7 +243,15 @@ impl Answer {
                     .iter()
                     .map(|c| format!("{} (probability {})", cause(c), odds(c.probability)))
                     .collect();
-                format!("Physics is missing: {}; {}.", number::list(&list), falls())
+                let rest = match &d.learnt {
+                    Some(_) => "; what is left beside that was learnt; with both, ",
+                    None => "; ",
+                };
+                format!(
+                    "Physics is missing: {}{rest}{}.",
+                    number::list(&list),
+                    falls()
+                )
             }
             Verdict::Unexplained if d.learnt.is_some() => {
                 format!(

@@ -303,8 +303,23 @@ fn the_last_quarter_of_a_coupon_is_held_out() {
     assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
 }
 
+/// A file that holds what a diagnosis found predicts a recording as the diagnosis did.
+fn predicts(d: &Diagnosis, held_out: &Line) {
+    let file = ParameterFile::of_diagnosis(d, Vec::new(), Provenance::default());
+    let text = file.to_toml().unwrap();
+    let read = ParameterFile::parse(Path::new("parameters.toml"), &text).unwrap();
+    let model = read.line_model().unwrap();
+    let after = validate_lines(std::slice::from_ref(held_out), &model).unwrap();
+    let held = d.holdout.unwrap();
+    assert!(
+        (after.total().0 / held.after_v - 1.0).abs() < 0.02,
+        "{held:?}"
+    );
+}
+
 /// A hinge whose detents no cause of the catalogue has, and friction that lives in one place of a slide's
-/// track: both are learnt along the coordinate, and a file that holds the term predicts with it.
+/// track: both are learnt along the coordinate, alone or beside a named cause, and a file that holds the term
+/// predicts with it.
 #[test]
 fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
     let dir = tempfile::tempdir().unwrap();
@@ -341,16 +356,21 @@ fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
         assert!(variables.iter().any(|v| v.0 == variable), "{variables:?}");
         assert!(learnt.gap_closed > 0.85, "{id}: {}", learnt.says);
         assert_eq!(learnt.takes_energy(), id == "sticky", "{}", learnt.says);
-        let file = ParameterFile::of_diagnosis(&d, Vec::new(), Provenance::default());
-        let text = file.to_toml().unwrap();
-        let read = ParameterFile::parse(Path::new("parameters.toml"), &text).unwrap();
-        let after = validate_lines(std::slice::from_ref(&c), &read.line_model().unwrap()).unwrap();
-        let held = d.holdout.unwrap();
-        assert!(
-            (after.total().0 / held.after_v - 1.0).abs() < 0.02,
-            "{held:?}"
-        );
+        predicts(&d, &c);
     }
+    // and what a named cause leaves, beside it
+    let both = |x: f64, way: f64| 8e-4 * (way / 0.05).tanh() + 0.5 * detents(x, 0.0);
+    let [a, b, c] = [1, 2, 3].map(|n| make(&format!("both-{n}"), &both, n));
+    let d = diagnose(&[&a, &b], &[&c]);
+    let named = d.candidates.iter().filter(|c| c.in_model);
+    let named: Vec<&str> = named.map(|c| c.acting.effect.id()).collect();
+    assert_eq!(
+        (d.verdict, &named[..]),
+        (Verdict::MissingPhysics, &["joint_friction"][..])
+    );
+    let learnt = d.learnt.as_ref().unwrap_or_else(|| panic!("{}", d.says));
+    assert!(learnt.beside && learnt.gap_closed > 0.7, "{}", learnt.says);
+    predicts(&d, &c);
     // what raises the error of a recording that was held out is dropped
     let away = make("away", &|x, _| -detents(x, 0.0), 6);
     let [a, b] = [1, 2].map(|n| make(&format!("again-{n}"), &detents, n));

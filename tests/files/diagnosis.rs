@@ -280,6 +280,7 @@ fn learnt() -> LearntPhysics {
         net_work: -0.8,
         resembles: vec![("joint_damping", 0.83)],
         gap_closed: 0.91,
+        beside: false,
         left_out: -1.2,
         says: "a torque on the bicep joints <script>, by bicep angle, bicep rate.".into(),
     }

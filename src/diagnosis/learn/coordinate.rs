@@ -21,7 +21,11 @@ const FIRST: f64 = 1e-2;
 /// Logarithm of the density of what was left out that a group adds at least, beside what the choice among
 /// groups costs: odds of twenty to one.
 const ADDS: f64 = 3.0;
-/// Share of the mean square of what was left out that may remain.
+/// Share of the squares of what groups make that making them costs; by as much they are made too small.
+const SPARING: f64 = 1e-3;
+/// What holds an unknown to an end of its range, over the squares of its column.
+const HELD: f64 = 1e9;
+/// Share of the mean square of what was left out, and of what was fitted, that may remain.
 const HELPS: f64 = 0.9;
 
 /// Groups of columns with their terms.
@@ -161,7 +165,7 @@ fn together(list: &[Listed], chosen: &Chosen) -> (DMatrix<f64>, DVector<f64>) {
     (columns, ridge)
 }
 
-/// What the plain model of `plain` with chosen groups foretells.
+/// What the model of a tangent with chosen groups foretells.
 fn foretold(list: &[Listed], chosen: &Chosen, tangent: &Tangent, blocks: &Blocks) -> Foretold {
     let (columns, ridge) = together(list, chosen);
     // of columns of unlike lengths, each over its own
@@ -194,11 +198,26 @@ fn solved(list: &[Listed], chosen: &Chosen, tangent: &Tangent) -> Option<Solved>
     for (j, r) in ridge.iter().enumerate() {
         whole[(own + j, own + j)] += r;
     }
+    // what the model could make as well, it makes: its unknowns keep their meaning
+    let mut corner = whole.view_mut((own, own), (more, more));
+    corner += columns.tr_mul(&columns) * SPARING;
     // the plain unknowns are at their optimum
     let mut pull = all.tr_mul(&tangent.residual);
     pull.rows_mut(0, own).fill(0.0);
-    let inverse = whole.cholesky()?.inverse();
-    let step = -(&inverse * pull);
+    // those that would leave their range end where it does: a damping that is negative is no fit's
+    let mut ended = vec![false; own];
+    let (inverse, step) = loop {
+        let inverse = whole.clone().cholesky()?.inverse();
+        let step = -(&inverse * &pull);
+        let beyond = |j: usize| step[j].clamp(tangent.room()[j][0], tangent.room()[j][1]);
+        let next = (0..tangent.room().len()).find(|&j| !ended[j] && beyond(j) != step[j]);
+        let Some(j) = next else {
+            break (inverse, step);
+        };
+        ended[j] = true;
+        whole[(j, j)] += HELD;
+        pull[j] -= HELD * beyond(j);
+    };
     let left = &tangent.residual + &all * &step;
     Some(Solved {
         inverse,
@@ -207,19 +226,23 @@ fn solved(list: &[Listed], chosen: &Chosen, tangent: &Tangent) -> Option<Solved>
     })
 }
 
-/// Learns what the plain model of `plain` leaves on a single coordinate; `independent` of the rows count.
-/// `None` where nothing foretells what was left out.
+/// Learns what a model leaves on a single coordinate, the plain one or one with causes, whose values stay;
+/// `independent` of the rows count. `None` where nothing foretells what was left out.
 ///
 /// # Errors
 /// [`Locked`] when a coupon's film is past its locking stretch.
 pub(in crate::diagnosis) fn learn_along(
     problem: &Problem<LineResidual>,
-    plain: &Fitted,
+    model: &Fitted,
     blocks: &Blocks,
     independent: f64,
 ) -> Result<Option<Taught>, Locked> {
-    let tangent = Tangent::new(problem, plain)?;
-    let residual = problem.residual(plain);
+    // causes stay as they are
+    let mut held = model.clone();
+    held.free.clear();
+    held.state.eta.truncate(problem.nonlinear.len());
+    let tangent = Tangent::new(problem, &held)?;
+    let residual = problem.residual(&held);
     let list: Vec<Listed> = (dictionary(&residual).par_iter())
         .filter_map(|g| listed(&residual, g))
         .collect();
@@ -233,7 +256,7 @@ pub(in crate::diagnosis) fn learn_along(
         });
         told.max_by(|a, b| log(&a.1).total_cmp(&log(&b.1)))
     };
-    // what a model with groups leaves is nearer to noise than what the plain one leaves: more rows count
+    // what a model with groups leaves is nearer to noise than what it leaves without: more rows count
     let counts = |left: &DVector<f64>| independent.max(residual.independent(left.as_slice()));
     let (mut chosen, mut reached) = (Chosen::new(), nothing.clone());
     while chosen.len() < MOST {
@@ -296,8 +319,12 @@ pub(in crate::diagnosis) fn learn_along(
         }
         from += root.ncols();
     }
+    let fitted = problem.fit_beside(model, &effects, POLISH);
+    if fitted.state.data_cost > HELPS * model.state.data_cost {
+        return Ok(None);
+    }
     Ok(Some(Taught {
-        fitted: problem.fit_near(plain, &effects, POLISH),
+        fitted,
         place: Place::Coordinate,
         open: told,
         left_out: (reached.mean_square() / nothing.mean_square()).ln(),

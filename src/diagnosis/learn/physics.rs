@@ -6,7 +6,7 @@ use super::super::judge::cosines;
 use super::super::outcome::{LearntPhysics, LearntTerm};
 use super::super::scan::Group;
 use super::super::words::in_unit;
-use super::{Problem, Subject, Tangent, Taught};
+use super::{Fitted, Problem, Subject, Tangent, Taught};
 use crate::effects::learnt::{self, Learnt, Place};
 use crate::effects::{Acting, plain_name};
 use crate::film::Locked;
@@ -14,26 +14,29 @@ use crate::film::Locked;
 /// Causes that a learnt term is said to be like, and the cosine from which on.
 const LIKE: (usize, f64) = (3, 0.5);
 
-/// What was learnt, with what it does along the recordings and what it is like; `gap_closed` is its gain on
-/// those that were held out.
+/// What was learnt beside the causes of `named`, with what it does along the recordings and what it is like;
+/// `gap_closed` is its gain on those that were held out.
 ///
 /// # Errors
 /// [`Locked`] when the film is past its locking stretch.
 pub(in crate::diagnosis) fn physics<S: Subject>(
     problem: &Problem<S>,
+    named: &Fitted,
     taught: &Taught,
     groups: &[Group],
     gap_closed: f64,
 ) -> Result<LearntPhysics, Locked> {
-    let fitted = &taught.fitted;
-    let mut film = fitted.clone();
-    film.effects.clear();
+    let mut film = taught.fitted.clone();
+    let learnt = film.effects.split_off(named.effects.len());
     film.free.clear();
     film.state.eta.truncate(problem.nonlinear.len());
-    let tangent = Tangent::new(problem, &film)?;
+    let tangent = match named.effects[..] {
+        [] => Tangent::new(problem, &film)?,
+        _ => Tangent::new(problem, named)?,
+    };
     let mut column = DVector::zeros(tangent.residual.len());
     let (mut work, mut exchanged, mut terms) = (0.0, 0.0, Vec::new());
-    for (acting, (covariance, inclusion)) in fitted.effects.iter().zip(&taught.open) {
+    for (acting, (covariance, inclusion)) in learnt.iter().zip(&taught.open) {
         let own = problem
             .train
             .fingerprint(&film.state.eta, &film.state.beta, acting)?;
@@ -57,9 +60,9 @@ pub(in crate::diagnosis) fn physics<S: Subject>(
             largest: made.largest,
         });
     }
-    let together = problem.train.work_of(&fitted.effects);
+    let together = problem.train.work_of(&learnt);
     let [work, exchanged] = together.unwrap_or([work, exchanged]);
-    let on = [0, 1, 2].map(|k| fitted.effects.iter().any(|a| a.on[k]));
+    let on = [0, 1, 2].map(|k| learnt.iter().any(|a| a.on[k]));
     let mut resembles = cosines(&tangent, &column, learnt::ID, on, groups);
     resembles.retain(|r| r.1 >= LIKE.1);
     resembles.truncate(LIKE.0);
@@ -73,6 +76,7 @@ pub(in crate::diagnosis) fn physics<S: Subject>(
         },
         resembles,
         gap_closed,
+        beside: !named.effects.is_empty(),
         left_out: taught.left_out,
         says: String::new(),
     };
@@ -104,6 +108,7 @@ fn says_of_learnt(l: &LearntPhysics) -> String {
     let work = match l.net_work.is_finite() {
         false => "",
         true if l.takes_energy() => "; it takes energy",
+        true if l.gives_energy() && l.beside => "; it gives back energy that the named causes take",
         true if l.gives_energy() => "; it gives energy, so something drives it",
         true => "; it does no net work",
     };
@@ -116,8 +121,13 @@ fn says_of_learnt(l: &LearntPhysics) -> String {
     };
     let gap = match l.gap_closed {
         g if g.is_finite() => format!(
-            "; on recordings that were not fitted it closes {:.0} % of the gap to the noise",
-            100.0 * g
+            "; on recordings that were not fitted it closes {:.0} % of the gap {}to the noise",
+            100.0 * g,
+            if l.beside {
+                "from the named causes "
+            } else {
+                ""
+            }
         ),
         _ => String::new(),
     };

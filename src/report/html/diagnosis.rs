@@ -327,12 +327,17 @@ fn missing(d: &Diagnosis) -> Option<Note> {
         return Some(note(MISSING_IS, lead, list));
     }
     let list = match &d.learnt {
-        Some(l) => std::iter::once(item(
-            "Learnt:".to_owned(),
-            number::words(&super::summary::capital(&l.says)),
-        ))
-        .chain(list)
-        .collect(),
+        Some(l) => {
+            let own = item(
+                "Learnt:".to_owned(),
+                number::words(&super::summary::capital(&l.says)),
+            );
+            // after the causes beside which it is
+            let at = d.candidates.iter().filter(|c| c.in_model).count();
+            let mut list: Vec<Item> = list;
+            list.insert(at.min(list.len()), own);
+            list
+        }
         None => list,
     };
     let lead = match (d.verdict, list.is_empty()) {

@@ -30,9 +30,14 @@ pub fn section(d: &Diagnosis) -> Option<Section> {
         ),
     };
     let says = format!(
-        "No cause of the catalogue explains the misfit, so what is missing was learnt together with the plain \
-         model: {} Left out one at a time, {} are foretold with {} of the plain model\u{2019}s squares{}. It \
+        "{} {} Left out one at a time, {} are foretold with {} of the squares that are left without it{}. It \
          describes these recordings; it is a hypothesis about what to look for at the rig.",
+        if l.beside {
+            "The named causes leave more than noise, so what they leave was learnt beside them:"
+        } else {
+            "No cause of the catalogue explains the misfit, so what is missing was learnt together with the \
+             plain model:"
+        },
         l.says,
         if along { "stretches" } else { "recordings" },
         number::per_cent(l.left_out.exp()),

@@ -10,6 +10,10 @@ use crate::diagnosis::{Diagnosis, LearntPhysics, LearntTerm};
 use crate::effects::learnt::{Form, Learnt, Place};
 use crate::report::effect_entries::actuators;
 
+/// What curves show.
+const CURVES: &str = "What each curve adds, with its 95 % band, over the values that the recordings show. Beyond them it is held at its edge.";
+/// The same along a coordinate.
+const SHARES: &str = "What each curve adds, in per cent of the largest force, torque or stress measured, with its 95 % band, over the values that the recordings show; excursions are in per cent of the largest. Beyond them it is held at its edge.";
 /// Points of a curve.
 const POINTS: usize = 120;
 /// Standard deviations to each side of a band of 95 %.
@@ -22,12 +26,7 @@ pub fn section(d: &Diagnosis) -> Option<Section> {
     let drawings: Vec<String> = l.terms.iter().filter_map(|t| drawn(l, t)).collect();
     let figure = match drawings.is_empty() {
         true => String::new(),
-        false => plot::figure(
-            &drawings,
-            "",
-            "What each curve adds, with its 95 % band, over the values that the recordings show. Beyond them \
-             it is held at its edge.",
-        ),
+        false => plot::figure(&drawings, "", if along { SHARES } else { CURVES }),
     };
     let says = format!(
         "{} {} Left out one at a time, {} are foretold with {} of the squares that are left without it{}. It \
@@ -142,9 +141,14 @@ fn drawn(l: &LearntPhysics, t: &LearntTerm) -> Option<String> {
                     format!("{}, deg", term.form.variables()[0]),
                     1f64.to_degrees(),
                 ),
+                "1" => (format!("{}, %", term.form.variables()[0]), 100.0),
                 unit => (format!("{}, {unit}", term.form.variables()[0]), 1.0),
             }
         }
+    };
+    let (who, of, behind, upwards) = match l.place {
+        Place::Coordinate => (String::new(), "share", ", %", 100.0),
+        _ => (format!("actuators {}, ", on(t)), unit(l), "", 1.0),
     };
     let mut points = Vec::new();
     let mut rows = Vec::new();
@@ -157,21 +161,25 @@ fn drawn(l: &LearntPhysics, t: &LearntTerm) -> Option<String> {
             .map(|(b, row)| b * product(row))
             .sum();
         let half = BAND * variance.max(0.0).sqrt();
-        points.push([x * scale, y]);
+        points.push([x * scale, upwards * y]);
         if half.is_finite() {
-            rows.push([x * scale, y - half, y + half]);
+            rows.push([x * scale, upwards * (y - half), upwards * (y + half)]);
         }
     }
-    let by = match term.form.variables().get(1) {
-        Some(other) if matches!(term.form, Form::Spline { .. }) => format!(" per {other}"),
-        _ => String::new(),
-    };
-    let who = match l.place {
-        Place::Coordinate => String::new(),
-        _ => format!("actuators {}, ", on(t)),
+    let units = term.form.units();
+    let (by, per) = match (&term.form, term.form.variables().get(1)) {
+        (Form::Spline { .. }, Some(other)) => match (behind, units[1]) {
+            ("", _) | (_, "1") => (format!(" per {other}"), String::new()),
+            // of a rate, 1/s: what it is multiplied with is in s
+            (_, unit) => (
+                format!(" per {other}"),
+                format!(" {}", unit.trim_start_matches("1/")),
+            ),
+        },
+        _ => Default::default(),
     };
     let panel = Panel {
-        y: Axis::new(format!("{who}{}{by}", unit(l))),
+        y: Axis::new(format!("{who}{of}{by}{behind}{per}")),
         height: 150.0,
         shades: Vec::new(),
         bands: vec![Band {

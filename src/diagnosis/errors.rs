@@ -29,12 +29,14 @@ pub(super) fn spots<S: Subject>(
                 unwhiten(&w, &three)
             };
             let (before, after) = (of(&a), of(&b));
+            let squared = |e: f64| e * e;
             for k in 0..S::CHAINS {
                 out.push(Spot {
                     recording: number,
                     actuator: k,
-                    before: before[k],
-                    after: if same { 1.0 } else { after[k] },
+                    error: before[k],
+                    before: squared(before[k]),
+                    after: if same { 1.0 } else { squared(after[k]) },
                     at: at[k],
                 });
             }
@@ -44,7 +46,7 @@ pub(super) fn spots<S: Subject>(
     Ok(out)
 }
 
-/// Squares of the torque errors over their own standard deviations, from whitened ones.
+/// The torque errors over their own standard deviations, from whitened ones.
 pub(super) fn unwhiten(w: &[f64; 6], e: &[f64]) -> [f64; 3] {
     // e = W r with W lower triangular; L = W^-1 has the covariance L L'.
     let l00 = 1.0 / w[0];
@@ -63,7 +65,7 @@ pub(super) fn unwhiten(w: &[f64; 6], e: &[f64]) -> [f64; 3] {
         l10 * l10 + l11 * l11,
         l20 * l20 + l21 * l21 + l22 * l22,
     ];
-    [0, 1, 2].map(|k| r[k] * r[k] / v[k])
+    [0, 1, 2].map(|k| r[k] / v[k].sqrt())
 }
 
 /// Errors before and after where models were fitted, and the traces that show them.

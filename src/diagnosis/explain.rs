@@ -143,7 +143,7 @@ pub(super) fn explain<S: Subject>(
             (
                 ruled.trust * confidence(verdict, &choice.odds, plain, best),
                 says,
-                next_experiment(verdict, &groups, &candidates, &words),
+                next_experiment(verdict, &groups, &candidates, &places, &words),
             )
         }
     };

@@ -4,6 +4,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::outcome::Place;
 use super::subject::{At, Coordinate, Whereabouts, Words};
+use super::swing::swing;
 use crate::effects::Acting;
 
 /// One kept residual of one actuator.
@@ -13,7 +14,9 @@ pub(super) struct Spot {
     pub recording: usize,
     /// 0 to 2.
     pub actuator: usize,
-    /// Square of the standardised torque error before.
+    /// Standardised torque error before.
+    pub error: f64,
+    /// Its square.
     pub before: f64,
     /// The same after; 1 where nothing was added.
     pub after: f64,
@@ -153,6 +156,38 @@ impl Excess<'_> {
         Some((ratio, place))
     }
 
+    /// The frequency of something that swings on its own.
+    fn frequency(&self) -> Option<Rated> {
+        let swing = swing(self.spots)?;
+        let n = self.count();
+        let mean = self.spots.iter().map(|s| s.before).sum::<f64>() / n;
+        let inside = swing.share * mean / swing.band;
+        let outside = (1.0 - swing.share) * mean / (1.0 - swing.band);
+        let each = swing.band * inside.ln() + (1.0 - swing.band) * outside.ln();
+        let ratio = 0.5 * n * (mean.ln() - each);
+        let excess = (swing.share * mean - swing.band) / (mean - 1.0).max(1e-9);
+        let [low, high] = swing.range_hz;
+        let digits = (1.0 - (high - low).log10().floor()).clamp(0.0, 6.0) as usize;
+        let place = Place {
+            dimension: "frequency",
+            called: "frequency",
+            range: Some(swing.range_hz),
+            unit: "Hz".into(),
+            value: None,
+            recording: None,
+            actuators: Vec::new(),
+            share_of_excess: excess.clamp(0.0, 1.0),
+            share_of_samples: swing.band,
+            p_value: p_value(ratio),
+            says: format!(
+                "{:.0} % of the excess lies at a frequency of {low:.digits$} to {high:.digits$} Hz, which is \
+                 no multiple and no sum of those of the motion: something swings on its own",
+                100.0 * excess.clamp(0.0, 1.0)
+            ),
+        };
+        Some((ratio, place))
+    }
+
     /// A place that is a word, as `says` has it.
     fn word(
         &self,
@@ -213,6 +248,9 @@ pub(super) fn locate(
     let named = named.iter().filter(|_| several);
     let mut found: Vec<Rated> = named.flat_map(|a| excess.own(a, entries)).collect();
     found.extend(coordinates.iter().filter_map(|c| excess.along(c)));
+    // of a single coordinate without a clock the order of the samples is all that is known
+    let timed = several || coordinates.iter().any(|c| c.dimension == "time");
+    found.extend(excess.frequency().filter(|_| timed));
     for k in 0..if several { chains } else { 0 } {
         let (value, says) = ((k + 1).to_string(), format!("in actuator {}", k + 1));
         let inside = |s: &Spot| s.actuator == k;
@@ -405,6 +443,7 @@ mod tests {
                 Spot {
                     recording: 0,
                     actuator: i as usize % chains,
+                    error: if x > 0.9 { 3.0 } else { 1.0 },
                     before: if x > 0.9 { 9.0 } else { 1.0 },
                     after: 1.0,
                     at: [4000.0 * x, 0.0, x, x, 0.0, x, x],

@@ -44,6 +44,7 @@ mod scan;
 mod single;
 mod sizes;
 mod subject;
+mod swing;
 mod tolerance;
 mod verdict;
 mod words;

@@ -268,12 +268,19 @@ pub(super) fn hidden<S: Subject>(
     out
 }
 
+/// What to record where something swings on its own.
+const AT_REST: &str = "The rig at rest, with what runs beside it (pumps, fans, mains, other drives) switched off \
+    one after the other: what swings on its own swings there, too, and stops with its source. What swings only \
+    after a jolt is a part that hangs or is sprung: hold it.";
+
 pub(super) fn next_experiment(
     verdict: Verdict,
     groups: &[Vec<&'static str>],
     candidates: &[Candidate],
+    places: &[Place],
     words: &subject::Words,
 ) -> String {
+    let swings = places.first().filter(|p| p.dimension == "frequency");
     // what was fitted knows its own drive; others are looked up
     let by = |id: &str| {
         let own = candidates.iter().map(|c| c.acting.effect);
@@ -304,6 +311,7 @@ pub(super) fn next_experiment(
                 .brought_out_by()
                 .to_string())
         ),
+        (Verdict::Unexplained, _) if swings.is_some() => AT_REST.into(),
         (Verdict::Unexplained, _) => words.repeat.into(),
         (Verdict::Adequate, _) => words.rich.into(),
     }

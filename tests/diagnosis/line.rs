@@ -419,6 +419,61 @@ fn a_knocked_cell_is_no_drift() {
     assert_eq!(d.candidates[0].acting.effect.id(), "x_zero_drift");
 }
 
+/// A pump on the same table: its frequency is told, and it is looked for at rest. Where the rows have no time
+/// there are no frequencies.
+#[test]
+fn a_pump_is_told_by_its_frequency() {
+    let dir = tempfile::tempdir().unwrap();
+    let make = |id: &str, clock: bool, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("t,angle,torque\n");
+        for i in 0..1500 {
+            let t = 0.02 * f64::from(i);
+            let x = 0.4 * (TAU * t / 4.4).sin();
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let pump = 2e-4 * (TAU * 1.734 * t + 2.0 * seed as f64).sin();
+            let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + pump;
+            writeln!(out, "{t:.2},{x:.6},{torque:.8}").unwrap();
+        }
+        let (time, unit) = if clock {
+            ("time = \"t\"\n", "time = \"s\", ")
+        } else {
+            ("", "")
+        };
+        let table = format!(
+            "[bench]\nfile = \"data.csv\"\n{time}angle = \"angle\"\ntorque = \"torque\"\n\
+             units = {{ {unit}angle = \"rad\", torque = \"N m\" }}\n"
+        );
+        line(dir.path(), id, "hinge-bench", &table, &out)
+    };
+    let [a, b, c] = [1, 2, 3].map(|n| make(&format!("pump-{n}"), true, n));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::Unexplained, "{}", d.says);
+    let place = &d.places[0];
+    assert_eq!(place.dimension, "frequency", "{place:?}");
+    let [low, high] = place.range.unwrap();
+    assert!(
+        low < 1.734 && 1.734 < high && high - low < 0.05,
+        "{low} {high}"
+    );
+    assert!(
+        place.share_of_excess > 0.8 && place.p_value < 1e-6,
+        "{place:?}"
+    );
+    assert!(
+        d.next_experiment.contains("at rest"),
+        "{}",
+        d.next_experiment
+    );
+    let [a, b] = [4, 5].map(|n| make(&format!("rows-{n}"), false, n));
+    let d = diagnose(&[&a], &[&b]);
+    assert!(
+        d.places.iter().all(|p| p.dimension != "frequency"),
+        "{:?}",
+        d.places
+    );
+}
+
 #[test]
 fn recordings_that_say_nothing_are_refused_in_words() {
     let dir = tempfile::tempdir().unwrap();

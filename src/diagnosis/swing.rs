@@ -80,8 +80,8 @@ fn peak(power: &[f64], at: usize, lobe: usize) -> [f64; 2] {
     ]
 }
 
-/// What follows from a motion and has every frequency that a law of it can make: place, direction, and on which
-/// side of places and rates it is.
+/// What follows from a motion and has every frequency that a law of it can make: place, direction, and on
+/// which side of places and rates it is.
 fn laws(course: &[&Spot]) -> Vec<Vec<f64>> {
     let along = |at: usize| -> Vec<f64> { course.iter().map(|s| s.at[at]).collect() };
     let mut laws = vec![along(6), along(1).iter().map(|v| v.signum()).collect()];
@@ -158,7 +158,7 @@ pub(super) fn swing(spots: &[Spot]) -> Option<Swing> {
         let [out, part] = peak(law, top, lobe);
         out > STANDS_OUT && part > OF_THE_MOTION
     };
-    if !(share > HOLDS) || motion.iter().any(follows) {
+    if share.is_nan() || share < HOLDS || motion.iter().any(follows) {
         return None;
     }
     let frequency_hz = top as f64 / span_s;

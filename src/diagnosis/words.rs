@@ -269,9 +269,9 @@ pub(super) fn hidden<S: Subject>(
 }
 
 /// What to record where something swings on its own.
-const AT_REST: &str = "The rig at rest, with what runs beside it (pumps, fans, mains, other drives) switched off \
-    one after the other: what swings on its own swings there, too, and stops with its source. What swings only \
-    after a jolt is a part that hangs or is sprung: hold it.";
+const AT_REST: &str = "The rig at rest, with what runs beside it (pumps, fans, mains, other drives) switched \
+    off one after the other: what swings on its own swings there, too, and stops with its source. What swings \
+    only after a jolt is a part that hangs or is sprung: hold it.";
 
 pub(super) fn next_experiment(
     verdict: Verdict,

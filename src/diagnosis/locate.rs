@@ -156,7 +156,7 @@ impl Excess<'_> {
         Some((ratio, place))
     }
 
-    /// The frequency of something that swings on its own.
+    /// The frequency of something that swings on its own, which tells more than where it is seen most.
     fn frequency(&self) -> Option<Rated> {
         let swing = swing(self.spots)?;
         let n = self.count();
@@ -185,7 +185,7 @@ impl Excess<'_> {
                 100.0 * excess.clamp(0.0, 1.0)
             ),
         };
-        Some((ratio, place))
+        Some((f64::INFINITY, place))
     }
 
     /// A place that is a word, as `says` has it.

@@ -26,7 +26,10 @@ const AROUND: usize = 12;
 /// stays below.
 const STANDS_OUT: f64 = 12.0;
 /// Share of a law's power from which a line of it counts: a step has a ten-thousandth in its 50th multiple.
-const OF_THE_MOTION: f64 = 1e-4;
+const OF_A_LAW: f64 = 1e-4;
+/// Share of the motion's power up to which a line of it may be that of something else that pushes; what rings
+/// after a jolt has most.
+const OF_THE_MOTION: f64 = 0.1;
 /// Periods that a recording has to show.
 const PERIODS: f64 = 4.0;
 /// Samples that a period has to have.
@@ -80,29 +83,53 @@ fn peak(power: &[f64], at: usize, lobe: usize) -> [f64; 2] {
     ]
 }
 
-/// What follows from a motion and has every frequency that a law of it can make: place, direction, and on
-/// which side of places and rates it is.
-fn laws(course: &[&Spot]) -> Vec<Vec<f64>> {
-    let along = |at: usize| -> Vec<f64> { course.iter().map(|s| s.at[at]).collect() };
-    let mut laws = vec![along(6), along(1).iter().map(|v| v.signum()).collect()];
-    for values in [along(6), along(4)] {
-        let mut order = values.clone();
-        order.sort_by(f64::total_cmp);
-        for quarter in 1..4 {
-            let edge = order[quarter * order.len() / 4];
-            laws.push(
-                values
-                    .iter()
-                    .map(|v| f64::from(u8::from(*v > edge)))
-                    .collect(),
-            );
-        }
-    }
-    laws
+/// Values, and on which side of their quarters they are: what has every frequency that a law of them can make.
+fn sides(values: Vec<f64>) -> Vec<Vec<f64>> {
+    let mut order = values.clone();
+    order.sort_by(f64::total_cmp);
+    let edges = [1, 2, 3].map(|quarter| order[quarter * order.len() / 4]);
+    let beyond = edges.map(|edge| {
+        values
+            .iter()
+            .map(|v| f64::from(u8::from(*v > edge)))
+            .collect()
+    });
+    let mut all = vec![values];
+    all.extend(beyond);
+    all
 }
 
-/// The line that holds most of what is left, where it is no consequence of the motion.
-pub(super) fn swing(spots: &[Spot]) -> Option<Swing> {
+/// Adds a spectrum, so many times, to a sum.
+fn add(sum: &mut Vec<f64>, own: &[f64], weight: f64) {
+    sum.resize(sum.len().max(own.len()), 0.0);
+    own.iter().zip(sum).for_each(|(o, s)| *s += weight * o);
+}
+
+/// Spectra of what laws of one quantity make, over all courses.
+#[derive(Default)]
+struct Spectra(Vec<Vec<f64>>);
+
+impl Spectra {
+    /// Adds those of one more course, each over its power.
+    fn add(&mut self, own: &[Vec<f64>]) {
+        self.0.resize(own.len(), Vec::new());
+        for (sum, own) in self.0.iter_mut().zip(own) {
+            let all = own.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+            add(sum, own, 1.0 / all);
+        }
+    }
+
+    /// Whether one of them has a line there.
+    fn has_line(&self, at: usize, lobe: usize) -> bool {
+        self.0.iter().any(|power| {
+            let [out, share] = peak(power, at, lobe);
+            out > STANDS_OUT && share > OF_A_LAW
+        })
+    }
+}
+
+/// Samples of one actuator in one recording, each apart.
+fn courses(spots: &[Spot]) -> Vec<Vec<&Spot>> {
     let mut courses: Vec<Vec<&Spot>> = Vec::new();
     for spot in spots {
         let own = |c: &&mut Vec<&Spot>| {
@@ -113,18 +140,24 @@ pub(super) fn swing(spots: &[Spot]) -> Option<Swing> {
             None => courses.push(vec![spot]),
         }
     }
-    let lasts = |c: &[&Spot]| c[c.len() - 1].at[2] - c[0].at[2];
-    courses.retain(|c| c.len() > 16 && lasts(c) > 0.0);
-    let longest_s = courses.iter().map(|c| lasts(c)).fold(0.0, f64::max);
-    let shortest_s = courses.iter().map(|c| lasts(c)).fold(longest_s, f64::min);
+    courses.retain(|c| c.len() > 16 && lasts_s(c) > 0.0);
+    courses
+}
+
+fn lasts_s(course: &[&Spot]) -> f64 {
+    course[course.len() - 1].at[2] - course[0].at[2]
+}
+
+/// The line that holds most of what is left, where it follows neither from the motion nor from the drive: what
+/// pushes at its own frequency moves a rig that is free to, but has only a small part in its motion.
+pub(super) fn swing(spots: &[Spot]) -> Option<Swing> {
+    let courses = courses(spots);
+    let longest_s = courses.iter().map(|c| lasts_s(c)).fold(0.0, f64::max);
+    let shortest_s = courses.iter().map(|c| lasts_s(c)).fold(longest_s, f64::min);
     let span_s = 2.0 * longest_s;
     let mut planner = RealFftPlanner::new();
-    let (mut error, mut motion): (Vec<f64>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
-    let mut step_s = 0.0_f64;
-    let add = |sum: &mut Vec<f64>, own: Vec<f64>, weight: f64| {
-        sum.resize(sum.len().max(own.len()), 0.0);
-        own.iter().zip(sum).for_each(|(o, s)| *s += weight * o);
-    };
+    let (mut error, mut step_s) = (Vec::new(), 0.0_f64);
+    let (mut motion, mut drive) = (Spectra::default(), Spectra::default());
     for course in &courses {
         let mut steps: Vec<f64> = course.windows(2).map(|w| w[1].at[2] - w[0].at[2]).collect();
         steps.sort_by(f64::total_cmp);
@@ -133,20 +166,26 @@ pub(super) fn swing(spots: &[Spot]) -> Option<Swing> {
             return None;
         }
         step_s = step_s.max(own_s);
-        let grid = [own_s, span_s];
         let mut of = |values: &[f64], tapered: bool| {
             let course = course.iter().zip(values).map(|(s, v)| (s.at[2], *v));
-            power(&mut planner, &course.collect::<Vec<_>>(), grid, tapered)
+            power(
+                &mut planner,
+                &course.collect::<Vec<_>>(),
+                [own_s, span_s],
+                tapered,
+            )
         };
+        let along = |at: usize| -> Vec<f64> { course.iter().map(|s| s.at[at]).collect() };
         let left: Vec<f64> = course.iter().map(|s| s.error).collect();
-        add(&mut error, of(&left, false), 1.0);
-        let laws = laws(course);
-        motion.resize(laws.len(), Vec::new());
-        for (sum, law) in motion.iter_mut().zip(laws) {
-            let own = of(&law, true);
-            let all = own.iter().sum::<f64>();
-            add(sum, own, 1.0 / all.max(f64::MIN_POSITIVE));
-        }
+        add(&mut error, &of(&left, false), 1.0);
+        let mut lines = |laws: Vec<Vec<f64>>| -> Vec<Vec<f64>> {
+            laws.iter().map(|law| of(law, true)).collect()
+        };
+        let mut moves = sides(along(6));
+        moves.extend(sides(along(4)));
+        moves.push(along(1).iter().map(|v| v.signum()).collect());
+        motion.add(&lines(moves));
+        drive.add(&lines(sides(along(0))));
     }
     let lobe = (span_s / shortest_s).ceil() as usize;
     let first = (PERIODS * span_s / shortest_s).ceil() as usize;
@@ -154,11 +193,9 @@ pub(super) fn swing(spots: &[Spot]) -> Option<Swing> {
     let top = (first..last).max_by(|a, b| error[*a].total_cmp(&error[*b]))?;
     let (from, to) = (top.saturating_sub(lobe), (top + lobe).min(error.len() - 1));
     let share = error[from..=to].iter().sum::<f64>() / error.iter().sum::<f64>();
-    let follows = |law: &Vec<f64>| {
-        let [out, part] = peak(law, top, lobe);
-        out > STANDS_OUT && part > OF_THE_MOTION
-    };
-    if share.is_nan() || share < HOLDS || motion.iter().any(follows) {
+    let its_own = !motion.has_line(top, lobe)
+        || (!drive.has_line(top, lobe) && peak(&motion.0[0], top, lobe)[1] < OF_THE_MOTION);
+    if share.is_nan() || share < HOLDS || !its_own {
         return None;
     }
     let frequency_hz = top as f64 / span_s;

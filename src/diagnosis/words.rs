@@ -388,7 +388,12 @@ pub(super) fn says(
             )
         }
         Verdict::Unexplained => format!(
-            "Model and recordings differ by more than noise ({}{over} against {}), and no effect of the catalogue accounts for it.{}",
+            "Model and recordings differ {} ({}{over} against {}), and no effect of the catalogue accounts for it.{}",
+            if train.before_v > train.noise_floor_v {
+                "by more than noise"
+            } else {
+                "in some stretches by more than noise, though not over all samples together"
+            },
             number(train.before_v),
             number(train.noise_floor_v),
             places

@@ -898,6 +898,7 @@ impl<'a> LineResidual<'a> {
             "force" => (s.force, force),
             "coordinate" => (s.coordinate, x.into()),
             "coordinate/s" => (s.coordinate, format!("{x}/s")),
+            "s/coordinate" => (1.0 / s.coordinate, format!("s/{x}")),
             "input" => (s.input, input),
             "force/coordinate" => (s.force / s.coordinate, format!("{force}/{x}")),
             "force s/coordinate" => (s.force / s.coordinate, format!("{force} s/{x}")),

@@ -444,6 +444,10 @@ impl Subject for LineResidual<'_> {
         LineResidual::with_effects(self, effects, free, series)
     }
 
+    fn told_through(self, effects: &[Acting]) -> Self {
+        LineResidual::told_through(self, effects)
+    }
+
     fn effects(&self, eta: &[f64]) -> Vec<Acting> {
         LineResidual::effects(self, eta)
     }

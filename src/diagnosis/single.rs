@@ -474,7 +474,8 @@ impl<'a, 'b> Field<'a, 'b> {
 
     /// Works out odds and order from what the models foretell.
     fn weigh(&self, odds: &mut Odds) {
-        let told = self.all().map(|m| &m.foretold);
+        let others = self.models.iter().map(|m| &m.foretold);
+        let told = std::iter::once(&self.plainest(odds).foretold).chain(others);
         let told: Vec<(&Foretold, f64)> = told.zip(odds.prior.iter().copied()).collect();
         let forms = Forms::Reach {
             more: &self.twins,
@@ -529,7 +530,7 @@ impl<'a, 'b> Field<'a, 'b> {
             };
             let fitted = &self.models[i].fitted;
             let size = size_is_nothing(self.bench.problem, fitted);
-            if size.as_ref().is_some_and(|s| s.within_sample) {
+            if size.as_ref().is_some_and(|s| s.within_sample) && fitted.effects.len() == 1 {
                 odds.within_sample.get_or_insert(i);
             }
             let no = || lowers_nothing(self.bench.problem, &self.plain.fitted, fitted);
@@ -554,7 +555,7 @@ impl<'a, 'b> Field<'a, 'b> {
         let size = |m: &Model| m.fitted.effects.len();
         let part = |s: &&Model| size(s) < size(m) && s.ids().iter().all(|id| m.has(id));
         if odds.prior[1 + i] == f64::NEG_INFINITY
-            || !self.pays(m, &self.plain)
+            || !self.pays(m, self.plainest(odds))
             || !self.models.iter().filter(part).all(|s| self.pays(m, s))
         {
             return None;

@@ -111,6 +111,10 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
         free: Vec<(usize, usize)>,
         series: &[When],
     ) -> Self;
+    /// The same, with errors told through the lags among `effects`.
+    fn told_through(self, _effects: &[Acting]) -> Self {
+        self
+    }
     /// The effects at eta.
     fn effects(&self, eta: &[f64]) -> Vec<Acting>;
     /// Works out what is linear in some values of effects until called again; with `anew` the slopes as well,

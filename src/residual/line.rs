@@ -359,6 +359,8 @@ pub struct LineResidual<'a> {
     free_offsets: Vec<usize>,
     effects: Vec<Acting>,
     free: Vec<(usize, usize)>,
+    /// Lags through which the stated input is told.
+    through: Vec<Acting>,
 }
 
 /// Samples left out at both ends of an axis, s, and at most this share.
@@ -573,6 +575,7 @@ impl<'a> LineResidual<'a> {
             free_offsets,
             effects: Vec::new(),
             free: Vec::new(),
+            through: Vec::new(),
         }
     }
 
@@ -818,6 +821,39 @@ impl<'a> LineResidual<'a> {
         out.effects = effects;
         out.free = free;
         out
+    }
+
+    /// The same, with the stated input of an axis told through the lags among `effects`, as asked and as
+    /// measured alike ([`Self::stated`]): beyond its corner a lag passes little, and what it was given there is
+    /// the noise of what came of it, many times enlarged.
+    #[must_use]
+    pub fn told_through(mut self, effects: &[Acting]) -> Self {
+        let lags = effects.iter().filter(|a| a.effect.lags());
+        self.through = lags.cloned().collect();
+        self
+    }
+
+    /// What the lags through which the input is told make of it, over each stretch that is known.
+    fn lagged(&self, number: usize, input: &mut [f64], known: impl Fn(usize) -> bool) {
+        let (view, step_s) = (self.view(number, &[]), self.parts[number].line.step_s);
+        let mut from = 0;
+        while from < input.len() {
+            let to = (from..input.len()).find(|&i| !known(i)).unwrap_or(input.len());
+            let mut terms = Terms {
+                xi: Vec::new(),
+                factor: Vec::new(),
+                force: Vec::new(),
+                input: input[from..to].to_vec(),
+                input_step_s: step_s,
+                gain: Vec::new(),
+                shift_s: 0.0,
+            };
+            for a in &self.through {
+                a.effect.line(&a.values, &view, &mut terms);
+            }
+            input[from..to].copy_from_slice(&terms.input);
+            from = to + 1;
+        }
     }
 
     /// The effects at eta.
@@ -1765,7 +1801,8 @@ impl<'a> LineResidual<'a> {
             return Ok((asked.as_slice().to_vec(), p.measured.to_vec()));
         };
         // derivatives need every sample
-        let dense = effects.iter().any(|a| a.effect.lags()).then(|| {
+        let lags = effects.iter().chain(&self.through).any(|a| a.effect.lags());
+        let dense = lags.then(|| {
             let mut whole = self.clone();
             whole.parts[number] = Part {
                 when: p.when,
@@ -1791,6 +1828,7 @@ impl<'a> LineResidual<'a> {
                 .map(|i| needed[i] / per_input / terms.gain[kept[i]])
                 .collect(),
             told: vec![true; kept.len()],
+            noise: self.noise(number) / per_input.abs(),
         };
         if dense.is_some() {
             // a neighbour across a gap is none
@@ -1801,13 +1839,15 @@ impl<'a> LineResidual<'a> {
         for a in effects.iter().rev() {
             a.effect.undo(&a.values, &mut undone);
         }
+        own.lagged(number, &mut undone.input, |i| undone.told[i]);
         let at = |c: usize| kept.binary_search(&c).ok().filter(|&i| undone.told[i]);
         let asked = p.kept.iter().map(|&c| {
             let input = at(c).map_or(f64::NAN, |i| undone.input[i]);
             self.scales.input * input
         });
         let offset = self.offset_s(number, eta) + terms.shift_s;
-        let u = shifted(p.line, axis, &axis.input, 1.0, offset);
+        let mut u = shifted(p.line, axis, &axis.input, 1.0, offset);
+        self.lagged(number, &mut u, |_| true);
         let kernel = p.kernel.as_ref().expect("an axis has one");
         let measured = p.kept.iter().map(|&c| kernel.at(0, &u, c));
         Ok((asked.collect(), measured.collect()))

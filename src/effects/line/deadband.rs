@@ -59,7 +59,10 @@ impl Effect for Deadband {
         true
     }
     fn undo(&self, v: &[f64], undone: &mut super::Undone) {
+        let noise = undone.noise;
         for (u, told) in undone.input.iter_mut().zip(&mut undone.told) {
+            // what is no more than noise may come from either side of the threshold, or from within
+            *told &= u.abs() > 3.0 * noise;
             // rising from 0, and within the threshold of its own value
             let (mut low, mut high) = (0.0, u.abs() + 2.0 * v[0] + 20.0 * width(v));
             for _ in 0..60 {

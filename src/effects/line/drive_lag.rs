@@ -40,10 +40,15 @@ impl Effect for DriveLag {
         if v[0] <= 0.0 {
             return;
         }
-        let share = 1.0 - (-terms.input_step_s / v[0]).exp();
+        // exact where the command is straight from sample to sample
+        let steps = terms.input_step_s / v[0];
+        let stays = (-steps).exp();
+        let mean = (1.0 - stays) / steps;
         let mut u = terms.input.first().copied().unwrap_or(0.0);
+        let mut before = u;
         for x in &mut terms.input {
-            u += share * (*x - u);
+            u = stays * u + (mean - stays) * before + (1.0 - mean) * *x;
+            before = *x;
             *x = u;
         }
     }

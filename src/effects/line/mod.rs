@@ -98,6 +98,8 @@ pub struct Undone {
     pub input: Vec<f64>,
     /// Whether what the cause made of it tells the input: a ceiling says no more than "at least".
     pub told: Vec<bool>,
+    /// Standard deviation of what the cause made of it, over the largest input.
+    pub noise: f64,
 }
 
 impl Undone {

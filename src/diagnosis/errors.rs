@@ -104,11 +104,10 @@ fn gain<S: Subject>(
     plain_eta: impl Fn(&Fitted) -> Vec<f64>,
 ) -> Result<(Gain, Vec<Traces>), Error> {
     let eta = [before, after].map(plain_eta);
-    let models =
-        [before, after].map(|f| {
-            let with = residual.with_effects(f.effects.clone(), Vec::new(), when);
-            with.told_through(&after.effects)
-        });
+    let models = [before, after].map(|f| {
+        let with = residual.with_effects(f.effects.clone(), Vec::new(), when);
+        with.told_through(&after.effects)
+    });
     let fits = [before, after];
     let mut sums = [[0.0; 2]; 3]; // before, after, floor: of the basis, all
     let mut counts = [0.0; 2];

@@ -838,7 +838,9 @@ impl<'a> LineResidual<'a> {
         let (view, step_s) = (self.view(number, &[]), self.parts[number].line.step_s);
         let mut from = 0;
         while from < input.len() {
-            let to = (from..input.len()).find(|&i| !known(i)).unwrap_or(input.len());
+            let to = (from..input.len())
+                .find(|&i| !known(i))
+                .unwrap_or(input.len());
             let mut terms = Terms {
                 xi: Vec::new(),
                 factor: Vec::new(),

@@ -419,6 +419,136 @@ fn a_knocked_cell_is_no_drift() {
     assert_eq!(d.candidates[0].acting.effect.id(), "x_zero_drift");
 }
 
+/// A lag is exact between samples, where it is shorter than their distance as well: of a ramp it makes
+/// t - T + T e^(-t/T).
+#[test]
+fn a_lag_is_exact_between_samples() {
+    with_view(|view| {
+        let lag = deacal::effects::line::by_id("x_drive_lag").unwrap();
+        let mut made = terms(view);
+        let step_s = made.input_step_s;
+        for share in [0.4, 1.0, 7.0] {
+            let after_s = share * step_s;
+            for (i, u) in made.input.iter_mut().enumerate() {
+                *u = i as f64 * step_s;
+            }
+            lag.line(&[after_s], view, &mut made);
+            for (i, u) in made.input.iter().enumerate() {
+                let t = i as f64 * step_s;
+                let exact = t - after_s + after_s * (-t / after_s).exp();
+                assert!(
+                    (u - exact).abs() < 1e-9 * (1.0 + t),
+                    "{share} {i}: {u} {exact}"
+                );
+            }
+        }
+    });
+}
+
+/// A stop that two of three recordings reach, in the middle of what the third one shows; a dead zone of a drive
+/// whose input is told through noise; and a lag within a sample, which no creep is blamed for.
+#[test]
+fn stops_dead_zones_and_short_lags_of_an_axis() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    type Input<'a> = &'a dyn Fn(f64, [f64; 3]) -> f64;
+    let make = |id: &str, amplitude: f64, step_s: f64, seed: u64, input: Input| {
+        let slide = Slide {
+            amplitude,
+            seed,
+            ..SLIDE
+        };
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("t_s,x_m,u_V\n");
+        for i in 0..(20.0 / step_s) as u32 {
+            let t = f64::from(i) * step_s;
+            let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
+            let [x, v, a] = slide.motion(t);
+            let force = 2.0 * a + 15.0 * v + 900.0 * x;
+            let (x, u) = (x + 1e-5 * z(), input(force, [x, v, a]) + 0.01 * z());
+            writeln!(out, "{t:.4},{x:.8},{u:.6}").unwrap();
+        }
+        line(dir.path(), id, "axis", &table, &out)
+    };
+    let stop = |force: f64, [x, v, _]: [f64; 3]| {
+        let into = (x - 0.009).max(0.0);
+        (force + 2000.0 * into * (1.0 + 2.0 * v).max(0.0)) / 4.0
+    };
+    let [a, b] = [1, 2].map(|n| make(&format!("stop-{n}"), 0.01, 0.005, n, &stop));
+    let d = diagnose(&[&a, &b], &[&make("stop-3", 0.04, 0.005, 3, &stop)]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    assert_eq!(d.candidates[0].acting.effect.id(), "end_stop", "{}", d.says);
+    // run forward: what the zone lets through drives the slide
+    let zone = |seed: u64| {
+        let command = |t: f64| -> f64 {
+            let sines = [0.31, 0.83, 1.7].iter().enumerate();
+            sines
+                .map(|(k, f)| 1.3 * (TAU * f * t + k as f64 + seed as f64).sin())
+                .sum()
+        };
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("t_s,x_m,u_V\n");
+        let (mut x, mut v) = (0.0, 0.0);
+        for i in 0..400_000 {
+            let t = f64::from(i) * 5e-5;
+            if i % 100 == 0 {
+                let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
+                let (x, u) = (x + 1e-5 * z(), command(t) + 0.01 * z());
+                writeln!(out, "{t:.4},{x:.8},{u:.6}").unwrap();
+            }
+            let u = command(t);
+            let through = u.signum() * (u.abs() - 0.6).max(0.0);
+            v += 5e-5 * (4.0 * through - 15.0 * v - 900.0 * x) / 2.0;
+            x += 5e-5 * v;
+        }
+        line(dir.path(), &format!("zone-{seed}"), "axis", &table, &out)
+    };
+    let [a, b, c] = [4, 5, 6].map(zone);
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    assert_eq!(
+        d.candidates[0].acting.effect.id(),
+        "amplifier_deadband",
+        "{}",
+        d.says
+    );
+    // the error is told where the zone leaves the input open to neither side; its edges are low-passed
+    let held = d.holdout.as_ref().unwrap();
+    assert!(held.after_v < held.before_v / 3.0, "{}", d.says);
+    // 7 ms of a sample of 10: u_c = u + T du/dt
+    let slide = |seed| Slide {
+        amplitude: 0.01,
+        seed,
+        ..SLIDE
+    };
+    let late = |seed: u64| {
+        let force = move |t: f64| {
+            let [x, v, a] = slide(seed).motion(t);
+            (2.0 * a + 15.0 * v + 900.0 * x) / 4.0
+        };
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("t_s,x_m,u_V\n");
+        for i in 0..2000 {
+            let t = f64::from(i) * 0.01;
+            let slope = (force(t + 1e-4) - force(t - 1e-4)) / 2e-4;
+            let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
+            let x = slide(seed).motion(t)[0] + 1e-5 * z();
+            let u = force(t) + 0.007 * slope + 0.01 * z();
+            writeln!(out, "{t:.4},{x:.8},{u:.6}").unwrap();
+        }
+        line(dir.path(), &format!("late-{seed}"), "axis", &table, &out)
+    };
+    let [a, b, c] = [7, 8, 9].map(late);
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
+    assert!(
+        d.candidates.iter().all(|c| c.probability < 0.5),
+        "{}",
+        d.says
+    );
+    assert!(d.says.contains("sample"), "{}", d.says);
+}
+
 /// A pump on the same table: its frequency is told, and it is looked for at rest. Where the rows have no time
 /// there are no frequencies.
 #[test]
@@ -915,6 +1045,7 @@ fn a_drive_is_undone() {
                 step_s: view.step_s,
                 input: made.input,
                 told,
+                noise: 0.0,
             };
             effect.undo(&values, &mut undone);
             let mut count = 0;

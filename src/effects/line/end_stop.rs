@@ -13,7 +13,7 @@ impl LineEffect for EndStop {
     }
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
         // one recording of a large swing makes stops of the others lie near its middle
-        [-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.8, 0.95]
+        [-0.6, -0.3, 0.15, 0.3, 0.6, 0.8, 0.95]
             .iter()
             .map(|&x| vec![vec![0.2, x, 0.0]])
             .collect()

@@ -31,8 +31,8 @@ impl Effect for NonlinearStiffness {
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[
-                size("quadratic", "force", -5.0, 5.0, 0.05),
-                size("cubic", "force", -5.0, 5.0, 0.05),
+                size("quadratic", "force", -100.0, 100.0, 0.05),
+                size("cubic", "force", -100.0, 100.0, 0.05),
             ]
         }
     }

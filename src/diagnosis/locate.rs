@@ -245,12 +245,14 @@ pub(super) fn locate(
     // On a single coordinate a cause's values are in units of the recordings, and its place is found as any
     // other.
     let several = chains > 1;
+    // of a single coordinate without a clock the order of the samples is all that is known
+    let timed = several || coordinates.iter().any(|c| c.dimension == "time");
+    // a line in what a named cause accounts for is that cause's
+    let alone = timed && named.is_empty();
     let named = named.iter().filter(|_| several);
     let mut found: Vec<Rated> = named.flat_map(|a| excess.own(a, entries)).collect();
     found.extend(coordinates.iter().filter_map(|c| excess.along(c)));
-    // of a single coordinate without a clock the order of the samples is all that is known
-    let timed = several || coordinates.iter().any(|c| c.dimension == "time");
-    found.extend(excess.frequency().filter(|_| timed));
+    found.extend(alone.then(|| excess.frequency()).flatten());
     for k in 0..if several { chains } else { 0 } {
         let (value, says) = ((k + 1).to_string(), format!("in actuator {}", k + 1));
         let inside = |s: &Spot| s.actuator == k;

@@ -151,9 +151,20 @@ impl Talk {
     }
 }
 
-/// Says what is wrong with recordings, before anything is fitted to them.
+/// Says what is wrong with recordings, before anything is fitted to them: the worst, so that the answer stays
+/// within the first lines. Pages have them all.
 fn say_findings(findings: &[Finding], talk: Talk) {
-    findings.iter().for_each(|f| talk.say(&finding_line(f)));
+    const AT_MOST: usize = 3;
+    let mut worst: Vec<&Finding> = findings.iter().collect();
+    worst.sort_by_key(|f| std::cmp::Reverse(f.grade));
+    for finding in worst.iter().take(AT_MOST) {
+        talk.say(&finding_line(finding));
+    }
+    if let more @ 1.. = worst.len().saturating_sub(AT_MOST) {
+        talk.say(&format!(
+            "and {more} more: the report has them, and `deacal import`"
+        ));
+    }
 }
 
 /// A finding for a terminal.

@@ -98,9 +98,9 @@ pub(super) struct Arguments {
     /// Seed of the noise; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Name of the recording
-    #[arg(long, default_value = "simulated", value_parser = parse_id)]
-    id: String,
+    /// Name of the recording [default: that of its folder]
+    #[arg(long, value_parser = parse_id)]
+    id: Option<String>,
     /// Electrode, as `deacal ageing` compares them
     #[arg(long, value_name = "NAME")]
     electrode: Option<String>,
@@ -145,6 +145,18 @@ fn parse_id(text: &str) -> Result<String, String> {
 }
 
 impl Arguments {
+    /// Name of the recording.
+    fn name(&self) -> String {
+        let folder = self.output.file_name().and_then(|n| n.to_str());
+        let of_folder = || {
+            folder
+                .filter(|f| is_id(f))
+                .unwrap_or("simulated")
+                .to_owned()
+        };
+        self.id.clone().unwrap_or_else(of_folder)
+    }
+
     /// What is asked for.
     fn simulation(&self) -> Result<Simulation, Failure> {
         let course = match (&self.path, &self.voltage, &self.drive) {
@@ -172,7 +184,7 @@ impl Arguments {
             quantum_v: self.quantum,
             rate_hz: self.rate,
             seed: self.seed,
-            id: self.id.clone(),
+            id: self.name(),
             electrode: self.electrode.clone(),
             batch: self.batch.clone(),
             day: self.day,

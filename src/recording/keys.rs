@@ -166,6 +166,15 @@ impl<'a> Keys<'a> {
         root: &'a Spanned<DeTable<'a>>,
         known: &'static [&'static str],
     ) -> Result<Self, Error> {
+        Keys::any(document, root, known).checked()
+    }
+
+    /// The top of a file whose keys are not looked at yet.
+    pub fn any(
+        document: &'a Document,
+        root: &'a Spanned<DeTable<'a>>,
+        known: &'static [&'static str],
+    ) -> Self {
         Keys {
             document,
             table: root.get_ref(),
@@ -173,7 +182,6 @@ impl<'a> Keys<'a> {
             line: 1,
             known,
         }
-        .checked()
     }
 
     fn checked(self) -> Result<Self, Error> {

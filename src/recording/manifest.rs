@@ -7,6 +7,7 @@ use toml::de::DeValue;
 use toml::value::Datetime;
 
 use super::capture::{ColumnRef, importers};
+use super::described::{self, names};
 use super::error::{Error, ErrorKind, quote, suggestion};
 use super::keys::{Document, Keys, Value, numbers};
 use crate::units::{Dimension, Unit};
@@ -27,6 +28,15 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// Every kind.
+    pub(super) const ALL: [Kind; 5] = [
+        Kind::Robot,
+        Kind::FilmSample,
+        Kind::FilmCoupon,
+        Kind::HingeBench,
+        Kind::Axis,
+    ];
+
     const WORDS: [(&'static str, Kind); 5] = [
         ("robot", Kind::Robot),
         ("film-sample", Kind::FilmSample),
@@ -458,115 +468,6 @@ pub struct Manifest {
     pub axis: Option<AxisManifest>,
 }
 
-const TABLES: &[&str] = &[
-    "recording",
-    "motion",
-    "voltage",
-    "monitor",
-    "sync",
-    "coupon",
-    "bench",
-    "axis",
-];
-const RECORDING: &[&str] = &[
-    "id",
-    "kind",
-    "rig",
-    "payload_g",
-    "film_state",
-    "batch",
-    "electrode",
-    "day",
-    "series",
-    "start",
-    "temperature_C",
-    "humidity_percent",
-];
-const MOTION: &[&str] = &[
-    "file",
-    "format",
-    "encoding",
-    "time",
-    "time_unit",
-    "rate_hz",
-    "unit",
-    "end_effector",
-    "base",
-    "end_effector_near_mm",
-    "base_near_mm",
-    "base_position_mm",
-    "end_effector_offset_mm",
-    "rotation_deg",
-];
-const VOLTAGE: &[&str] = &[
-    "file",
-    "format",
-    "encoding",
-    "time",
-    "time_unit",
-    "rate_hz",
-    "channels",
-    "unit",
-    "scale",
-    "hold",
-];
-const MONITOR: &[&str] = &[
-    "file",
-    "format",
-    "encoding",
-    "time",
-    "time_unit",
-    "rate_hz",
-    "channels",
-    "current",
-    "unit",
-    "current_unit",
-    "scale",
-];
-const COUPON: &[&str] = &[
-    "file",
-    "format",
-    "encoding",
-    "mode",
-    "time",
-    "rate_hz",
-    "displacement",
-    "stretch",
-    "force",
-    "nominal_stress",
-    "units",
-    "gauge_mm",
-    "width_mm",
-    "thickness_mm",
-];
-const BENCH: &[&str] = &[
-    "file", "format", "encoding", "angle", "torque", "time", "rate_hz", "units", "span",
-];
-const AXIS: &[&str] = &[
-    "file",
-    "format",
-    "encoding",
-    "time",
-    "rate_hz",
-    "position",
-    "velocity",
-    "input",
-    "load",
-    "units",
-    "input_file",
-    "input_format",
-    "input_time",
-    "input_rate_hz",
-    "scale",
-    "span_s",
-    "input_power",
-    "input_gain",
-    "mass_kg",
-    "inertia_kg_m2",
-    "damping",
-    "stiffness",
-];
-
 impl Manifest {
     /// Reads a `recording.toml`.
     ///
@@ -587,21 +488,15 @@ impl Manifest {
 
     fn from_document(document: &Document) -> Result<Self, Error> {
         let root = document.parse()?;
+        const TABLES: &[&str] = &names(&described::RECORDING_TOML);
         let top = Keys::top(document, &root, TABLES)?;
         let mut manifest = Self::of_recording(&top.need_table(
             "recording",
-            RECORDING,
+            &const { names(&described::RECORDING) },
             "a recording.toml begins with [recording]",
         )?)?;
         let kind = manifest.kind;
-        let belongs: &[&'static str] = match kind {
-            Kind::Robot | Kind::FilmSample => {
-                &["recording", "motion", "voltage", "monitor", "sync"]
-            }
-            Kind::FilmCoupon => &["recording", "coupon"],
-            Kind::HingeBench => &["recording", "bench"],
-            Kind::Axis => &["recording", "axis", "sync"],
-        };
+        let belongs = described::tables(kind).concat();
         for table in TABLES {
             if top.has(table) && !belongs.contains(table) {
                 return Err(top
@@ -616,11 +511,19 @@ impl Manifest {
         match kind {
             Kind::Robot | Kind::FilmSample => manifest.motion_and_voltage(&top)?,
             Kind::FilmCoupon => {
-                let t = top.need_table("coupon", COUPON, "a film coupon has [coupon]")?;
+                let t = top.need_table(
+                    "coupon",
+                    &const { names(&described::COUPON) },
+                    "a film coupon has [coupon]",
+                )?;
                 manifest.coupon = Some(coupon(&t)?);
             }
             Kind::HingeBench => {
-                let t = top.need_table("bench", BENCH, "a hinge bench has [bench]")?;
+                let t = top.need_table(
+                    "bench",
+                    &const { names(&described::BENCH) },
+                    "a hinge bench has [bench]",
+                )?;
                 manifest.bench = Some(bench(&t)?);
             }
             Kind::Axis => manifest.single_axis(&top)?,
@@ -684,15 +587,19 @@ impl Manifest {
             "a recording of kind \"{}\" has [motion] and [voltage]",
             kind.name()
         );
-        self.motion = Some(motion(&top.need_table("motion", MOTION, &why)?)?);
+        self.motion = Some(motion(&top.need_table(
+            "motion",
+            &const { names(&described::MOTION) },
+            &why,
+        )?)?);
         let chains = if kind == Kind::Robot { 3 } else { 1 };
-        let t = top.need_table("voltage", VOLTAGE, &why)?;
+        let t = top.need_table("voltage", &const { names(&described::VOLTAGE) }, &why)?;
         let voltage = voltage(&t, kind, chains)?;
-        if let Some(t) = top.table("monitor", MONITOR)? {
+        if let Some(t) = top.table("monitor", &const { names(&described::MONITOR) })? {
             self.monitor = Some(monitor(&t, &voltage, kind, chains)?);
         }
         self.voltage = Some(voltage);
-        if let Some(t) = top.table("sync", &["offset_s", "events", "shared", "chain"])? {
+        if let Some(t) = top.table("sync", &const { names(&described::SYNC) })? {
             sync(&t, chains, self)?;
         }
         Ok(())
@@ -700,7 +607,11 @@ impl Manifest {
 
     /// `[axis]`, and `[sync]` where its input has a clock of its own.
     fn single_axis(&mut self, top: &Keys<'_>) -> Result<(), Error> {
-        let axis = axis(&top.need_table("axis", AXIS, "a single axis has [axis]")?)?;
+        let axis = axis(&top.need_table(
+            "axis",
+            &const { names(&described::AXIS) },
+            "a single axis has [axis]",
+        )?)?;
         let apart = axis.input_source.is_some();
         self.axis = Some(axis);
         let Some(t) = top.table("sync", &["offset_s"])? else {
@@ -1024,8 +935,7 @@ fn one_of(t: &Keys<'_>, a: &'static str, b: &'static str) -> Result<bool, Error>
 }
 
 fn coupon(t: &Keys<'_>) -> Result<CouponManifest, Error> {
-    let names: &[&str] = &["time", "displacement", "stretch", "force", "nominal_stress"];
-    let units = t.table("units", names)?;
+    let units = t.table("units", &const { names(&described::COUPON_UNITS) })?;
     let unit = |key, dimension| match &units {
         Some(units) => unit_of(units, key, &[dimension]),
         None => Ok(None),
@@ -1079,7 +989,7 @@ fn coupon(t: &Keys<'_>) -> Result<CouponManifest, Error> {
 }
 
 fn bench(t: &Keys<'_>) -> Result<BenchManifest, Error> {
-    let units = t.table("units", &["angle", "torque", "time"])?;
+    let units = t.table("units", &const { names(&described::BENCH_UNITS) })?;
     let unit = |key, dimension| match &units {
         Some(units) => unit_of(units, key, &[dimension]),
         None => Ok(None),
@@ -1152,15 +1062,7 @@ fn input_source(
 }
 
 fn axis(t: &Keys<'_>) -> Result<AxisManifest, Error> {
-    let names: &[&str] = &[
-        "time",
-        "position",
-        "velocity",
-        "input",
-        "load",
-        "input_time",
-    ];
-    let units = t.table("units", names)?;
+    let units = t.table("units", &const { names(&described::AXIS_UNITS) })?;
     let unit = |key, dimensions: &[Dimension]| match &units {
         Some(units) => unit_of(units, key, dimensions),
         None => Ok(None),
@@ -1198,7 +1100,7 @@ fn axis(t: &Keys<'_>) -> Result<AxisManifest, Error> {
     let input_unit = unit("input_time", &[Dimension::Time])?.or(time_unit);
     let input_source = input_source(t, input_unit, source.encoding.clone())?;
     let mut scale = [1.0; 3];
-    if let Some(table) = t.table("scale", &["position", "velocity", "input", "load"])? {
+    if let Some(table) = t.table("scale", &const { names(&described::AXIS_SCALE) })? {
         let keys = ["position", "velocity", "input", "load"];
         for (key, place) in keys.into_iter().zip([0, 0, 1, 2]) {
             if let Some(factor) = table.get::<f64>(key)? {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use toml::de::DeValue;
 
+use super::described::{self, names};
 use super::error::Error;
 use super::keys::{Document, Keys, Value as _};
 
@@ -158,18 +159,11 @@ impl Rig {
 
     fn from_document(document: &Document) -> Result<Self, Error> {
         let root = document.parse()?;
-        let every: &[&str] = &[
+        let rig = Keys::any(document, &root, &["rig"]).need_table(
             "rig",
-            "delta",
-            "sam",
-            "actuator",
-            "sample",
-            "film",
-            "mass",
-            "tolerance",
-        ];
-        let top = Keys::top(document, &root, every)?;
-        let rig = top.need_table("rig", &["id", "kind"], "a rig file begins with [rig]")?;
+            &const { names(&described::RIG) },
+            "a rig file begins with [rig]",
+        )?;
         let kinds = [
             ("robot", RigKind::Robot),
             ("film-sample", RigKind::FilmSample),
@@ -180,20 +174,12 @@ impl Rig {
         let id = rig.need("id")?;
         match kind {
             RigKind::Robot => {
-                let known = &[
-                    "rig",
-                    "delta",
-                    "sam",
-                    "actuator",
-                    "film",
-                    "mass",
-                    "tolerance",
-                ];
+                let known = &const { names(&described::ROBOT_TOML) };
                 let top = Keys::top(document, &root, known)?;
                 robot(&top, id).map(Rig::Robot)
             }
             RigKind::FilmSample => {
-                let top = Keys::top(document, &root, &["rig", "sample", "film", "mass"])?;
+                let top = Keys::top(document, &root, &const { names(&described::SAMPLE_TOML) })?;
                 film_sample(&top, id).map(Rig::FilmSample)
             }
         }
@@ -221,13 +207,7 @@ fn films(keys: &Keys<'_>) -> Result<u32, Error> {
 }
 
 /// Keys of `[tolerance]`: what has no key of its own.
-const OTHER_TOLERANCES: &[&str] = &[
-    "film_modulus",
-    "amplifier_gain",
-    "frame_tilt_deg",
-    "marker_mm",
-    "clock_ms",
-];
+const OTHER_TOLERANCES: &[&str] = &names(&described::TOLERANCE);
 
 /// Reads `{ value = 30.0, tolerance = 0.05 }`, or a bare number.
 fn with_tolerance(value: &DeValue<'_>) -> Option<(f64, Option<f64>)> {
@@ -282,16 +262,8 @@ impl Keys<'_> {
 
 fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
     const WHY: &str = "a robot's rig file has [delta], [sam], [actuator], [film] and [mass]";
-    let keys = &[
-        "l_ch_mm",
-        "l_end_mm",
-        "q_mm",
-        "n0_mm",
-        "omega_deg",
-        "alpha_deg",
-    ];
     let mut tolerances = Vec::new();
-    let t = top.need_table("delta", keys, WHY)?;
+    let t = top.need_table("delta", &const { names(&described::DELTA) }, WHY)?;
     let delta = Delta {
         l_ch_mm: t.positive_within("l_ch_mm", &mut tolerances)?,
         l_end_mm: t.positive_within("l_end_mm", &mut tolerances)?,
@@ -300,27 +272,27 @@ fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
         omega_deg: t.within("omega_deg", &mut tolerances)?,
         alpha_deg: t.within("alpha_deg", &mut tolerances)?,
     };
-    let t = top.need_table("sam", &["a_mm", "b_mm", "c_mm", "d_mm"], WHY)?;
+    let t = top.need_table("sam", &const { names(&described::SAM) }, WHY)?;
     let sam = Sam {
         a_mm: t.positive_within("a_mm", &mut tolerances)?,
         b_mm: t.positive_within("b_mm", &mut tolerances)?,
         c_mm: t.positive_within("c_mm", &mut tolerances)?,
         d_mm: t.positive_within("d_mm", &mut tolerances)?,
     };
-    let t = top.need_table("actuator", &["l_dea_mm", "dea_offset_deg", "films"], WHY)?;
+    let t = top.need_table("actuator", &const { names(&described::ACTUATOR) }, WHY)?;
     let actuator = Actuator {
         l_dea_mm: t.need_positive("l_dea_mm")?,
         dea_offset_deg: t.within("dea_offset_deg", &mut tolerances)?,
         films: films(&t)?,
     };
-    let t = top.need_table("film", &["L1_mm", "L2_mm", "L3_mm", "eps_r"], WHY)?;
+    let t = top.need_table("film", &const { names(&described::ROBOT_FILM) }, WHY)?;
     let film = RobotFilm {
         L1_mm: t.need_positive("L1_mm")?,
         L2_mm: t.need_positive("L2_mm")?,
         L3_mm: t.positive_within("L3_mm", &mut tolerances)?,
         eps_r: t.positive("eps_r")?,
     };
-    let t = top.need_table("mass", &["m_g", "m_bc_g"], WHY)?;
+    let t = top.need_table("mass", &const { names(&described::ROBOT_MASS) }, WHY)?;
     let mass = RobotMass {
         m_g: t.not_negative_within("m_g", &mut tolerances)?,
         m_bc_g: t.need_not_negative("m_bc_g")?,
@@ -350,11 +322,7 @@ fn robot(top: &Keys<'_>, id: String) -> Result<RobotRig, Error> {
 
 fn film_sample(top: &Keys<'_>, id: String) -> Result<FilmSampleRig, Error> {
     const WHY: &str = "a film sample's rig file has [sample], [film] and [mass]";
-    let t = top.need_table(
-        "sample",
-        &["width_mm", "length_mm", "margin_mm", "films"],
-        WHY,
-    )?;
+    let t = top.need_table("sample", &const { names(&described::SAMPLE) }, WHY)?;
     let width_mm = t.need_positive("width_mm")?;
     let length_mm = t.need_positive("length_mm")?;
     let margin_mm = match t.has("margin_mm") {
@@ -368,9 +336,9 @@ fn film_sample(top: &Keys<'_>, id: String) -> Result<FilmSampleRig, Error> {
             .action("the margin on both sides leaves no electrode"));
     }
     let films = films(&t)?;
-    let t = top.need_table("film", &["L3_mm", "eps_r"], WHY)?;
+    let t = top.need_table("film", &const { names(&described::SAMPLE_FILM) }, WHY)?;
     let (thickness_mm, eps_r) = (t.need_positive("L3_mm")?, t.positive("eps_r")?);
-    let t = top.need_table("mass", &["m_g"], WHY)?;
+    let t = top.need_table("mass", &const { names(&described::SAMPLE_MASS) }, WHY)?;
     Ok(FilmSampleRig {
         id,
         width_mm,

@@ -11,8 +11,8 @@ use nalgebra::DMatrix;
 
 use super::{AtBound, Error, Estimate, Standing};
 use crate::dataset::line::{Constant, Line, Measured};
-use crate::effects::Acting;
 use crate::effects::line::Kind;
+use crate::effects::{Acting, When};
 use crate::film::Film;
 use crate::fit::separable::{Options, State, Unknown, minimise};
 use crate::model::ForearmTorque;
@@ -422,6 +422,8 @@ pub struct LineModel {
     pub curve: Option<ForearmTorque>,
     /// Causes of [`crate::effects::line::CATALOGUE`], their values in the units of the recordings.
     pub effects: Vec<Acting>,
+    /// When recordings were made, by their ids; others stand at the beginning of a series.
+    pub when: Vec<(String, When)>,
 }
 
 impl LineModel {
@@ -452,7 +454,12 @@ impl LineModel {
                 }
             })
             .collect();
-        let series = residual.series();
+        let mut series = residual.series();
+        for (own, line) in series.iter_mut().zip(lines) {
+            if let Some((_, when)) = self.when.iter().find(|w| w.0 == line.id) {
+                *own = *when;
+            }
+        }
         Ok((
             residual.with_effects(effects, Vec::new(), &series),
             eta,

@@ -1326,10 +1326,10 @@ mod tests {
         );
         assert_eq!(of("joint_friction", &friction, &[-2.0]), None);
         // a ceiling has no size at which it does nothing
-        let ceiling = [vec![0.8]];
+        let ceiling = [vec![0.8, 0.02]];
         assert_eq!(
             of("amplifier_saturation", &ceiling, &[2.0]),
-            Some(vec![0.8])
+            Some(vec![0.8, 0.02])
         );
         assert_eq!(of("amplifier_saturation", &ceiling, &[-2.0]), None);
     }

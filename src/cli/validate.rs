@@ -202,7 +202,9 @@ fn lines(
     let lines = load::lines(recordings, &progress)?;
     let unit = lines[0].unit();
     let hold = |file: &ParameterFile, sum: FileSum| {
-        let mut outcome = validate_lines(&lines, &file.line_model()?)?;
+        let (model, remarks) = series::line_model_on(file, recordings, &lines)?;
+        let mut outcome = validate_lines(&lines, &model)?;
+        outcome.remarks.extend(remarks);
         outcome.remarks.extend(copies.iter().cloned());
         let says = outcome.recordings.iter().map(|r| {
             let forward = r.forward.as_ref().map_or_else(String::new, |f| {

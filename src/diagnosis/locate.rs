@@ -458,7 +458,7 @@ mod tests {
     fn values_in_units_of_the_recordings_are_not_told_as_volts() {
         let saturation = Acting {
             effect: crate::effects::line::by_id("amplifier_saturation").unwrap(),
-            values: vec![0.9],
+            values: vec![0.9, 0.02],
             on: [true; 3],
         };
         let coordinate = Coordinate {

@@ -44,16 +44,15 @@ pub(super) fn candidates<S: Subject>(
         Verdict::Unexplained => 0.25,
     };
     if let Some(pair) = pair {
-        // First the one that explains more alone.
+        // First the likelier one, of equals the one that explains more alone.
         let rank = |own: usize| {
-            let id = pair.fitted.effects[own].effect.id();
-            let place = singles
-                .iter()
-                .position(|j| j.fitted.effects[0].effect.id() == id);
+            let place = singles.iter().position(|j| id(j, 0) == id(pair, own));
             place.unwrap_or(usize::MAX)
         };
+        let likelier =
+            |a: usize, b: usize| odds.cause(id(pair, b)).total_cmp(&odds.cause(id(pair, a)));
         let mut members: Vec<usize> = (0..pair.fitted.effects.len()).collect();
-        members.sort_by_key(|&own| rank(own));
+        members.sort_by(|&a, &b| likelier(a, b).then(rank(a).cmp(&rank(b))));
         for own in members {
             let id = pair.fitted.effects[own].effect.id();
             add(pair, own, said(known * odds.cause(id), in_model), in_model);

@@ -1134,6 +1134,10 @@ impl Effect for Learnt {
     fn says(&self) -> &'static str {
         self.place.says()
     }
+    fn over_series(&self, _: &[f64]) -> bool {
+        let of_series = Variable::SeriesTime.name();
+        self.form.variables().contains(&of_series)
+    }
     fn source(&self) -> &'static str {
         "learnt from recordings"
     }

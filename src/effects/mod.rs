@@ -411,6 +411,10 @@ pub trait Effect: Sync + Send {
     fn scales_made(&self) -> bool {
         false
     }
+    /// Whether it goes on from one recording of a series to the next, with these values.
+    fn over_series(&self, _v: &[f64]) -> bool {
+        false
+    }
     /// The drive that brings it out, in half a sentence.
     fn brought_out_by(&self) -> &'static str;
 

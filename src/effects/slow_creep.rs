@@ -61,6 +61,9 @@ impl Effect for SlowCreep {
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         vec![vec![vec![1e4, 1100.0, 300.0]]]
     }
+    fn over_series(&self, _: &[f64]) -> bool {
+        true
+    }
     fn brought_out_by(&self) -> &'static str {
         "the first recording repeated at the end, and a rest of twenty minutes"
     }

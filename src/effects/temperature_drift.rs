@@ -44,6 +44,9 @@ impl Effect for TemperatureDrift {
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
         vec![vec![vec![0.01, 0.0, 400.0], vec![0.0, 0.01, 400.0]]]
     }
+    fn over_series(&self, _: &[f64]) -> bool {
+        true
+    }
     fn brought_out_by(&self) -> &'static str {
         "the first recording repeated at the end"
     }

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::load::{self, Given};
-use super::series::{self, Occasion, Series};
+use super::series::{self, Series};
 use super::{Failure, Files, Progress};
 use crate::checks::{Finding, Grade};
 use crate::dataset::{Dataset, Plan};
@@ -205,21 +205,11 @@ pub(crate) fn judge_lines(
     progress: &Progress,
 ) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
     let lines = load::lines(recordings, progress)?;
-    let occasions: Vec<Occasion> = recordings
-        .iter()
-        .zip(&lines)
-        .map(|(r, l)| Occasion {
-            id: &r.manifest.id,
-            clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
-            start_s: l.time_s.first().copied().unwrap_or(0.0),
-            duration_s: l.step_s * l.samples() as f64,
-        })
-        .collect();
     // What is remarked of series is of robots that run on for minutes: a bench or a coupon begins anew each
     // time.
     let series = Series {
         remarks: Vec::new(),
-        ..series::order_of(&occasions)?
+        ..series::order_of(&series::occasions_of_lines(recordings, &lines))?
     };
     in_order(series, named, progress, |entries, train, holdout, watch| {
         let entry = |&i: &usize| LineEntry {

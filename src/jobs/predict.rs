@@ -452,7 +452,8 @@ fn axis_motion(
     progress: &Progress,
 ) -> Result<Prediction, Failure> {
     let lines = load::lines(recordings, progress)?;
-    let r = predict_line_motion(&lines[0], &file.line_model()?, begin)?;
+    let (model, remarks) = series::line_model_on(file, recordings, &lines)?;
+    let r = predict_line_motion(&lines[0], &model, begin)?;
     let (column, unit) = match &lines[0].measured {
         Measured::Axis(x) if x.turns && x.velocity => (("rate_rad_s", 1.0), "rad/s"),
         Measured::Axis(x) if x.turns => (("angle_rad", 1.0), "rad"),
@@ -476,6 +477,7 @@ fn axis_motion(
     let fit = Box::new(r);
     Ok(Prediction {
         says,
+        remarks,
         courses,
         unit,
         ..Prediction::new(&id, Values::LineMotion { fit, column }, flags)
@@ -489,7 +491,8 @@ fn line(
     progress: &Progress,
 ) -> Result<Prediction, Failure> {
     let lines = load::lines(recordings, progress)?;
-    let (r, unit) = predict_line(&lines[0], &file.line_model()?)?;
+    let (model, remarks) = series::line_model_on(file, recordings, &lines)?;
+    let (r, unit) = predict_line(&lines[0], &model)?;
     let (coordinate, driven) = match &lines[0].measured {
         Measured::Torque(_) => ("angle_rad", "torque"),
         Measured::Axis(a) if a.turns => ("angle_rad", "input"),
@@ -515,6 +518,7 @@ fn line(
     let fit = Box::new(r);
     Ok(Prediction {
         says,
+        remarks,
         ..Prediction::new(&id, Values::Line { fit, names }, flags)
     })
 }

@@ -1,8 +1,9 @@
 //! The order of recordings in time, and what that means for causes that begin, drift or break.
 
 use super::Failure;
+use crate::calibration::LineModel;
 use crate::dataset::Dataset;
-use crate::effects::learnt::Variable;
+use crate::dataset::line::Line;
 use crate::effects::{Acting, When};
 use crate::recording::Recording;
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
@@ -53,6 +54,18 @@ fn occasions<'a>(recordings: &'a [Recording], datasets: &[Dataset]) -> Vec<Occas
         clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
         start_s: d.start_s,
         duration_s: d.samples() as f64 * d.step_s,
+    })
+    .collect()
+}
+
+/// The same of recordings of one coordinate.
+pub fn occasions_of_lines<'a>(recordings: &'a [Recording], lines: &[Line]) -> Vec<Occasion<'a>> {
+    let each = recordings.iter().zip(lines);
+    each.map(|(r, l)| Occasion {
+        id: &r.manifest.id,
+        clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
+        start_s: l.time_s.first().copied().unwrap_or(0.0),
+        duration_s: l.step_s * l.samples() as f64,
     })
     .collect()
 }
@@ -177,26 +190,68 @@ pub fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork
         });
     }
     let given = order_of(occasions)?;
-    let first = file.series.iter().min_by_key(|e| e.number);
-    let home = first.map(|e| family(&e.id));
-    let known = |id: &str| file.series.iter().find(|e| e.id == id);
     let number_of = |id: &str| {
         // Numbers begin at 1 here: 0 is a recording of another series, before everything.
-        let entry = known(id).or_else(|| given.entries.iter().find(|e| e.id == id));
+        let known = file.series.iter().find(|e| e.id == id);
+        let entry = known.or_else(|| given.entries.iter().find(|e| e.id == id));
         let number = entry.map(|e| e.number).or_else(|| leading_number(id));
         number.map(|n| n + 1)
     };
     let mut effects = file.acting(&number_of)?;
+    let (when, remarks) = placed(file, &effects, occasions, &given);
+    let first = when.iter().map(|w| w.recording).min();
+    for (acting, entry) in effects.iter_mut().zip(&file.effects) {
+        let quantities = acting.effect.parameters().iter();
+        for (value, q) in acting.values.iter_mut().zip(quantities) {
+            if q.name == "recording" && entry.moment_here() {
+                *value = first.unwrap_or_default() as f64;
+            }
+        }
+    }
+    Ok(AtWork {
+        effects,
+        when,
+        remarks,
+    })
+}
+
+/// The model of a single coordinate with the causes of `file` at work in `recordings`, and what is to be said
+/// of when these were made.
+pub fn line_model_on(
+    file: &ParameterFile,
+    recordings: &[Recording],
+    lines: &[Line],
+) -> Result<(LineModel, Vec<String>), Failure> {
+    let mut model = file.line_model()?;
+    if model.effects.is_empty() {
+        return Ok((model, Vec::new()));
+    }
+    let occasions = occasions_of_lines(recordings, lines);
+    let (when, remarks) = placed(file, &model.effects, &occasions, &order_of(&occasions)?);
+    let ids = lines.iter().map(|l| l.id.clone());
+    model.when = ids.zip(when).collect();
+    Ok((model, remarks))
+}
+
+/// When recordings were made, in the series of `file` where they are of it, and what is to be said of those
+/// that are not. `effects` are those of the file.
+fn placed(
+    file: &ParameterFile,
+    effects: &[Acting],
+    occasions: &[Occasion],
+    given: &Series,
+) -> (Vec<When>, Vec<String>) {
+    let first = file.series.iter().min_by_key(|e| e.number);
+    let home = first.map(|e| family(&e.id));
+    let known = |id: &str| file.series.iter().find(|e| e.id == id);
+    let here = (file.effects.iter())
+        .find_map(|e| e.values.iter().find(|(n, _)| n == "recording"))
+        .and_then(|(_, v)| v.as_str())
+        .map(family);
     let mut remarks = Vec::new();
     let mut when = Vec::new();
     for (occasion, own) in occasions.iter().zip(&given.entries) {
         let (id, start) = (occasion.id, occasion.clock_s);
-        let here = file
-            .effects
-            .iter()
-            .find_map(|e| e.values.iter().find(|(n, _)| n == "recording"))
-            .and_then(|(_, v)| v.as_str())
-            .map(family);
         let same = home.or(here).is_none_or(|h| h == family(id));
         let entry = match (known(id), first) {
             (Some(entry), _) => entry.clone(),
@@ -213,18 +268,13 @@ pub fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork
         w.recording = if same { entry.number + 1 } else { 0 };
         if !same {
             w.series_s = 0.0;
-            for (e, acting) in file.effects.iter().zip(&effects) {
-                let moment = e.values.iter().any(|(n, _)| n == "recording");
-                let term = acting.effect.learnt();
-                let of_series = Variable::SeriesTime.name();
-                let drifts = matches!(e.id.as_str(), "temperature_drift" | "slow_creep")
-                    || term.is_some_and(|t| t.form.variables().contains(&of_series));
-                if moment {
+            for (e, acting) in file.effects.iter().zip(effects) {
+                if e.values.iter().any(|(n, _)| n == "recording") {
                     remarks.push(format!(
                         "{id}: {} happened in another series and is not applied here.",
                         e.id
                     ));
-                } else if drifts {
+                } else if acting.effect.over_series(&acting.values) {
                     remarks.push(format!(
                         "{id}: {} is taken as at the beginning of a series.",
                         e.id
@@ -234,20 +284,7 @@ pub fn at_work_on(file: &ParameterFile, occasions: &[Occasion]) -> Result<AtWork
         }
         when.push(w);
     }
-    let first = when.iter().map(|w| w.recording).min();
-    for (acting, entry) in effects.iter_mut().zip(&file.effects) {
-        let quantities = acting.effect.parameters().iter();
-        for (value, q) in acting.values.iter_mut().zip(quantities) {
-            if q.name == "recording" && entry.moment_here() {
-                *value = first.unwrap_or_default() as f64;
-            }
-        }
-    }
-    Ok(AtWork {
-        effects,
-        when,
-        remarks,
-    })
+    (when, remarks)
 }
 
 #[cfg(test)]

@@ -294,6 +294,7 @@ impl ParameterFile {
                 .map(|_| self.forearm_torque())
                 .transpose()?,
             effects: self.of_rig(&known, true, &|_| None)?,
+            when: Vec::new(),
         })
     }
 }

@@ -678,6 +678,12 @@ impl<'a> LineResidual<'a> {
         self.parts.iter().map(|p| p.line)
     }
 
+    /// When a recording was made.
+    #[must_use]
+    pub fn when(&self, number: usize) -> When {
+        self.parts[number].when
+    }
+
     /// When they were made.
     #[must_use]
     pub fn series(&self) -> Vec<When> {
@@ -1112,6 +1118,8 @@ impl<'a> LineResidual<'a> {
             time_s: &p.time_s,
             step_s: p.line.step_s,
             duration_s: (p.time_s[p.time_s.len() - 1] - p.time_s[0]).max(f64::MIN_POSITIVE),
+            series_s: p.when.series_s,
+            unstrained: matches!(&*self.plain, Plain::Coupon { .. }),
             xi: &p.xi,
             rate: &p.rate,
             speed: largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE),

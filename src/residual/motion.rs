@@ -138,6 +138,8 @@ struct Driven<'b, R> {
     /// Unit of the velocities at the beginning, over that of the coordinate, 1/s.
     speed: f64,
     span_s: f64,
+    /// The first sample in the time of the series, s.
+    series_s: f64,
 }
 
 /// Where a run stands: memories as they were left `passed` seconds ago.
@@ -204,6 +206,8 @@ where
         let at = Moment {
             since_s: moment.0,
             span_s: self.span_s,
+            series_s: self.series_s + moment.0,
+            unstrained: false,
             step_s: moment.1,
             xi,
             rate: v.times(self.to_xi),
@@ -711,6 +715,7 @@ impl<'a> MotionResidual<'a> {
             to_xi: 1.0 / s.coordinate,
             speed: self.speed,
             span_s: span_s.max(f64::MIN_POSITIVE),
+            series_s: self.inverse.when(number).series_s,
         }
     }
 
@@ -815,6 +820,8 @@ impl<'a> MotionResidual<'a> {
                 let at = Moment {
                     since_s: 0.0,
                     span_s: 1.0,
+                    series_s: self.inverse.when(number).series_s,
+                    unstrained: false,
                     step_s: 0.0,
                     xi,
                     rate: 0.0,

@@ -38,6 +38,9 @@ struct Slide {
     amplitude: f64,
     /// How far the input is ahead of the position.
     ahead_s: f64,
+    /// Share by which the spring is stiffer 600 s after the series began, where this recording begins.
+    warms: f64,
+    begins_s: f64,
     seed: u64,
 }
 
@@ -49,6 +52,8 @@ const SLIDE: Slide = Slide {
     cubic: 0.0,
     amplitude: 0.02,
     ahead_s: 0.0,
+    warms: 0.0,
+    begins_s: 0.0,
     seed: 1,
 };
 
@@ -74,9 +79,11 @@ impl Slide {
             let t = f64::from(i) * 0.005;
             let [x, _, _] = self.motion(t);
             let [ahead, v, a] = self.motion(t + self.ahead_s);
+            let warm = 1.0 - (-(self.begins_s + t) / 900.0).exp();
+            let warmer = self.warms * warm / (1.0 - (-600.0_f64 / 900.0).exp());
             let force = self.mass * a
                 + self.damping * v
-                + self.stiffness * ahead
+                + self.stiffness * (1.0 + warmer) * ahead
                 + self.cubic * ahead.powi(3);
             let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
             let (x, u) = (x + 2e-5 * z(), force / self.gain + 0.01 * z());
@@ -383,6 +390,70 @@ fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
     let [a, b] = [4, 5].map(|n| make(&format!("plain-{n}"), &|_, _| 0.0, n));
     let d = diagnose(&[&a], &[&b]);
     assert_eq!((d.verdict, d.learnt), (Verdict::Adequate, None));
+}
+
+/// A spring that warms up from one recording to the next: its size, and predictions that know when a recording
+/// was made.
+#[test]
+fn a_spring_that_warms_up_over_a_series_is_a_drift() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    let begins = [0.0, 600.0, 1200.0, 2400.0];
+    let lines: Vec<Line> = (begins.iter().enumerate())
+        .map(|(i, &begins_s)| {
+            let slide = Slide {
+                warms: 0.1,
+                begins_s,
+                seed: 20 + i as u64,
+                ..SLIDE
+            };
+            line(dir.path(), &format!("{i}"), "axis", &table, &slide.csv())
+        })
+        .collect();
+    let when = |i: usize| When {
+        recording: i,
+        series_s: begins[i],
+        start_s: 0.0,
+    };
+    let entries: Vec<LineEntry> = (lines.iter().enumerate())
+        .map(|(i, line)| LineEntry {
+            line,
+            when: when(i),
+        })
+        .collect();
+    let (train, holdout) = entries.split_at(3);
+    let d = diagnose_lines(train, holdout, &Request::default(), &|_| {}).unwrap();
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let found = &d.candidates[0];
+    assert_eq!(found.acting.effect.id(), "temperature_drift");
+    assert!(found.acting.effect.over_series(&found.acting.values));
+    let size = &found.values[1];
+    assert!(
+        size.ci95[0] < 0.1 && 0.1 < size.ci95[1] && size.ci95[1] < 0.12,
+        "{size:?}"
+    );
+    let held = d.holdout.unwrap();
+    assert!(held.after_v < 0.2 * held.before_v, "{held:?}");
+    let named = d.candidates.iter().filter(|c| c.in_model);
+    let mut model = LineModel {
+        values: d.values.clone(),
+        effects: named
+            .map(|c| Acting {
+                values: c.values.iter().map(|v| v.value).collect(),
+                ..c.acting.clone()
+            })
+            .collect(),
+        ..LineModel::default()
+    };
+    let last = std::slice::from_ref(&lines[3]);
+    let unplaced = validate_lines(last, &model).unwrap().total().0;
+    model.when = vec![(lines[3].id.clone(), when(3))];
+    let placed = validate_lines(last, &model).unwrap().total().0;
+    assert!(
+        (placed / held.after_v - 1.0).abs() < 1e-6,
+        "{placed} {held:?}"
+    );
+    assert!(unplaced > 4.0 * placed, "{unplaced} {placed}");
 }
 
 /// A force cell that was knocked leaps; one whose zero drifts goes on steadily. Only the drift is a cause.
@@ -724,6 +795,8 @@ fn with_view<R>(of: impl FnOnce(&View) -> R) -> R {
         time_s: &time_s,
         step_s: 0.01,
         duration_s: 3.99,
+        series_s: 0.0,
+        unstrained: false,
         xi: &xi,
         rate: &rate,
         speed: rate.iter().fold(0.0, |m: f64, r| m.max(r.abs())),
@@ -1029,7 +1102,8 @@ fn a_drive_is_undone() {
     use deacal::effects::line::Undone;
     with_view(|view| {
         for (id, values) in [
-            ("amplifier_saturation", vec![0.6]),
+            ("amplifier_saturation", vec![0.6, 0.02]),
+            ("amplifier_saturation", vec![0.7, 0.15]),
             ("amplifier_deadband", vec![0.1, 0.0]),
             ("amplifier_deadband", vec![0.1, 1.0]),
             ("x_drive_power", vec![1.7]),

@@ -1,17 +1,56 @@
-//! A modulus that drifts:  all springs times 1 + a t over the recording's length.
+//! A modulus that drifts:  all springs times 1 + a d, where d goes to its end exponentially: from the
+//! beginning of each recording (a motor that warms up, and cools between), or of the series. Where a spring is
+//! not strained is not known of a rig but of a coupon: its force where the excursion is counted from drifts
+//! along, its preload.
 
-use super::super::{Effect, Quantity, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
 pub struct Drift;
 
+/// What a drift goes along.
+pub(super) const OVER: &[&str] = &["recording", "series"];
+/// Time of a series after which its drift is what its size says, s.
+const TOLD_AT_S: f64 = 600.0;
+
+/// The place in [`OVER`], and how fast a drift goes to its end.
+pub(super) const ALONG: Quantity = shape("over", "1", 0.0, 0.0, 1.0, 1.0);
+pub(super) const TIME_CONSTANT: Quantity = shape("time_constant", "s", 600.0, 1.0, 1e6, 1000.0);
+
+/// Whether a drift of `v` goes along the series.
+pub(super) fn of_series(v: &[f64]) -> bool {
+    v[0] != 0.0
+}
+
+/// Starts of a scan for a drift of `size`.
+pub(super) fn near(size: f64, view: &View) -> Vec<Vec<Vec<f64>>> {
+    let mut out = vec![vec![vec![0.0, size, view.duration_s]]];
+    if view.timed {
+        out.extend([300.0, 3000.0].map(|t| vec![vec![1.0, size, t]]));
+    }
+    out
+}
+
+/// Share of the drift of `v` that there is at a moment: 1 at the end of a recording, or ten minutes into the
+/// series.
+pub(super) fn course<R: Real>(v: &[R], at: &Moment<R>) -> R {
+    let (since_s, whole_s) = match v[0].value() {
+        0.0 => (at.since_s, at.span_s),
+        _ => (at.series_s, TOLD_AT_S),
+    };
+    let gone = |t_s: f64| R::of(1.0) - (R::of(-t_s) / v[2]).exp();
+    gone(since_s) / gone(whole_s)
+}
+
 impl LineEffect for Drift {
     fn kinds(&self) -> &'static [Kind] {
         &[Kind::Bench, Kind::Axis, Kind::Coupon]
     }
-    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        vec![vec![vec![0.02]]]
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        let mut out = near(0.02, view);
+        out.iter_mut().flatten().for_each(|v| v.push(0.0));
+        out
     }
 }
 
@@ -20,16 +59,29 @@ impl Effect for Drift {
         "temperature_drift"
     }
     fn says(&self) -> &'static str {
-        "the stiffness drifts along the recording"
+        "the stiffness drifts, along each recording or over the series"
     }
     fn source(&self) -> &'static str {
-        "linear drift of the modulus"
+        "drift of the modulus to another temperature"
     }
     fn equation(&self) -> &'static str {
-        "all springs times 1 + relative_change t/t_end"
+        "f -> f + relative_change d (springs + preload), d = (1 - e^(-t/time_constant)) over its value at the end of a recording, or after 600 s of the series"
     }
     fn parameters(&self) -> &'static [Quantity] {
-        const { &[size("relative_change", "1", -0.5, 0.5, 0.05)] }
+        const {
+            &[
+                ALONG,
+                size("relative_change", "1", -0.9, 0.9, 0.05),
+                TIME_CONSTANT,
+                shape("preload", "force", 0.0, -2.0, 2.0, 0.5),
+            ]
+        }
+    }
+    fn variants(&self) -> &'static [&'static str] {
+        OVER
+    }
+    fn over_series(&self, v: &[f64]) -> bool {
+        of_series(v)
     }
     fn brought_out_by(&self) -> &'static str {
         "the first test again as the last"
@@ -44,7 +96,11 @@ impl Effect for Drift {
 
 impl Law for Drift {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
-        let g = R::of(1.0) + v[0] * R::of(at.since_s / at.span_s);
-        point.factor = point.factor.map(|f| f * g);
+        // no drift turns a spring round
+        let change = (v[1] * course(v, at)).max(R::of(-1.0));
+        point.factor = point.factor.map(|f| f * (R::of(1.0) + change));
+        if !at.unstrained {
+            point.force = point.force + change * v[3];
+        }
     }
 }

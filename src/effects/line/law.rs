@@ -175,6 +175,10 @@ pub struct Moment<R> {
     pub since_s: f64,
     /// From the first sample to the last, s.
     pub span_s: f64,
+    /// Since the first sample of the first recording of the series, s.
+    pub series_s: f64,
+    /// As [`View::unstrained`].
+    pub unstrained: bool,
     /// Since the moment at which the memory was left, s.
     pub step_s: f64,
     /// Excursion from rest, over the largest one.
@@ -249,9 +253,12 @@ pub(super) fn along<L: Law>(law: &L, v: &[f64], view: &View, terms: &mut Terms) 
         state: law.begin(first),
     };
     for i in 0..view.xi.len() {
+        let since_s = view.time_s[i] - view.time_s[0];
         let at = Moment {
-            since_s: view.time_s[i] - view.time_s[0],
+            since_s,
             span_s: view.duration_s,
+            series_s: view.series_s + since_s,
+            unstrained: view.unstrained,
             step_s: view.time_s[i] - view.time_s[i.saturating_sub(1)],
             xi: view.xi[i],
             rate: view.rate[i],

@@ -1,6 +1,7 @@
-//! A zero that drifts:  force a t over the recording's length.
+//! A zero that drifts:  force a d, with the d of [`super::drift`].
 
 use super::super::{Effect, Quantity, size};
+use super::drift::{ALONG, OVER, TIME_CONSTANT, course, near, of_series};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
@@ -10,8 +11,8 @@ impl LineEffect for MeanDrift {
     fn kinds(&self) -> &'static [Kind] {
         &[Kind::Bench, Kind::Axis, Kind::Coupon]
     }
-    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        vec![vec![vec![0.01]]]
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        near(0.01, view)
     }
 }
 
@@ -20,16 +21,28 @@ impl Effect for MeanDrift {
         "x_zero_drift"
     }
     fn says(&self) -> &'static str {
-        "the zero of the force, or of the rest position, drifts along the recording"
+        "the zero of the force, or of the rest position, drifts, along each recording or over the series"
     }
     fn source(&self) -> &'static str {
-        "linear drift of a zero"
+        "drift of a zero to another temperature"
     }
     fn equation(&self) -> &'static str {
-        "f -> f + change t/t_end"
+        "f -> f + change d, d = (1 - e^(-t/time_constant)) over its value at the end of a recording, or after 600 s of the series"
     }
     fn parameters(&self) -> &'static [Quantity] {
-        const { &[size("change", "force", -1.0, 1.0, 0.05)] }
+        const {
+            &[
+                ALONG,
+                size("change", "force", -1.0, 1.0, 0.05),
+                TIME_CONSTANT,
+            ]
+        }
+    }
+    fn variants(&self) -> &'static [&'static str] {
+        OVER
+    }
+    fn over_series(&self, v: &[f64]) -> bool {
+        of_series(v)
     }
     fn brought_out_by(&self) -> &'static str {
         "rests at the beginning and at the end"
@@ -44,6 +57,6 @@ impl Effect for MeanDrift {
 
 impl Law for MeanDrift {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
-        point.force = point.force + v[0] * R::of(at.since_s / at.span_s);
+        point.force = point.force + v[1] * course(v, at);
     }
 }

@@ -58,6 +58,10 @@ pub struct View<'a> {
     pub step_s: f64,
     /// From the first sample to the last, s.
     pub duration_s: f64,
+    /// The first sample in the time of the series, s.
+    pub series_s: f64,
+    /// Whether springs are known to be without strain where the excursion is 0: those of a coupon.
+    pub unstrained: bool,
     /// Excursion from rest, over the largest one.
     pub xi: &'a [f64],
     /// Its rate, 1/s.

@@ -714,7 +714,8 @@ fn causes_of_file_and_command_line_act_together() {
     assert_eq!(said.len(), all.len());
     assert_eq!(said[0]["from"], "some.toml");
     assert_eq!(said[0]["actuators"], serde_json::json!([1]));
-    assert_eq!(said[3]["parameters"]["recording"]["value"], "simulated");
+    // the recording has the name of its folder
+    assert_eq!(said[3]["parameters"]["recording"]["value"], "rec");
     assert_eq!(said[5]["from"], "--effect");
     assert_eq!(said[5]["parameters"]["energy_scale"]["value"], 4e4);
     assert_eq!(said[5]["parameters"]["energy_scale"]["unit"], "J/m^3");

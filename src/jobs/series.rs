@@ -223,7 +223,8 @@ pub fn line_model_on(
     lines: &[Line],
 ) -> Result<(LineModel, Vec<String>), Failure> {
     let mut model = file.line_model()?;
-    if model.effects.is_empty() {
+    let goes_on = |a: &Acting| a.effect.over_series(&a.values);
+    if !model.effects.iter().any(goes_on) {
         return Ok((model, Vec::new()));
     }
     let occasions = occasions_of_lines(recordings, lines);

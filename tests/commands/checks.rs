@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::common;
 use deacal::checks::{Finding, Grade, check};
 use deacal::recording::Recording;
 
@@ -911,26 +912,15 @@ fn accusations(path: &Path) -> Vec<String> {
 }
 
 /// Every recording below a folder.
-fn recordings_below(dir: &Path, out: &mut Vec<PathBuf>) {
-    let Ok(entries) = std::fs::read_dir(dir) else {
-        return;
-    };
-    for entry in entries {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            recordings_below(&path, out);
-        } else if path.file_name().is_some_and(|n| n == "recording.toml") {
-            out.push(path);
-        }
-    }
+fn recordings_below(dir: &Path) -> Vec<PathBuf> {
+    common::files_below(dir, "recording.toml")
 }
 
 #[test]
 fn sound_recordings_are_not_accused() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut all = Vec::new();
-    recordings_below(&root.join("datasets"), &mut all);
-    recordings_below(&root.join("fits/silverbox2013"), &mut all);
+    let mut all = recordings_below(&root.join("datasets"));
+    all.extend(recordings_below(&root.join("fits/silverbox2013")));
     assert!(
         all.len() >= 18,
         "{} recordings come with the program",
@@ -1042,7 +1032,8 @@ fn sound_simulated_recordings_are_not_accused() {
     match std::env::var_os("DEACAL_SHARED") {
         Some(shared) => {
             for folder in ["practice", "practice-built", "twin"] {
-                recordings_below(&Path::new(&shared).join("datasets").join(folder), &mut all);
+                let folder = Path::new(&shared).join("datasets").join(folder);
+                all.extend(recordings_below(&folder));
             }
         }
         None => println!("skipped: the practice recordings, DEACAL_SHARED is not set"),

@@ -4,6 +4,8 @@
 pub mod bench;
 pub mod recordings;
 
+use std::path::{Path, PathBuf};
+
 use deacal::kinematics::{Chain, FourBar, Lozenge, Mechanism};
 use serde_json::Value;
 
@@ -16,6 +18,24 @@ pub fn run(
     let said = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success(), "{deacal:?}: {said}");
     done.stdout
+}
+
+/// Every file below a folder whose name ends so; none where there is no such folder.
+pub fn files_below(dir: &Path, end: &str) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(dir) else {
+        return Vec::new();
+    };
+    let paths = entries.map(|e| e.unwrap().path());
+    paths
+        .flat_map(|path| match path.is_dir() {
+            true => files_below(&path, end),
+            false => Vec::from_iter(
+                path.to_str()
+                    .is_some_and(|p| p.ends_with(end))
+                    .then_some(path),
+            ),
+        })
+        .collect()
 }
 
 /// A file of `tests/golden`.

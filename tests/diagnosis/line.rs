@@ -310,6 +310,21 @@ fn the_last_quarter_of_a_coupon_is_held_out() {
     assert_eq!(d.verdict, Verdict::Adequate, "{}", d.says);
 }
 
+/// The model that a diagnosis ends with, its named causes in it.
+fn augmented(d: &Diagnosis) -> LineModel {
+    let named = d.candidates.iter().filter(|c| c.in_model);
+    LineModel {
+        values: d.values.clone(),
+        effects: named
+            .map(|c| Acting {
+                values: c.values.iter().map(|v| v.value).collect(),
+                ..c.acting.clone()
+            })
+            .collect(),
+        ..LineModel::default()
+    }
+}
+
 /// A file that holds what a diagnosis found predicts a recording as the diagnosis did.
 fn predicts(d: &Diagnosis, held_out: &Line) {
     let file = ParameterFile::of_diagnosis(d, Vec::new(), Provenance::default());
@@ -434,17 +449,7 @@ fn a_spring_that_warms_up_over_a_series_is_a_drift() {
     );
     let held = d.holdout.unwrap();
     assert!(held.after_v < 0.2 * held.before_v, "{held:?}");
-    let named = d.candidates.iter().filter(|c| c.in_model);
-    let mut model = LineModel {
-        values: d.values.clone(),
-        effects: named
-            .map(|c| Acting {
-                values: c.values.iter().map(|v| v.value).collect(),
-                ..c.acting.clone()
-            })
-            .collect(),
-        ..LineModel::default()
-    };
+    let mut model = augmented(&d);
     let last = std::slice::from_ref(&lines[3]);
     let unplaced = validate_lines(last, &model).unwrap().total().0;
     model.when = vec![(lines[3].id.clone(), when(3))];
@@ -903,17 +908,7 @@ fn a_fitted_axis_predicts_other_recordings_and_an_augmented_one_better() {
     let again = validate_lines(std::slice::from_ref(&a), &plain).unwrap();
     assert!((again.total().0 / fit.total().0 - 1.0).abs() < 1e-9);
     let d = diagnose(&[&a], &[&b]);
-    let found = d.candidates.iter().filter(|c| c.in_model);
-    let full = LineModel {
-        values: d.values.clone(),
-        effects: found
-            .map(|c| Acting {
-                values: c.values.iter().map(|v| v.value).collect(),
-                ..c.acting.clone()
-            })
-            .collect(),
-        ..LineModel::default()
-    };
+    let full = augmented(&d);
     let after = validate_lines(std::slice::from_ref(&b), &full).unwrap();
     let held = d.holdout.unwrap();
     assert!(

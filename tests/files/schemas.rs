@@ -1,9 +1,11 @@
 //! The schemas in `schemas/` are those of the types. They are written by
 //! `DEACAL_WRITE_SCHEMAS=1 cargo test --test files schemas::`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
+
+use crate::common;
 
 #[test]
 fn committed_schemas_are_current() {
@@ -128,27 +130,18 @@ fn as_json(text: &str) -> Value {
     of(toml::Value::Table(text.parse().unwrap()))
 }
 
-fn files(dir: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(dir).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            files(&path, found);
-        } else if path.extension().is_some_and(|e| e == "toml") {
-            found.push(path);
-        }
-    }
-}
-
 #[test]
 fn every_manifest_and_rig_conforms_to_its_schema() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut found = Vec::new();
-    for dir in ["datasets", "fits", "tests/data"] {
-        files(&root.join(dir), &mut found);
-    }
+    let mut folders = ["datasets", "fits", "tests/data"]
+        .map(|d| root.join(d))
+        .to_vec();
     if let Some(shared) = std::env::var_os("DEACAL_SHARED") {
-        files(&Path::new(&shared).join("datasets"), &mut found);
+        folders.push(Path::new(&shared).join("datasets"));
     }
+    let found = folders
+        .iter()
+        .flat_map(|dir| common::files_below(dir, ".toml"));
     let (recording, rig) = (
         deacal::recording::recording_schema(),
         deacal::recording::rig_schema(),

@@ -40,7 +40,10 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
         // Runs as long as a tenth of the longest are of the same making.
         let usual = zeros_in_short_runs(&steps, rows / 10);
         let finite = steps.iter().filter(|d| d.is_finite()).count();
-        if !long || usual as f64 > REPEATS * (finite - zeros + usual) as f64 || !noisy(&s.values) {
+        let coarse = usual as f64 > REPEATS * (finite - zeros + usual) as f64;
+        let filled =
+            || noisy(&s.values, &steps) && (rough(&s.values) || leaps(&steps[from + rows..]));
+        if !long || coarse || !filled() {
             continue;
         }
         let what = s.name.rsplit(" of ").next().unwrap_or(&s.name).to_owned();
@@ -63,16 +66,40 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
     }
 }
 
-/// Whether neighbours differ by noise, not by the last digit: without noise a signal at rest repeats itself.
-fn noisy(values: &[f64]) -> bool {
-    let steps = values.windows(2).map(|w| (w[1] - w[0]).abs());
-    let digit = steps.filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
-    let third = values
-        .windows(4)
-        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs());
-    let moving = third.filter(|d| *d > 0.0);
+/// Whether neighbours differ by more than the last digit: without noise a signal at rest repeats itself.
+fn noisy(values: &[f64], steps: &[f64]) -> bool {
+    let sizes = steps.iter().map(|d| d.abs());
+    let digit = sizes.filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
     // rounding alone makes third differences of one or two digits
-    quantile(moving, 0.5) / 20f64.sqrt() > 1.5 * digit
+    wiggle(values, &[-1.0, 3.0, -3.0, 1.0]) > 1.5 * digit
+}
+
+/// Whether what neighbours differ by is noise, which differences of a higher order tell alike; of a smooth
+/// motion, a set point that is held and moves on, they tell next to nothing.
+fn rough(values: &[f64]) -> bool {
+    wiggle(values, &[-1.0, 5.0, -10.0, 10.0, -5.0, 1.0])
+        > 0.5 * wiggle(values, &[-1.0, 3.0, -3.0, 1.0])
+}
+
+/// Standard deviation of white noise that makes such differences: their median, where something moves.
+fn wiggle(values: &[f64], weights: &[f64]) -> f64 {
+    let of = |w: &[f64]| w.iter().zip(weights).map(|(x, k)| k * x).sum::<f64>().abs();
+    let moving = values.windows(weights.len()).map(of).filter(|d| *d > 0.0);
+    let length = weights.iter().map(|k| k * k).sum::<f64>().sqrt();
+    quantile(moving, 0.5) / length
+}
+
+/// Whether a signal that stood leaps to where it would be had it moved on: its first step is more than so
+/// many times the largest of the next ones, and it moves on with these.
+fn leaps(after: &[f64]) -> bool {
+    const TIMES: f64 = 3.0;
+    match after {
+        [first, next @ ..] if next.len() >= 4 => {
+            let largest = next[..4].iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+            largest > 0.0 && first.abs() > TIMES * largest
+        }
+        _ => false,
+    }
 }
 
 /// Zero steps in runs of up to `most`.
@@ -84,4 +111,29 @@ fn zeros_in_short_runs(steps: &[f64], most: usize) -> usize {
         }
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_point_that_is_held_is_smooth_and_does_not_leap() {
+        let held: Vec<f64> = (0..500)
+            .map(|i: i32| 0.02 * f64::from(i.min(100) + (i - 300).max(0)))
+            .map(|t| (1e8 * (t + 0.1 * t.sin())).round() / 1e8)
+            .collect();
+        let steps: Vec<f64> = held.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(!rough(&held));
+        assert!(!leaps(&steps[300..]));
+    }
+
+    #[test]
+    fn a_gap_that_was_filled_ends_in_a_leap() {
+        let mut moved: Vec<f64> = (0..400).map(|i| (0.05 * f64::from(i)).sin()).collect();
+        moved[100..140].fill(moved[99]);
+        let steps: Vec<f64> = moved.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(leaps(&steps[139..]));
+        assert!(!leaps(&steps[90..]));
+    }
 }

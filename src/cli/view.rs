@@ -15,12 +15,12 @@ use crate::report::parameter_file::ParameterFile;
 /// What to look at.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// A recording.toml, a folder that has one, or a folder of results: its pages, and the recordings that its
-    /// parameters.toml was made of
+    /// A recording.toml, a folder that has one, or a folder of results: its pages, and the recordings that
+    /// its parameters.toml was made of
     #[arg(value_name = "REC|DIR")]
     what: PathBuf,
-    /// Parameters to hold against the recording: prediction, difference, and their causes to switch off one by
-    /// one (of a folder: its parameters.toml)
+    /// Parameters to hold against the recording: prediction, difference, and their causes to switch off one
+    /// by one (of a folder: its parameters.toml)
     #[arg(long)]
     params: Option<PathBuf>,
     /// Rig to use instead of the recording's own

@@ -1,5 +1,5 @@
-//! The page of `deacal view`: a recording drawn between two times, and the robot as it moves. What is drawn is
-//! made anew for each look, at the resolution of the screen.
+//! The page of `deacal view`: a recording drawn between two times, and the robot as it moves. What is drawn
+//! is made anew for each look, at the resolution of the screen.
 
 use minijinja::{Value, context};
 use serde::Serialize;

@@ -112,7 +112,7 @@ fn the_readme_is_read_in_one_sitting() {
     assert!(text.lines().count() <= 150);
 }
 
-/// The first hour as it is typed, and then the page that goes on from it.
+/// The first hour as it is typed, and then the pages that go on from it.
 #[cfg(unix)]
 #[test]
 fn the_first_hour_runs() {
@@ -123,7 +123,8 @@ fn the_first_hour_runs() {
     let program = Path::new(env!("CARGO_BIN_EXE_deacal")).parent().unwrap();
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
     let page = |name: &str| std::fs::read_to_string(root().join("docs/src").join(name)).unwrap();
-    let text = page("first-hour.md") + &page("controller.md");
+    let after = ["controller.md", "how-to.md", "library.md"].map(page);
+    let text = page("first-hour.md") + &after.concat();
     for block in blocks(&text, "sh") {
         let done = std::process::Command::new("sh")
             .args(["-e", "-c", block])
@@ -175,6 +176,11 @@ fn reports_are_whole_in_a_browser() {
 
 /// Opens a page in a browser, where there is one.
 fn browse(page: &Path, what: &[&str]) -> Option<std::process::Output> {
+    browse_at(&format!("file://{}", page.display()), what)
+}
+
+/// Opens an address in a browser, where there is one.
+fn browse_at(address: &str, what: &[&str]) -> Option<std::process::Output> {
     let user = tempfile::tempdir().unwrap();
     let open = |browser: &&str| {
         std::process::Command::new(browser)
@@ -188,7 +194,7 @@ fn browse(page: &Path, what: &[&str]) -> Option<std::process::Output> {
             .args(["--virtual-time-budget=10000", "--window-size=1280,1000"])
             .args(what)
             .arg(format!("--user-data-dir={}", user.path().display()))
-            .arg(format!("file://{}", page.display()))
+            .arg(address)
             .output()
             .ok()
     };
@@ -457,4 +463,307 @@ fn pages_of_studies_say_what_the_program_says() {
             );
         }
     }
+}
+
+/// The address of a page that is served once and again, to frame another one that is served.
+fn served(page: String) -> String {
+    use std::io::{Read as _, Write as _};
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}/", listener.local_addr().unwrap());
+    std::thread::spawn(move || {
+        for mut to in listener.incoming().flatten() {
+            let _ = to.read(&mut [0; 4096]);
+            let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n";
+            let _ = write!(to, "{head}Content-Length: {}\r\n\r\n{page}", page.len());
+        }
+    });
+    address
+}
+
+/// `deacal view` at work, until it is dropped.
+struct Viewed {
+    child: std::process::Child,
+    url: String,
+}
+
+impl Viewed {
+    fn of(arguments: &[&str]) -> Viewed {
+        use std::io::BufRead as _;
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"))
+            .current_dir(root())
+            .arg("view")
+            .args(arguments)
+            .arg("--json")
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        let lines = std::io::BufReader::new(child.stdout.take().unwrap()).lines();
+        let url = lines.map(|l| l.unwrap()).find(|l| l.contains("\"url\""));
+        let url = url.unwrap().split('"').nth(3).unwrap().to_owned();
+        Viewed { child, url }
+    }
+
+    /// Status and text of what is answered.
+    fn ask(&self, method: &str, path: &str, host: &str) -> (u16, String) {
+        use std::io::{Read as _, Write as _};
+        let own = self.url.trim_start_matches("http://").trim_end_matches('/');
+        let mut to = std::net::TcpStream::connect(own).unwrap();
+        let host = if host.is_empty() { own } else { host };
+        write!(
+            to,
+            "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+        )
+        .unwrap();
+        let mut said = Vec::new();
+        to.read_to_end(&mut said).unwrap();
+        let said = String::from_utf8_lossy(&said).into_owned();
+        (said[9..12].parse().unwrap(), said)
+    }
+}
+
+impl Drop for Viewed {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The twin's parameters with two causes, as a file.
+fn with_causes(dir: &Path) -> String {
+    let own = std::fs::read_to_string(root().join("fits/twin2026_delta/parameters.toml")).unwrap();
+    let effects = "[[effect]]\nid = \"series_resistance\"\nactuators = [1, 2, 3]\nresistance = 1e7\n\n\
+                   [[effect]]\nid = \"joint_friction\"\nactuators = [2]\ntorque = 1e-5\n\n[provenance]";
+    let file = dir.join("parameters.toml");
+    std::fs::write(&file, own.replace("[provenance]", effects)).unwrap();
+    file.display().to_string()
+}
+
+#[test]
+fn a_recording_is_looked_at_in_a_browser() {
+    let dir = tempfile::tempdir().unwrap();
+    let params = with_causes(dir.path());
+    let twin = "datasets/twin2026_delta/single-1";
+    for (arguments, causes, drawings, moves) in [
+        (&[twin, "--params", &params][..], 2, 4, true),
+        (
+            &[
+                "datasets/miles2015_vhb4910",
+                "--params",
+                "library:miles2015_vhb4910",
+            ],
+            0,
+            2,
+            false,
+        ),
+        (&["fits/silverbox2013/quiet"], 0, 2, false),
+    ] {
+        let viewed = Viewed::of(arguments);
+        let script = include_str!("scripts/view.js");
+        let frame = format!(
+            "<!DOCTYPE html><body><pre id=\"told\"></pre><script>const CAUSES = {causes}, URL_OF_PAGE = {:?};{script}</script></body>",
+            viewed.url
+        );
+        // pages of one machine, which the test lets look into each other
+        let what = [
+            "--dump-dom",
+            "--disable-web-security",
+            "--disable-site-isolation-trials",
+        ];
+        let Some(done) = browse_at(&served(frame), &what) else {
+            eprintln!("skipped: no browser looks at {arguments:?}");
+            return;
+        };
+        let said = String::from_utf8_lossy(&done.stderr);
+        let errors: Vec<&str> = said.lines().filter(|l| l.contains("CONSOLE")).collect();
+        assert!(errors.is_empty(), "{arguments:?}: {errors:?}");
+        let dom = String::from_utf8_lossy(&done.stdout);
+        let told = dom
+            .split("<pre id=\"told\">")
+            .nth(1)
+            .and_then(|t| t.split("</pre>").next());
+        let told: serde_json::Value = serde_json::from_str(&text_of(told.unwrap()))
+            .unwrap_or_else(|why| panic!("{arguments:?}: {why}: {dom}"));
+        for width in ["390", "1280"] {
+            let seen = &told[width];
+            let place = format!("{arguments:?} at {width} px: {seen}");
+            assert!(seen["fault"].is_null() && seen.is_object(), "{place}");
+            assert_eq!(
+                (&seen["drawings"], &seen["moves"]),
+                (&drawings.into(), &moves.into()),
+                "{place}"
+            );
+            assert!(seen["first"].as_u64().unwrap() > 0, "{place}");
+            assert!(
+                seen["wide"].as_u64().unwrap() <= width.parse().unwrap(),
+                "{place}"
+            );
+            assert!(seen["requests"].as_u64().unwrap() > 1, "{place}");
+            assert_eq!(seen["elsewhere"].as_array().unwrap().len(), 0, "{place}");
+        }
+    }
+}
+
+#[test]
+fn a_view_is_read_from_this_machine_alone_and_stays_in_its_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    std::fs::create_dir_all(out.join("sub folder")).unwrap();
+    std::fs::write(dir.path().join("secret.html"), "secret").unwrap();
+    std::fs::write(out.join("report.html"), "a report").unwrap();
+    std::fs::write(out.join("sub folder/report.html"), "another").unwrap();
+    with_causes(&out);
+    let viewed = Viewed::of(&[out.to_str().unwrap()]);
+    assert!(
+        viewed.url.starts_with("http://127.0.0.1:"),
+        "{}",
+        viewed.url
+    );
+    let (status, page) = viewed.ask("GET", "/", "");
+    assert_eq!(status, 200);
+    // the recordings that the parameters were made of are there
+    let page = page.replace("&#x2f;", "/");
+    for part in [
+        "/files/report.html",
+        "/files/sub%20folder/report.html",
+        "symmetric",
+        "single-3",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(page.contains("default-src 'none'"));
+    for (path, status) in [
+        ("/files/report.html", 200),
+        ("/files/sub%20folder/report.html", 200),
+        ("/files/../secret.html", 404),
+        ("/files/%2e%2e/secret.html", 404),
+        ("/files/..%2fsecret.html", 404),
+        ("/files//etc/passwd", 404),
+        ("/files/sub%20folder", 404),
+        ("/elsewhere", 404),
+        ("/figures?recording=9", 400),
+        ("/figures?recording=0&from=nan&to=nan", 400),
+        ("/figures?recording=0&from=5&to=1", 400),
+        ("/motion?recording=0&from=0&to=1", 200),
+    ] {
+        let (found, said) = viewed.ask("GET", path, "");
+        assert_eq!(found, status, "{path}: {said}");
+        assert!(
+            !said.contains("secret.html is") || status == 404,
+            "{path}: {said}"
+        );
+    }
+    for method in ["POST", "PUT", "DELETE"] {
+        assert_eq!(viewed.ask(method, "/", "").0, 405, "{method}");
+    }
+    assert_eq!(viewed.ask("GET", "/", "elsewhere.example").0, 403);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_view_ends_as_every_command_does() {
+    let mut viewed = Viewed::of(&["datasets/twin2026_delta/single-1"]);
+    let id = viewed.child.id().to_string();
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", &id])
+        .status();
+    assert!(sent.unwrap().success());
+    assert_eq!(viewed.child.wait().unwrap().code(), Some(130));
+    let empty = tempfile::tempdir().unwrap();
+    let done = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"))
+        .args(["view", empty.path().to_str().unwrap()])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(said.contains("no recording.toml"), "{said}");
+}
+
+#[test]
+fn every_command_has_a_page_of_the_manual() {
+    let dir = tempfile::tempdir().unwrap();
+    let man = dir.path().join("man1");
+    common::run(|deacal| deacal.args(["man", man.to_str().unwrap(), "-q"]));
+    let read = |name: &str| {
+        let file = man.join(format!("{name}.1"));
+        std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
+    };
+    let names = |arguments: &[&str]| -> Vec<String> {
+        let help = common::run(|deacal| deacal.args(arguments).arg("--help"));
+        let help = String::from_utf8(help).unwrap();
+        let list = help.split("Commands:\n").nth(1).unwrap_or("");
+        let list = list.split("\n\nOptions:").next().unwrap_or("");
+        let first = |l: &str| {
+            l.strip_prefix("  ")
+                .filter(|l| !l.starts_with(' '))
+                .map(str::to_owned)
+        };
+        let words = list.lines().filter_map(first);
+        let words = words.filter_map(|l| l.split(' ').next().map(str::to_owned));
+        words.filter(|w| w != "help").collect()
+    };
+    assert!(read("deacal").contains("deacal\\-view(1)"));
+    let mut count = 1;
+    for outer in names(&[]) {
+        let text = read(&format!("deacal-{outer}"));
+        let inner = names(&[&outer]);
+        assert!(!inner.is_empty() || text.contains("Examples:"), "{outer}");
+        for name in &inner {
+            assert!(
+                read(&format!("deacal-{outer}-{name}")).contains("Examples:"),
+                "{outer} {name}"
+            );
+        }
+        count += 1 + inner.len();
+    }
+    assert!(count > 25, "{count}");
+    assert_eq!(
+        std::fs::read_dir(&man)
+            .unwrap()
+            .filter(|e| {
+                let name = e.as_ref().unwrap().file_name();
+                name.to_string_lossy().ends_with(".1")
+            })
+            .count(),
+        count
+    );
+}
+
+#[test]
+fn parameter_sets_of_the_library_are_taken_where_a_file_is() {
+    let twin = "datasets/twin2026_delta/single-1";
+    let voltage = |params: &str| {
+        common::run(|deacal| {
+            deacal
+                .current_dir(root())
+                .args(["predict", "voltage", twin, "--params", params])
+        })
+    };
+    let by_name = voltage("library:twin2026_delta");
+    assert_eq!(by_name, voltage("fits/twin2026_delta/parameters.toml"));
+    common::run(|deacal| deacal.args(["export", "library:silverbox2013", "--format", "json"]));
+    let list = common::run(|deacal| deacal.args(["library", "--json"]));
+    let list: serde_json::Value = serde_json::from_slice(&list).unwrap();
+    let names: Vec<&str> = list
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|e| e["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        names,
+        ["miles2015_vhb4910", "silverbox2013", "twin2026_delta"]
+    );
+    for e in list.as_array().unwrap() {
+        for key in ["of", "made_by", "source", "licence", "range", "beyond"] {
+            assert!(e[key].as_str().is_some_and(|t| t.len() > 10), "{e}: {key}");
+        }
+    }
+    let done = std::process::Command::new(env!("CARGO_BIN_EXE_deacal"))
+        .args(["export", "library:twin", "--format", "json"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(names.iter().all(|n| said.contains(n)), "{said}");
 }

@@ -17,6 +17,7 @@ use super::{Cli, Command, Failure, Talk, diagnose, fit, folders, merge, stop};
 use crate::recording::{Kind, Manifest, sha256, sha256_of};
 use crate::report::batch::{BatchJson, SetDiagnosis, SetJson};
 use crate::report::json::to_text;
+use crate::report::library::is_of_library;
 use crate::report::output::{OutputSet, settle};
 use crate::report::provenance::{FileSum, Provenance};
 
@@ -526,9 +527,15 @@ fn set(s: &SetFile, plan: &PlanFile, dir: &Path, diagnose: bool) -> Result<Set, 
     ));
     fit.append(&mut rest.clone());
     fit.extend(shared.iter().cloned());
-    if let Some(params) = s.params.as_ref().map(at) {
-        fit.extend(["--params".to_owned(), path(&params)]);
-        stated.push(params);
+    match &s.params {
+        // the version of the program says what is in its library
+        Some(set) if is_of_library(set) => fit.extend(["--params".to_owned(), path(set)]),
+        Some(params) => {
+            let params = at(params);
+            fit.extend(["--params".to_owned(), path(&params)]);
+            stated.push(params);
+        }
+        None => {}
     }
     let wish = s.diagnose.clone().or(plan.diagnose.clone());
     let with = match wish.unwrap_or(Diagnose::Whether(diagnose)) {

@@ -140,6 +140,24 @@ const EXAMPLES: &[(&[&str], [&str; 2])] = &[
         ["deacal merge out/films", "deacal merge out/prove --json"],
     ),
     (
+        &["library"],
+        ["deacal library", "deacal library twin2026_delta --json"],
+    ),
+    (
+        &["man"],
+        [
+            "deacal man ~/.local/share/man/man1",
+            "deacal man out/man1 --quiet",
+        ],
+    ),
+    (
+        &["view"],
+        [
+            "deacal view my-robot/04 --params out/robot/parameters.toml",
+            "deacal view out/diagnose --port 8000",
+        ],
+    ),
+    (
         &["export"],
         [
             "deacal export out/robot/parameters.toml --format m -o parameters.m",

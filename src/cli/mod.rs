@@ -9,6 +9,8 @@ mod examples;
 mod export;
 mod fit;
 mod import;
+mod library;
+mod man;
 mod merge;
 mod new;
 mod predict;
@@ -19,6 +21,7 @@ mod shard;
 mod simulate;
 mod stop;
 mod validate;
+mod view;
 
 use std::ffi::OsString;
 use std::io::{self, IsTerminal as _, Write};
@@ -291,8 +294,16 @@ enum Command {
     Batch(batch::Arguments),
     /// The shards of a batch or a proof as one result, the same bytes as of one run
     Merge(merge::Arguments),
+    /// The parameter sets that come with the program, for `--params library:NAME`: what each is of, where it
+    /// comes from, its licence, and how far it goes
+    Library(library::Arguments),
+    /// A page on a local port, to look closely: a recording with what parameters make of it, the motion to
+    /// play, and the reports of a folder
+    View(view::Arguments),
     /// A parameter file for the controller: JSON, MATLAB, Python, C header; or functions that it calls
     Export(export::Arguments),
+    /// Pages of the manual, one a command
+    Man(man::Arguments),
     /// Completions for a shell, on standard output
     Completions {
         /// The shell
@@ -337,6 +348,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Ageing(arguments) => ageing::run(&arguments, &command, talk),
         Command::Batch(arguments) => batch::run(&arguments, talk),
         Command::Merge(arguments) => merge::run(&arguments, talk),
+        Command::Library(arguments) => library::run(&arguments, talk),
+        Command::Man(arguments) => man::run(&arguments, examples::with(Cli::command()), talk),
+        Command::View(arguments) => view::run(&arguments, talk),
         Command::Export(arguments) => export::run(&arguments, talk),
         Command::Completions { shell } => {
             let mut out = Vec::new();

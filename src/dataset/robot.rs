@@ -51,44 +51,8 @@ impl Dataset {
     /// # Errors
     /// [`Error::Unsuitable`] for a recording of another kind, and those of [`Dataset::new`].
     pub fn from_recording(recording: &Recording, plan: Option<&Plan>) -> Result<Self, Error> {
-        let manifest = &recording.manifest;
-        let unsuitable = |what: String| Error::Unsuitable {
-            id: manifest.id.clone(),
-            what,
-        };
-        let (motion, voltage, stated) = of_robot(recording).map_err(unsuitable)?;
         let mut notes = Vec::new();
-        let world = world_frame(motion, stated, &mut notes);
-        let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
-        let mut measured_m: Vec<Vec3> = seen.into_iter().map(|p| world(&p)).collect();
-        possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
-        let still = still_marker(motion, step_s, &mut measured_m, &mut notes);
-        let payload_g = |i: usize| manifest.payload.mass_g(start_s + step_s * i as f64);
-        let mut parts = Parts {
-            id: manifest.id.clone(),
-            step_s,
-            start_s,
-            payload_kg: (0..measured_m.len()).map(|i| payload_g(i) * 1e-3).collect(),
-            measured_m,
-            initial: initial(manifest, &mut notes),
-            monitor: monitor(recording, &mut notes).map_err(unsuitable)?,
-            voltage: command(voltage, &mut notes).map_err(unsuitable)?,
-            offset_s: match manifest.offset_s {
-                NumberOrEstimate::Number(stated) => Some(stated),
-                NumberOrEstimate::Estimate => None,
-            },
-        };
-        notes.extend(signs(&parts.voltage));
-        // a plan says what was found before; else events or a shared channel may tell
-        let found = match plan {
-            Some(plan) => planned(plan),
-            None => clocks(recording, &parts, &mut notes).map_err(unsuitable)?,
-        };
-        if let Some((_, clocks)) = &found {
-            parts.offset_s = Some(clocks.offset_s);
-            parts.voltage = clocks.without_skew(&parts.voltage);
-            parts.monitor = parts.monitor.as_ref().map(|m| clocks.without_skew(m));
-        }
+        let (parts, still, found) = parts(recording, plan, &mut notes)?;
         let mut dataset = Dataset::new(parts, plan)?;
         if !still.is_empty() {
             dataset.colour_from(&still);
@@ -100,8 +64,10 @@ impl Dataset {
                 1e3 * c.correlation_s
             ));
         }
-        dataset.pivot_m = [0, 1, 2]
-            .map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
+        if let Some(stated) = &recording.manifest.motion {
+            dataset.pivot_m = [0, 1, 2]
+                .map(|i| (stated.base_position_mm[i] - stated.end_effector_offset_mm[i]) * 1e-3);
+        }
         if let Some((sync, _)) = found {
             dataset.offset_source = OffsetSource::Measured;
             dataset.plan.sync = Some(sync);
@@ -109,6 +75,66 @@ impl Dataset {
         dataset.notes.splice(0..0, notes);
         Ok(dataset)
     }
+}
+
+impl Parts {
+    /// A recording of kind `robot` on one clock and in the world frame, in SI, with nothing smoothed: what
+    /// there is to see of it at once. An offset that is left to be estimated is `None`.
+    ///
+    /// # Errors
+    /// [`Error::Unsuitable`] for a recording of another kind, or with a number that cannot be.
+    pub fn from_recording(recording: &Recording) -> Result<Self, Error> {
+        Ok(parts(recording, None, &mut Vec::new())?.0)
+    }
+}
+
+/// What a dataset is made of, the base marker where it tells of the noise, and the clocks where events, a
+/// shared channel or a plan tell them.
+type Aligned<'m> = (Parts, Cow<'m, [Vec3]>, Option<(SyncPlan, Clocks)>);
+
+fn parts<'m>(
+    recording: &'m Recording,
+    plan: Option<&Plan>,
+    notes: &mut Vec<String>,
+) -> Result<Aligned<'m>, Error> {
+    let manifest = &recording.manifest;
+    let unsuitable = |what: String| Error::Unsuitable {
+        id: manifest.id.clone(),
+        what,
+    };
+    let (motion, voltage, stated) = of_robot(recording).map_err(unsuitable)?;
+    let world = world_frame(motion, stated, notes);
+    let (start_s, step_s, seen) = grid(motion, notes).map_err(unsuitable)?;
+    let mut measured_m: Vec<Vec3> = seen.into_iter().map(|p| world(&p)).collect();
+    possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
+    let still = still_marker(motion, step_s, &mut measured_m, notes);
+    let payload_g = |i: usize| manifest.payload.mass_g(start_s + step_s * i as f64);
+    let mut parts = Parts {
+        id: manifest.id.clone(),
+        step_s,
+        start_s,
+        payload_kg: (0..measured_m.len()).map(|i| payload_g(i) * 1e-3).collect(),
+        measured_m,
+        initial: initial(manifest, notes),
+        monitor: monitor(recording, notes).map_err(unsuitable)?,
+        voltage: command(voltage, notes).map_err(unsuitable)?,
+        offset_s: match manifest.offset_s {
+            NumberOrEstimate::Number(stated) => Some(stated),
+            NumberOrEstimate::Estimate => None,
+        },
+    };
+    notes.extend(signs(&parts.voltage));
+    // a plan says what was found before; else events or a shared channel may tell
+    let found = match plan {
+        Some(plan) => planned(plan),
+        None => clocks(recording, &parts, notes).map_err(unsuitable)?,
+    };
+    if let Some((_, clocks)) = &found {
+        parts.offset_s = Some(clocks.offset_s);
+        parts.voltage = clocks.without_skew(&parts.voltage);
+        parts.monitor = parts.monitor.as_ref().map(|m| clocks.without_skew(m));
+    }
+    Ok((parts, still, found))
 }
 
 /// Motion and voltage of a robot, and what the manifest says of the motion.

@@ -10,6 +10,7 @@ use crate::dataset::line::Line;
 use crate::dataset::{Dataset, HangingDataset, Plan, StretchPlan, stretches};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
+use crate::report::library;
 use crate::report::output::settle;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::plan_file::read_plan;
@@ -319,11 +320,15 @@ pub(crate) fn samples(
     Ok((datasets, samples))
 }
 
-/// Reads a parameter file.
+/// Reads a parameter file, or a parameter set that comes with the program (`library:NAME`).
 ///
 /// # Errors
-/// The file cannot be read, or holds numbers that cannot be.
+/// The file cannot be read, or holds numbers that cannot be; the library has no such set.
 pub fn parameters(path: &Path) -> Result<ParameterFile, Failure> {
+    if let Some(found) = library::text(path) {
+        let (path, text) = found?;
+        return parameters_of_text(&path, text);
+    }
     whole(path)?;
     sound(path, ParameterFile::read(path)?)
 }

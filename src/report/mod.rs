@@ -12,6 +12,7 @@ pub mod export;
 pub mod html;
 pub mod json;
 pub mod learnt_entry;
+pub mod library;
 pub mod mcap;
 pub mod output;
 pub mod parameter_file;

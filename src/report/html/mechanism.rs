@@ -7,6 +7,7 @@ use super::plot::{Canvas, Role, canvas, figure};
 use crate::diagnosis::{Diagnosis, Pose, Verdict};
 use crate::effects::{Acting, Part, plain_name};
 use crate::kinematics::{Chain, ChainPose, Vec3, dot};
+use crate::model::Robot;
 use crate::report::answer::{odds, sits_in};
 use crate::report::effect_entries::actuators;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -91,6 +92,20 @@ impl Points {
             Part::Clocks => return None,
         })
     }
+}
+
+/// The points of the three chains of a robot whose end effector is at `u_m` (m, world axes), in hundredths of
+/// a millimetre: of each its pivot, elbow and wrist, the three of its four-bar, and the four corners of its
+/// lozenge; `None` where the arms do not reach.
+pub fn skeleton(robot: &Robot, u_m: Vec3) -> Option<Vec<i32>> {
+    let poses = robot.mechanism.pose(u_m).ok()?;
+    let each = robot.mechanism.chains.iter().zip(&poses);
+    let points = each.zip(&robot.lozenges).flat_map(|((chain, pose), l)| {
+        let p = Points::new(chain, pose, l.side_m, u_m);
+        let arm = [p.pivot, p.elbow, p.wrist];
+        arm.into_iter().chain(p.bar).chain(p.lozenge)
+    });
+    Some(points.flatten().map(|v| (1e5 * v).round() as i32).collect())
 }
 
 /// What a part is called on a number of chains.

@@ -28,6 +28,7 @@ mod starts;
 mod summary;
 mod torque;
 mod validation;
+pub mod view;
 
 use crate::calibration::Outcome;
 use crate::report::answer::Answer;
@@ -39,6 +40,7 @@ pub use coupon::render_coupons;
 pub use diagnosis::render_diagnosis;
 pub use findings::{render_recording, with_findings};
 pub use line::render_lines;
+pub use mechanism::skeleton;
 pub use sample::render_samples;
 pub(super) use summary::capital;
 pub use validation::{render_validation, words as validation_words};

@@ -2,8 +2,8 @@
 // with `data-axes` says where its axes lie; values are read from the lines that are drawn.
 "use strict";
 (() => {
-  const svgs = [...document.querySelectorAll("svg[data-axes]")];
-  const plots = svgs.map((svg) => ({ svg, ...JSON.parse(svg.dataset.axes) }));
+  let plots = [];
+  let clips = 0;
   const box = (className) =>
     document.body.appendChild(Object.assign(document.createElement("div"), { className, hidden: true }));
   const [tip, band] = [box("tip"), box("drag")];
@@ -28,7 +28,7 @@
     return kind ? found : found.filter((e) => broad(e) === sign.contains("broad"));
   }
 
-  document.querySelectorAll("figure .key li").forEach((entry) => {
+  function hides(entry) {
     if (!shapes(entry).length) return;
     const toggle = () => {
       const off = entry.classList.toggle("off");
@@ -41,7 +41,7 @@
     entry.addEventListener("keydown", (e) => {
       if ([" ", "Enter"].includes(e.key)) (e.preventDefault(), toggle());
     });
-  });
+  }
 
   function ticks([low, high]) {
     const raw = (high - low) / 6;
@@ -82,7 +82,7 @@
   // Draws a plot between two values of x; all of it where there are none.
   function draw(plot, range) {
     const { svg, at: [left, right], panels } = plot;
-    if (!plot.moves) prepare(plot, plots.indexOf(plot));
+    if (!plot.moves) prepare(plot, (clips += 1));
     plot.range = range;
     const [from, to] = range || plot.x;
     const place = (v) => left + ((v - from) / (to - from)) * (right - left);
@@ -132,9 +132,14 @@
     return rows.length > 1 ? rows : [...rows, words(panel.title, upwards(panel, y))];
   }
 
-  plots.forEach((plot) => {
+  function looks(plot) {
     const { svg } = plot;
-    const linked = plots.filter((p) => p.title === plot.title && String(p.x) === String(plot.x));
+    const same = (p) => p.title === plot.title && String(p.x) === String(plot.x);
+    const all = (range) => {
+      plots.filter(same).forEach((p) => draw(p, range));
+      // pages that can draw it finer listen
+      svg.dispatchEvent(new CustomEvent("looked", { bubbles: true, detail: range }));
+    };
     const where = (e) => new DOMPoint(e.clientX, e.clientY).matrixTransform(svg.getScreenCTM().inverse());
     let begun = null;
     svg.addEventListener("pointerdown", (e) => (begun = e.button ? null : e));
@@ -155,11 +160,22 @@
       band.hidden = true;
       if (begun && e.type === "pointerup" && Math.abs(e.clientX - begun.clientX) > 8) {
         const range = [begun, e].map((p) => across(plot, where(p).x)).sort((a, b) => a - b);
-        if (range[1] > range[0]) linked.forEach((p) => draw(p, range));
+        if (range[1] > range[0]) all(range);
       }
       begun = null;
     };
     ["pointerup", "pointerleave", "pointercancel"].forEach((type) => svg.addEventListener(type, end));
-    svg.addEventListener("dblclick", () => linked.forEach((p) => draw(p, null)));
-  });
+    svg.addEventListener("dblclick", () => all(null));
+  }
+
+  // Drawings and legends below `root`, at the beginning and where they come later.
+  window.awake = (root) => {
+    const fresh = [...root.querySelectorAll("svg[data-axes]")];
+    plots = plots.filter((p) => p.svg.isConnected);
+    const begun = fresh.map((svg) => ({ svg, ...JSON.parse(svg.dataset.axes) }));
+    plots.push(...begun);
+    root.querySelectorAll("figure .key li").forEach(hides);
+    begun.forEach(looks);
+  };
+  window.awake(document);
 })();

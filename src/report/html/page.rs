@@ -4,8 +4,8 @@ use minijinja::{Environment, UndefinedBehavior, Value, context};
 
 use super::number;
 
-const STYLE: &str = include_str!("style.css");
-const SCRIPT: &str = include_str!("page.js");
+pub(super) const STYLE: &str = include_str!("style.css");
+pub(super) const SCRIPT: &str = include_str!("page.js");
 const PAGE: &str = include_str!("page.html");
 const TABLE: &str = include_str!("table.html");
 

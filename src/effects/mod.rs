@@ -86,6 +86,29 @@ pub const CATALOGUE: &[&dyn Effect] = &[
     &backlash::Backlash,
 ];
 
+/// Those that make sense at a hanging sample. What begins at a moment is looked for over all moments.
+pub const HANGING: &[&dyn Effect] = &[
+    &series_resistance::SeriesResistance,
+    &leakage::Leakage,
+    &amplifier_gain::AmplifierGain,
+    &amplifier_deadband::AmplifierDeadband,
+    &amplifier_saturation::AmplifierSaturation,
+    &slew_limit::SlewLimit,
+    &permittivity_stretch::PermittivityStretch,
+    &dielectric_relaxation::DielectricRelaxation,
+    &electrode_failure::ElectrodeFailure,
+    &electrode_stiffness::ElectrodeStiffness,
+    &mullins_softening::MullinsSoftening,
+    &slow_creep::SlowCreep,
+    &loss_of_tension::LossOfTension,
+    &temperature_drift::TemperatureDrift,
+    &payload_change::PayloadChange,
+    &time_offset::TimeOffset,
+    &clock_skew::ClockSkew,
+    &space_charge::SpaceCharge,
+    &nonlinear_flow::NonlinearFlow,
+];
+
 /// The cause with this id.
 pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.id() == id)

@@ -332,7 +332,10 @@ impl<'a> HangingResidual<'a> {
                 let own = &self.recordings[number].residual;
                 let acts = self.acts(number, eta, &effects);
                 let base = self.ran(number, &film, &acts, None, &[])?.run;
-                let acts = self.acts(number, eta, &with);
+                let acts = Acts {
+                    passes: PASSES_BESIDE,
+                    ..self.acts(number, eta, &with)
+                };
                 let moved = self.ran(number, &film, &acts, Some(&base), &[])?.run;
                 let (mut rows, before) = (own.rows_of(&moved.x_m), own.rows_of(&base.x_m));
                 rows.iter_mut().zip(&before).for_each(|(r, b)| *r -= b);

@@ -1408,7 +1408,7 @@ pub struct Acts<'a> {
 }
 
 /// Largest change of x over the noise of a frame at which a course stands still.
-const STANDS_STILL: f64 = 0.003;
+const STANDS_STILL: f64 = 0.01;
 
 /// What the motion of a sample asks for, frame by frame.
 #[derive(Debug, Clone)]

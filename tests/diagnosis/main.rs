@@ -7,3 +7,4 @@ mod cases;
 mod chain;
 mod line;
 mod motion;
+mod sample;

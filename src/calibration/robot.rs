@@ -256,9 +256,13 @@ pub(super) fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(
                 known: names.join(", "),
             })
     };
+    let unit = |p: &Parameter| match p.unit {
+        "1" => String::new(),
+        unit => format!(" {unit}"),
+    };
     let check = |p: &Parameter, value: f64| {
         if value.is_nan() || (p.transform != Transform::Linear && value <= 0.0) {
-            let what = format!("{value} {} is not possible: it must be above 0", p.unit);
+            let what = format!("{value}{} is not possible: it must be above 0", unit(p));
             return Err(Error::BadValue {
                 name: p.name.clone(),
                 what,
@@ -277,8 +281,8 @@ pub(super) fn apply(request: &Request, parameters: &mut [Parameter]) -> Result<(
         check(p, *high)?;
         if low >= high {
             let what = format!(
-                "bounds {low} .. {high} {} are empty: the lower one must be smaller",
-                p.unit
+                "bounds {low} .. {high}{} are empty: the lower one must be smaller",
+                unit(p)
             );
             return Err(Error::BadValue {
                 name: p.name.clone(),

@@ -367,6 +367,20 @@ fn out_of_reach(view: &View<'_>, glance: &Glance, found: &mut Findings) {
         .pose(at.map(|v| v * 1e-3))
         .err()
         .map_or(String::new(), |e| format!(" ({e})"));
+    let stated = view.recording.manifest.motion.as_ref();
+    if stated.is_some_and(|m| m.base_position_mm == [0.0; 3]) {
+        // another unit or a turn would fit many such paths
+        found.add(
+            "axes",
+            Grade::Wrong,
+            format!(
+                "the end effector is mostly where the mechanism cannot take it, about ({:.1}, {:.1}, {:.1}) mm, and base_position_mm is 0, 0, 0",
+                at[0], at[1], at[2]
+            ),
+            "state base_position_mm, where the base marker sits in the robot's axes, and end_effector_offset_mm under [motion]; where it does sit at their origin, look at rotation_deg, the unit of the positions, and the rig's lengths",
+        );
+        return;
+    }
     match ways.first().filter(|w| w.left < 0.3) {
         Some(best) => found.add(
             best.check,

@@ -390,6 +390,17 @@ fn manifest(recording: &Path) -> Result<(PathBuf, Manifest), Failure> {
     Ok((path, manifest))
 }
 
+/// Where a file stops being a plan, in one line.
+fn not_a_plan(path: &Path, text: &str, error: &toml::de::Error) -> String {
+    let before = error.span().and_then(|s| text.get(..s.start)).unwrap_or("");
+    let line = before.matches('\n').count() + 1;
+    let why = error.message().replace('\n', ", ");
+    format!(
+        "{}, line {line}: {why}; correct the plan, or name a folder of recordings",
+        path.display()
+    )
+}
+
 /// The sets of a plan or a folder, by name.
 fn sets(a: &Arguments) -> Result<Vec<Set>, Failure> {
     let (dir, plan) = match a.plan.is_dir() {
@@ -397,7 +408,7 @@ fn sets(a: &Arguments) -> Result<Vec<Set>, Failure> {
         false => {
             let text = std::fs::read_to_string(&a.plan)
                 .map_err(|e| format!("{}: {e}: name a PLAN.toml or a folder", a.plan.display()))?;
-            let plan = toml::from_str(&text).map_err(|e| format!("{}: {e}", a.plan.display()))?;
+            let plan = toml::from_str(&text).map_err(|e| not_a_plan(&a.plan, &text, &e))?;
             (a.plan.parent().unwrap_or(Path::new("")), plan)
         }
     };

@@ -305,9 +305,9 @@ fn headline(json: &ImportRecording) -> String {
             let whole = match missing {
                 0 => "no frame missing".to_owned(),
                 n => format!(
-                    "{n} of {} frames missing in {} gaps",
+                    "{n} of {} frames missing in {}",
                     a.frames,
-                    a.gaps.len()
+                    survey::count(a.gaps.len(), "gap")
                 ),
             };
             let rate = a.rate_hz.unwrap_or(f64::NAN);

@@ -88,6 +88,10 @@ pub fn of_one_kind(all: &[Recording], kinds: &[Kind]) -> Result<(), Failure> {
     }
     for (i, r) in all.iter().enumerate() {
         if let Some(earlier) = all[..i].iter().find(|e| e.manifest.id == r.manifest.id) {
+            if earlier.path == r.path {
+                let path = r.path.display();
+                return Err(format!("{path} is named twice: name each recording once").into());
+            }
             return Err(format!(
                 "{} and {} have the same id `{}`: give each recording its own",
                 earlier.path.display(),

@@ -674,14 +674,17 @@ fn sync(t: &Keys<'_>, chains: usize, manifest: &mut Manifest) -> Result<(), Erro
     Ok(())
 }
 
+/// Bytes that each part of an id may have: file systems take 255, with the endings that results add.
+const LONGEST_ID: usize = 200;
+
 /// Whether a text can be the id of a recording. It becomes a path below the output folder: relative, without
-/// `..`, and without anything that steers a terminal.
+/// `..`, no part too long for a file's name, and without anything that steers a terminal.
 #[must_use]
 pub fn is_id(id: &str) -> bool {
     let plain = !id.contains(|c: char| c == '\\' || c.is_control()) && !id.ends_with('/');
     let inside = Path::new(id)
         .components()
-        .all(|c| matches!(c, Component::Normal(_)));
+        .all(|c| matches!(c, Component::Normal(name) if name.len() <= LONGEST_ID));
     !id.trim().is_empty() && plain && inside
 }
 
@@ -692,7 +695,9 @@ fn id(t: &Keys<'_>) -> Result<String, Error> {
         return Err(t
             .bad("id", format!("found {}", quote(&id)))
             .expected("a name that can be a file's, such as \"sym-01\" or \"ageing/day-03\"")
-            .action("the id names the output files"));
+            .action(format!(
+                "the id names the output files; each of its parts may have {LONGEST_ID} bytes"
+            )));
     }
     Ok(id)
 }

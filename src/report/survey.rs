@@ -60,7 +60,9 @@ pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
     out
 }
 
-fn count(n: usize, what: &str) -> String {
+/// `1 gap`, `2 gaps`.
+#[must_use]
+pub fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 

@@ -224,6 +224,30 @@ fn what_is_not_there_is_named() {
 }
 
 #[test]
+fn what_is_mistaken_is_refused_with_its_place_and_remedy() {
+    let bench = Bench::new("single-1");
+    let text = bench.refused(&["fit", "film", "rec", "rec", "-o", "out"]);
+    assert_says(&text, &["rec/recording.toml is named twice"]);
+    let text = bench.refused(&["diagnose", "rec", "--holdout", "rec", "-o", "out"]);
+    assert_says(&text, &["rec/recording.toml is named twice"]);
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out", "--fix", "J=nan"]);
+    assert_says(&text, &["`J`: NaN is not possible"]);
+    let text = bench.refused(&["fit", "film", "rec", "-o", "out", "--bound", "J=90..40"]);
+    assert_says(&text, &["`J`: bounds 90 .. 40 are empty"]);
+    fs::write(bench.path("plan.toml"), "fit = \"film\"\n[[set]\n").unwrap();
+    let text = bench.refused(&["batch", "plan.toml", "-o", "out"]);
+    assert_says(&text, &["plan.toml, line 2", "correct the plan"]);
+    bench.edit("rec/recording.toml", |t| {
+        t.replace("\"single-1\"", &format!("\"{}\"", "x".repeat(300)))
+    });
+    let text = bench.refused(&["import", "rec", "-o", "out"]);
+    assert_says(
+        &text,
+        &["recording.toml, line 2", "[recording] id", "200 bytes"],
+    );
+}
+
+#[test]
 fn wrong_usage_exits_with_2() {
     let bench = Bench::new("single-1");
     let code = |arguments: &[&str]| bench.run(arguments).status.code();
@@ -419,6 +443,18 @@ fn import_writes_a_manifest_to_start_from() {
     );
     // what moves and what rests is told from the motion; with a rig it is a recording
     fs::copy(bench.path("rig.toml"), bench.path("new/rig.toml")).unwrap();
+    // what is still to be filled in is asked for first, not another unit that would fit as well
+    let said = bench.run(&["import", "new", "-o", "whole"]).stdout;
+    let said = String::from_utf8_lossy(&said);
+    assert_says(
+        &said,
+        &[
+            "! wrong",
+            "base_position_mm is 0, 0, 0",
+            "missing in 2 gaps",
+        ],
+    );
+    assert!(!said.contains("unit = "), "{said}");
     let recording = deacal::recording::Recording::open(&bench.path("new")).unwrap();
     let original = deacal::recording::Recording::open(&bench.path("rec")).unwrap();
     let labels = |r: &deacal::recording::Recording| {

@@ -9,8 +9,8 @@
 //! not positive. A row with a stretch but no stress still carries the history.
 //!
 //! A viscoelastic strip that is brought back is longer than before and hangs slack: it carries nothing, and
-//! what the grips do is not what the film does. Such rows are masked, and the film's own stretch, which is not
-//! measured there, goes straight in time from where it went slack to where it pulls again.
+//! what the grips do is not what the film does. Such rows are masked, and the film's own stretch, which is
+//! not measured there, goes straight in time from where it went slack to where it pulls again.
 //!
 //! # The grid
 //! The film forgets on a logarithmic clock, so that the steps that a history needs grow with the time since
@@ -526,8 +526,8 @@ fn note_start(stress: &[f64], first_stretch: f64, notes: &mut Vec<String>) {
 /// Fewest rows of a slack strip, and the share of them in which it carries nothing.
 const SLACK_ROWS: usize = 8;
 const SLACK_SHARE: f64 = 0.95;
-/// Up to so many standard deviations of the noise, or this share of the largest stress, by which the zero of a
-/// load cell may be off, a film carries nothing.
+/// Up to so many standard deviations of the noise, or this share of the largest stress, by which the zero of
+/// a load cell may be off, a film carries nothing.
 const NOTHING: f64 = 3.0;
 const ZERO_SHARE: f64 = 0.01;
 
@@ -573,9 +573,9 @@ fn slack(
     out
 }
 
-/// Takes the rows in which a strip is slack (or buckled) out of those that count, and gives the film the stretch
-/// of its own there: it shortens without stress, from where it went slack to where it pulls again, in between
-/// as straight as can be; at least what the grips ask for. That is said.
+/// Takes the rows in which a strip is slack (or buckled) out of those that count, and gives the film a
+/// stretch of its own there: it shortens without stress, straight in time from where it went slack to where
+/// it pulls again, and is never shorter than the grips ask for. That is said.
 fn leave_slack(
     runs: &[(usize, usize)],
     counted: &[usize],
@@ -856,8 +856,8 @@ mod tests {
         assert!((c.noise_pa - 100.0).abs() < 5.0, "{}", c.noise_pa);
     }
 
-    /// A strip (a spring and a Maxwell branch) that is pulled and brought back, its own stretch and its stress;
-    /// one that hangs slack shortens without stress.
+    /// A strip (a spring and a Maxwell branch) that is pulled and brought back, its own stretch and its
+    /// stress; one that hangs slack shortens without stress.
     fn pulled_and_back(hangs: bool) -> [Vec<f64>; 4] {
         let time: Vec<f64> = (0..3000).map(|i| i as f64 * 0.01).collect();
         let grips: Vec<f64> = time

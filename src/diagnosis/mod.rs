@@ -1,7 +1,7 @@
 //! Doubts: is the plain model adequate; if not, where it fails, which physics was left out, and how much
 //! better the model is with it. `chain` has the steps of a robot in order, `single` those of a single
-//! coordinate (axis, hinge bench, film coupon). For a robot, and for hanging samples, which have neither forearm
-//! nor parts:
+//! coordinate (axis, hinge bench, film coupon). For a robot, and for hanging samples, which have neither
+//! forearm nor parts:
 //!
 //! 1. The plain model is fitted with all of its own parameters free, weighted by what the noise of the
 //!    capture makes of the residual (`fits`).

@@ -70,8 +70,9 @@ pub struct Diagnosed {
     pub files: Files,
 }
 
-/// Diagnoses recordings of a robot, hanging samples, a bench, an axis or coupons: the first ones that `given` names are
-/// fitted, the others (or the last of many) are held out. What is wrong with the recordings comes first.
+/// Diagnoses recordings of a robot, hanging samples, a bench, an axis or coupons: the first ones that `given`
+/// names are fitted, the others (or the last of many) are held out. What is wrong with the recordings comes
+/// first.
 /// `plans` are choices of an earlier run to make again.
 ///
 /// # Errors

@@ -131,7 +131,8 @@ mod tests {
     #[test]
     fn a_gap_that_was_filled_ends_in_a_leap() {
         let mut moved: Vec<f64> = (0..400).map(|i| (0.05 * f64::from(i)).sin()).collect();
-        moved[100..140].fill(moved[99]);
+        let held = moved[99];
+        moved[100..140].fill(held);
         let steps: Vec<f64> = moved.windows(2).map(|w| w[1] - w[0]).collect();
         assert!(leaps(&steps[139..]));
         assert!(!leaps(&steps[90..]));

@@ -671,7 +671,7 @@ fn blind(case: &Path, progress: &Progress) -> Result<Diagnosis, Failure> {
         .first()
         .is_some_and(|r| r.manifest.kind != Kind::Robot)
     {
-        return Ok(diagnose::judge_others(&recordings, train.len(), &request, progress)?.0);
+        return Ok(diagnose::judge_lines(&recordings, train.len(), &request, progress)?.0);
     }
     let robot = load::robot(load::rig(&recordings)?, None)?;
     let datasets = load::datasets(&recordings, None, progress)?;

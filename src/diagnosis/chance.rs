@@ -352,7 +352,7 @@ pub(super) fn chance<S: Subject>(
             .iter()
             .filter(|q| q.size)
             .all(|q| q.lower == q.off || q.off.is_infinite());
-        for &on in g.sets {
+        for &on in g.effect.reach().sets() {
             let own = g.columns_on(on);
             let first = columns.len();
             columns.extend(own.iter().map(|f| blocks.column(tangent, f, 0)));

@@ -6,7 +6,7 @@ use super::POLISH;
 use super::blocks::{Blocks, Foretold, Forms, odds};
 use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::Group;
-use super::subject::{Subject, places};
+use super::subject::Subject;
 use crate::film::Locked;
 
 /// Share of the residuals that count as independent.
@@ -32,8 +32,6 @@ pub(super) struct Judged {
     pub holdout: f64,
     /// What it foretells of stretches that its fit left out.
     pub foretold: Foretold,
-    /// Forms and places among which it was chosen.
-    pub choices: f64,
 }
 
 impl Judged {
@@ -73,9 +71,8 @@ impl Judged {
         let free = informed(problem, &fitted) + steps(&fitted) as f64;
         let score = share * n * mean_square.max(NOISE).ln()
             + free * (share * n).max(1.0).ln()
-            + 2.0 * choices::<S>(&fitted).ln();
+            + 2.0 * choices(&fitted).ln();
         Judged {
-            choices: choices::<S>(&fitted),
             fitted,
             score,
             mean_square,
@@ -93,12 +90,13 @@ impl Judged {
     /// Logarithm of the prior odds against no cause, where each cause has those of `each`: the moment of a
     /// change, forms and places are as many chances to be wrong.
     pub fn prior(&self, each: f64) -> f64 {
-        prior(&self.fitted, self.choices, self.foretold.rows(), each)
+        Judged::prior_of(&self.fitted, self.foretold.rows(), each)
     }
 
     /// The same of a fit on so many rows.
-    pub fn prior_of<S: Subject>(fitted: &Fitted, rows: f64, each: f64) -> f64 {
-        prior(fitted, choices::<S>(fitted), rows, each)
+    pub fn prior_of(fitted: &Fitted, rows: f64, each: f64) -> f64 {
+        let free = 0.5 * steps(fitted) as f64 * rows.max(1.0).ln();
+        fitted.effects.len() as f64 * each - choices(fitted).ln() - free
     }
 
     /// Mean square beyond noise.
@@ -174,17 +172,11 @@ pub(super) fn beside_smoothing<S: Subject>(
 }
 
 /// Forms and places among which a fit was chosen, all as likely as each other beforehand.
-fn choices<S: Subject>(fitted: &Fitted) -> f64 {
+fn choices(fitted: &Fitted) -> f64 {
     let of = |a: &crate::effects::Acting| {
-        a.effect.variants().len().max(1) as f64 * places::<S>(a.effect).len() as f64
+        a.effect.variants().len().max(1) as f64 * a.effect.reach().sets().len() as f64
     };
     fitted.effects.iter().map(of).product()
-}
-
-/// Logarithm of the prior odds of a fit's causes on so many rows, each with those of `each`.
-fn prior(fitted: &Fitted, choices: f64, rows: f64, each: f64) -> f64 {
-    let free = 0.5 * steps(fitted) as f64 * rows.max(1.0).ln();
-    fitted.effects.len() as f64 * each - choices.ln() - free
 }
 
 /// Moments of change, which count as parameters though they are found by a search.

@@ -1,7 +1,6 @@
 //! Doubts: is the plain model adequate; if not, where it fails, which physics was left out, and how much
 //! better the model is with it. `chain` has the steps of a robot in order, `single` those of a single
-//! coordinate (axis, hinge bench, film coupon). For a robot, and for hanging samples, which have neither
-//! forearm nor parts:
+//! coordinate (axis, hinge bench, film coupon). For a robot:
 //!
 //! 1. The plain model is fitted with all of its own parameters free, weighted by what the noise of the
 //!    capture makes of the residual (`fits`).
@@ -41,7 +40,6 @@ mod problem;
 mod rewhiten;
 mod rivals;
 mod robot;
-mod sample;
 mod scan;
 mod single;
 mod sizes;
@@ -56,7 +54,6 @@ pub use likeness::{Likeness, alike_at};
 pub use line::{COUPON_BRANCHES, LineEntry, diagnose_lines};
 pub use outcome::*;
 pub use robot::diagnose;
-pub use sample::{SampleEntry, diagnose_samples};
 pub use words::in_unit;
 
 use problem::Effort;

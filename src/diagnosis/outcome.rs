@@ -482,8 +482,6 @@ pub struct Evidence {
 pub enum RigKind {
     /// The delta robot: film and forearms.
     Robot,
-    /// A hanging sample: a film.
-    Sample,
     /// A film coupon: a film.
     Coupon,
     /// A hinge bench: a torque curve.

@@ -172,7 +172,7 @@ impl Causes<'_> {
         let expected = own.effects.iter().any(|a| tolerance::holds(&list, a));
         // work that linear theory, by the noise that the plain misfit looks like, says is in vain
         let causes = own.cost() / noise + own.free.len() as f64 * (INDEPENDENT * rows).ln()
-            - 2.0 * Judged::prior_of::<S>(own, rows, self.each);
+            - 2.0 * Judged::prior_of(own, rows, self.each);
         let explained = (self.plain.fitted.cost() / noise - causes).max(0.0);
         // A name that holds as drawn gives way to parts alone, which then leave nothing to name; one that
         // does not, and the second of two names, to parts beside a cause too. One that leaves a little more
@@ -254,7 +254,7 @@ impl<S: Subject> Search<'_, S> {
     /// A model as it is held against the others, at the parts that the problem has.
     fn entry(&self, problem: &Problem<S>, parts: Option<Built>, fitted: Fitted) -> Tried {
         let rows = fitted.state.rows as f64;
-        let prior = Judged::prior_of::<S>(&fitted, rows, self.causes.each);
+        let prior = Judged::prior_of(&fitted, rows, self.causes.each);
         let free = usize::from(parts.is_none() && !self.expected);
         Tried {
             prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior,

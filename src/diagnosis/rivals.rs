@@ -120,7 +120,7 @@ fn sparse<S: Subject>(
 fn columns(groups: &[Group]) -> Vec<(Acting, DVector<f64>)> {
     let mut out = Vec::new();
     for g in groups {
-        for &on in g.sets {
+        for &on in g.effect.reach().sets() {
             for (values, column) in g.values.iter().zip(g.columns_on(on)) {
                 let values = values.clone();
                 let acting = Acting {

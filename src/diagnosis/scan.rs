@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::problem::{Fitted, Problem, Tangent};
-use super::subject::{Subject, places};
-use crate::effects::{Acting, Effect, Site};
+use super::subject::Subject;
+use crate::effects::{Acting, Effect, Reach, Site};
 use crate::film::Locked;
 
 /// A hypothesis that was scanned: an effect with values near those that the data ask for.
@@ -27,8 +27,6 @@ pub(super) struct Scanned {
 pub(super) struct Group {
     pub effect: &'static dyn Effect,
     pub values: Vec<Vec<f64>>,
-    /// The sets of actuators that it may sit in.
-    pub sets: &'static [[bool; 3]],
     /// Column: value vector, actuator.
     columns: Vec<[DVector<f64>; 3]>,
 }
@@ -46,7 +44,7 @@ impl Group {
         self.columns
             .iter()
             .map(|by_actuator| {
-                if self.sets.len() == 1 {
+                if self.effect.reach() == Reach::All {
                     return by_actuator[0].clone();
                 }
                 let mut sum = DVector::zeros(by_actuator[0].len());
@@ -68,7 +66,6 @@ pub(super) fn fingerprints<S: Subject>(
     let residual = problem.residual(fitted);
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
     let starts = problem.train.starts();
-    let alone = |effect: &dyn Effect| places::<S>(effect).len() == 1;
     starts
         .into_par_iter()
         .filter(|(e, _)| wanted(e.id()))
@@ -85,7 +82,7 @@ pub(super) fn fingerprints<S: Subject>(
                         residual.fingerprint(eta, beta, &acting)
                     };
                     let on = |k: usize| [0, 1, 2].map(|j| j == k);
-                    Ok(if alone(effect) {
+                    Ok(if effect.reach() == Reach::All {
                         let whole = single([true; 3])?;
                         let none = DVector::zeros(0);
                         [DVector::from_vec(whole), none.clone(), none]
@@ -106,7 +103,6 @@ pub(super) fn fingerprints<S: Subject>(
             Some(Group {
                 effect,
                 values,
-                sets: places::<S>(effect),
                 columns,
             })
         })
@@ -136,7 +132,8 @@ pub(super) fn scan<S: Subject>(
 }
 
 fn hypotheses(group: &Group, tangent: &Tangent) -> Vec<Scanned> {
-    (group.sets.iter())
+    let sets = group.effect.reach().sets();
+    sets.iter()
         .filter_map(|&on| {
             let columns = group.columns_on(on);
             solve(
@@ -290,11 +287,11 @@ pub(super) fn units<S: Subject>(
     let mut out = Vec::new();
     let whole =
         residual.fingerprint_by_actuator(eta, beta, failure, &[0.01, always[0], always[1]])?;
-    for (&on, column) in places::<S>(failure).iter().zip(whole) {
+    for (k, column) in whole.into_iter().enumerate() {
         let acting = Acting {
             effect: failure,
             values: vec![0.0, 0.0, 0.0],
-            on,
+            on: [0, 1, 2].map(|j| j == k),
         };
         out.push(Unit {
             acting,

@@ -9,7 +9,7 @@ use super::RigKind;
 use super::learn::{Group, Made};
 use super::tolerance::Tolerance;
 use crate::effects::learnt::Learnt;
-use crate::effects::{Acting, Effect, Reach, When};
+use crate::effects::{Acting, Effect, When};
 use crate::film::Locked;
 use crate::model::Parameters;
 use crate::residual::{Departure, DepartureTorques, ExpectedScore, SeparableResidual};
@@ -74,14 +74,6 @@ pub(super) struct Words {
     pub rich: &'static str,
     /// What to record where nothing explains what is left.
     pub repeat: &'static str,
-}
-
-/// The sets of actuators that a cause may sit in: of a rig that has one, that one.
-pub(super) fn places<S: Subject>(effect: &dyn Effect) -> &'static [[bool; 3]] {
-    match S::CHAINS {
-        1 => Reach::All.sets(),
-        _ => effect.reach().sets(),
-    }
 }
 
 /// Recordings of one rig under its plain model, which effects can join.

@@ -1,10 +1,13 @@
-//! The electrode is an elastic layer, stress-free in the state in which it was painted (in a robot lambda_1 =
-//! 1.5, lambda_2 = 1.5^-1/2; a hanging sample is painted unstretched): sigma_i = mu (A_i - C),  A_i =
-//! (lambda_i/lambda_i0)^2,  C = 1/(A_1 A_2); torque V sum sigma_i d ln lambda_i/d theta.
+//! The electrode is an elastic layer, stress-free in the state in which it was painted (lambda_1 = 1.5,
+//! lambda_2 = 1.5^-1/2): sigma_i = mu (A_i - C),  A_i = (lambda_i/lambda_i0)^2,  C = 1/(A_1 A_2); torque V
+//! sum sigma_i d ln lambda_i/d theta.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, pull, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ElectrodeStiffness;
+
+/// Stretches in which electrodes are painted in the robot.
+const PAINTED: [f64; 2] = [1.5, 0.816_496_580_927_726];
 
 impl Effect for ElectrodeStiffness {
     fn id(&self) -> &'static str {
@@ -43,21 +46,15 @@ impl Effect for ElectrodeStiffness {
     fn brought_out_by(&self) -> &'static str {
         "a second known payload, and the same film before and after the electrodes have dried"
     }
-    fn in_electrode(&self) -> bool {
-        true
-    }
-    fn carries(&self, _: &[f64], along: &Along, stress: &mut [[f64; 2]]) {
-        let painted = along.painted;
-        for (i, s) in stress.iter_mut().enumerate() {
-            let l = along.stretches(i);
-            let (a, b) = ((l[0] / painted[0]).powi(2), (l[1] / painted[1]).powi(2));
-            let c = 1.0 / (a * b);
-            *s = [s[0] + a - c, s[1] + b - c];
-        }
-    }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
-        let mut stress = vec![[0.0; 2]; torque_n_m.len()];
-        self.carries(v, along, &mut stress);
-        pull(v[0], along, &stress, torque_n_m);
+        let volume = along.lozenge.volume_m3();
+        for (i, t) in torque_n_m.iter_mut().enumerate() {
+            let theta = along.theta_dea_rad[i];
+            let l = along.lozenge.stretches(theta);
+            let slope = along.lozenge.log_stretch_slopes(theta);
+            let (a, b) = ((l[0] / PAINTED[0]).powi(2), (l[1] / PAINTED[1]).powi(2));
+            let c = 1.0 / (a * b);
+            *t -= v[0] * volume * ((a - c) * slope[0] + (b - c) * slope[1]);
+        }
     }
 }

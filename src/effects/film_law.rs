@@ -139,8 +139,6 @@ mod tests {
             bicep_m: 0.05,
             theta_dea_rad: &angles,
             area_stretch: &[],
-            stretch: &[],
-            painted: super::super::PAINTED,
             theta_b: &[],
             bicep_lever: &[],
             force_lever: &[],

@@ -1481,8 +1481,6 @@ mod tests {
             bicep_m: 0.05,
             theta_dea_rad: &[1.9, 2.0, 1.8, 9.0],
             area_stretch: &[1.3, 1.2, 1.4, 9.0],
-            stretch: &[],
-            painted: super::super::PAINTED,
             theta_b: &[
                 [0.1, 1.0, 0.0],
                 [0.2, -2.0, 0.0],

@@ -86,29 +86,6 @@ pub const CATALOGUE: &[&dyn Effect] = &[
     &backlash::Backlash,
 ];
 
-/// Those that make sense at a hanging sample. What begins at a moment is looked for over all moments.
-pub const HANGING: &[&dyn Effect] = &[
-    &series_resistance::SeriesResistance,
-    &leakage::Leakage,
-    &amplifier_gain::AmplifierGain,
-    &amplifier_deadband::AmplifierDeadband,
-    &amplifier_saturation::AmplifierSaturation,
-    &slew_limit::SlewLimit,
-    &permittivity_stretch::PermittivityStretch,
-    &dielectric_relaxation::DielectricRelaxation,
-    &electrode_failure::ElectrodeFailure,
-    &electrode_stiffness::ElectrodeStiffness,
-    &mullins_softening::MullinsSoftening,
-    &slow_creep::SlowCreep,
-    &loss_of_tension::LossOfTension,
-    &temperature_drift::TemperatureDrift,
-    &payload_change::PayloadChange,
-    &time_offset::TimeOffset,
-    &clock_skew::ClockSkew,
-    &space_charge::SpaceCharge,
-    &nonlinear_flow::NonlinearFlow,
-];
-
 /// The cause with this id.
 pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.id() == id)
@@ -306,10 +283,6 @@ pub struct Along<'a> {
     pub theta_dea_rad: &'a [f64],
     /// lambda_1 lambda_2.
     pub area_stretch: &'a [f64],
-    /// lambda_1, lambda_2 of a film that is in no lozenge: a hanging sample; else empty.
-    pub stretch: &'a [[f64; 2]],
-    /// lambda_1, lambda_2 in which the electrode was painted.
-    pub painted: [f64; 2],
     /// theta_b, rad; its first and second time derivative, rad/s and rad/s^2.
     pub theta_b: &'a [[f64; 3]],
     /// d theta_DEA/d theta_b: a torque on the bicep divided by it is the torque on the lozenge that does the
@@ -330,15 +303,7 @@ pub struct Along<'a> {
 impl Along<'_> {
     /// Number of samples.
     pub fn samples(&self) -> usize {
-        self.theta_dea_rad.len().max(self.stretch.len())
-    }
-
-    /// lambda_1, lambda_2 at a sample.
-    pub fn stretches(&self, i: usize) -> [f64; 2] {
-        match self.stretch {
-            [] => self.lozenge.stretches(self.theta_dea_rad[i]),
-            own => own[i],
-        }
+        self.theta_dea_rad.len()
     }
 
     /// Capacitance of the films at a sample, F: [`Lozenge::capacitance_f`].
@@ -504,15 +469,6 @@ pub trait Effect: Sync + Send {
     }
     /// Takes back what [`Effect::line`] makes of the input of a single coordinate.
     fn undo(&self, _v: &[f64], _undone: &mut line::Undone) {}
-    /// Adds the stresses sigma_1, sigma_2 that it makes the film carry, over its first value, a modulus or a
-    /// viscosity; nothing where it acts otherwise.
-    fn carries(&self, _v: &[f64], _along: &Along, _stress: &mut [[f64; 2]]) {}
-    /// Whether what it [carries](Effect::carries) sits in the electrode, of a film that it covers in part.
-    fn in_electrode(&self) -> bool {
-        false
-    }
-    /// Adds the mass that hangs on the film, or sits on the end effector, beside the stated one, kg.
-    fn load(&self, _v: &[f64], _along: &Along, _mass_kg: &mut [f64]) {}
     /// Adds the torque that acts on theta_DEA, N m, positive where it opens the lozenge.
     fn torque(&self, _v: &[f64], _along: &Along, _torque_n_m: &mut [f64]) {}
     /// Whether [`Effect::slack`] does something.
@@ -567,18 +523,6 @@ impl Acting {
         self.effect.id() == other.effect.id()
             && self.effect.learnt() == other.effect.learnt()
             && self.on == other.on
-    }
-}
-
-/// lambda_1, lambda_2 in which the electrodes of a robot are painted.
-pub const PAINTED: [f64; 2] = [1.5, 0.816_496_580_927_726];
-
-/// Takes the torque of stresses over `modulus_pa` from that on the lozenge.
-fn pull(modulus_pa: f64, along: &Along, stress: &[[f64; 2]], torque_n_m: &mut [f64]) {
-    let volume = along.lozenge.volume_m3();
-    for ((t, s), &theta) in torque_n_m.iter_mut().zip(stress).zip(along.theta_dea_rad) {
-        let slope = along.lozenge.log_stretch_slopes(theta);
-        *t -= modulus_pa * volume * (s[0] * slope[0] + s[1] * slope[1]);
     }
 }
 

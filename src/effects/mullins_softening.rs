@@ -59,7 +59,10 @@ impl Effect for MullinsSoftening {
         }
         let mut largest = f64::NEG_INFINITY;
         for (i, f) in factor.iter_mut().enumerate() {
-            let [a, b] = along.stretches(i).map(|l| l * l);
+            let [a, b] = along
+                .lozenge
+                .stretches(along.theta_dea_rad[i])
+                .map(|l| l * l);
             let d = 1.0 - (a + b + 1.0 / (a * b) - 3.0) / film.locking;
             let w = -0.5 * film.mu_pa[0] * film.locking * d.max(1e-9).ln();
             largest = largest.max(w);

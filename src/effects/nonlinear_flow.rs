@@ -3,7 +3,7 @@
 //! time at S_0. Relaxed at the first sample.
 
 use super::slow_creep::creep;
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, pull, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct NonlinearFlow;
 
@@ -65,18 +65,15 @@ impl Effect for NonlinearFlow {
         "sines of one rate at two amplitudes, and holds after small and large steps"
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
-        let mut stress = vec![[0.0; 2]; torque_n_m.len()];
-        self.carries(v, along, &mut stress);
-        pull(v[0], along, &stress, torque_n_m);
-    }
-    fn carries(&self, v: &[f64], along: &Along, stress: &mut [[f64; 2]]) {
         if v[0] == 0.0 || along.samples() == 0 {
             return;
         }
-        let mut x = along.stretches(0).map(f64::ln);
-        let mut before = along.stretches(0).map(|l| l * l);
-        for (i, carried) in stress.iter_mut().enumerate() {
-            let l = along.stretches(i).map(|l| l * l);
+        let volume = along.lozenge.volume_m3();
+        let stretches = |i: usize| along.lozenge.stretches(along.theta_dea_rad[i]);
+        let mut x = stretches(0).map(f64::ln);
+        let mut before = stretches(0).map(|l| l * l);
+        for (i, t) in torque_n_m.iter_mut().enumerate() {
+            let l = stretches(i).map(|l| l * l);
             let mut left_s = if i == 0 { 0.0 } else { along.step_s };
             while left_s > 0.0 {
                 let at = |left: f64| {
@@ -92,7 +89,8 @@ impl Effect for NonlinearFlow {
             }
             before = l;
             let (_, s, _) = flow(v, l, x);
-            *carried = [carried[0] + s[0], carried[1] + s[1]];
+            let slope = along.lozenge.log_stretch_slopes(along.theta_dea_rad[i]);
+            *t -= v[0] * volume * (s[0] * slope[0] + s[1] * slope[1]);
         }
     }
 }

@@ -47,13 +47,6 @@ impl Effect for PayloadChange {
     fn brought_out_by(&self) -> &'static str {
         "a scale, and a repeat of the first recording"
     }
-    fn load(&self, v: &[f64], along: &Along, mass_kg: &mut [f64]) {
-        for (i, m) in mass_kg.iter_mut().enumerate() {
-            if along.after(i, v[2], v[1]) {
-                *m += v[0];
-            }
-        }
-    }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         for (i, t) in torque_n_m.iter_mut().enumerate() {
             if along.after(i, v[2], v[1]) {

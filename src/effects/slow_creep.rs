@@ -2,7 +2,7 @@
 //! assembly, `since_assembly` before the first recording; between recordings the film rests in the pose of
 //! the next first sample.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, pull, shape, size};
+use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct SlowCreep;
 
@@ -68,15 +68,16 @@ impl Effect for SlowCreep {
         "the first recording repeated at the end, and a rest of twenty minutes"
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
-        let mut stress = vec![[0.0; 2]; torque_n_m.len()];
-        self.carries(v, along, &mut stress);
-        pull(v[0], along, &stress, torque_n_m);
-    }
-    fn carries(&self, v: &[f64], along: &Along, stress: &mut [[f64; 2]]) {
         if v[0] == 0.0 {
             return;
         }
-        let squared = |i: usize| along.stretches(i).map(|l| l * l);
+        let volume = along.lozenge.volume_m3();
+        let squared = |i: usize| {
+            along
+                .lozenge
+                .stretches(along.theta_dea_rad[i])
+                .map(|l| l * l)
+        };
         let advance = |l: [f64; 2], x: &mut [f64; 2], h: f64| {
             let rate = creep(v[1], l, *x).0;
             x[0] += h * rate[0];
@@ -88,10 +89,11 @@ impl Effect for SlowCreep {
         for _ in 0..steps as usize {
             advance(squared(0), &mut x, rest_s / steps);
         }
-        for (i, carried) in stress.iter_mut().enumerate() {
+        for (i, t) in torque_n_m.iter_mut().enumerate() {
             let l = squared(i);
             let s = creep(v[1], l, x).1;
-            *carried = [carried[0] + s[0], carried[1] + s[1]];
+            let slope = along.lozenge.log_stretch_slopes(along.theta_dea_rad[i]);
+            *t -= v[0] * volume * (s[0] * slope[0] + s[1] * slope[1]);
             advance(l, &mut x, along.step_s);
         }
     }

@@ -8,8 +8,8 @@ use super::{Failure, Files, Progress};
 use crate::checks::{Finding, Grade};
 use crate::dataset::{Dataset, Plan};
 use crate::diagnosis::{
-    Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, SampleEntry,
-    diagnose_lines, diagnose_samples, in_unit, next_drive,
+    Diagnosis, Entry, Error, LineEntry, NEXT_DRIVE_STEP_S, Request, RigKind, diagnose_lines,
+    in_unit, next_drive,
 };
 use crate::effects::CATALOGUE;
 use crate::model::Robot;
@@ -31,13 +31,7 @@ pub type Search =
     fn(&Robot, &[Entry], &[Entry], &Request, &(dyn Fn(&str) + Sync)) -> Result<Diagnosis, Error>;
 
 /// Kinds of recordings that can be diagnosed.
-pub const KINDS: [Kind; 5] = [
-    Kind::Robot,
-    Kind::FilmSample,
-    Kind::Axis,
-    Kind::HingeBench,
-    Kind::FilmCoupon,
-];
+pub const KINDS: [Kind; 4] = [Kind::Robot, Kind::Axis, Kind::HingeBench, Kind::FilmCoupon];
 
 /// Whether a cause of this id can be looked for.
 ///
@@ -70,9 +64,8 @@ pub struct Diagnosed {
     pub files: Files,
 }
 
-/// Diagnoses recordings of a robot, hanging samples, a bench, an axis or coupons: the first ones that `given`
-/// names are fitted, the others (or the last of many) are held out. What is wrong with the recordings comes
-/// first.
+/// Diagnoses recordings of a robot, a bench, an axis or coupons: the first ones that `given` names are
+/// fitted, the others (or the last of many) are held out. What is wrong with the recordings comes first.
 /// `plans` are choices of an earlier run to make again.
 ///
 /// # Errors
@@ -106,7 +99,7 @@ pub fn diagnose(
         let series = series::order(&recordings, &datasets)?;
         judge(&robot, &datasets, named, series, &request, progress, search)?
     } else {
-        judge_others(&recordings, named, &request, progress)?
+        judge_lines(&recordings, named, &request, progress)?
     };
     diagnosis.remarks.extend(copies);
     if let Some(finding) = beyond_any_cause(&diagnosis) {
@@ -126,8 +119,7 @@ pub fn diagnose(
 /// Unit of the errors of a recording.
 fn unit_of(recording: &Recording) -> String {
     let unit = match recording.manifest.kind {
-        Kind::Robot => "V",
-        Kind::FilmSample => "mm",
+        Kind::Robot | Kind::FilmSample => "V",
         Kind::HingeBench => "N m",
         Kind::FilmCoupon => "Pa",
         Kind::Axis => recording.axis.as_ref().map_or("", |x| &x.input_unit),
@@ -205,42 +197,8 @@ fn beyond_any_cause(d: &Diagnosis) -> Option<Finding> {
     })
 }
 
-/// Diagnoses the first `named` recordings of what is no robot; the others are held out.
-pub(crate) fn judge_others(
-    recordings: &[Recording],
-    named: usize,
-    request: &Request,
-    progress: &Progress,
-) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
-    match recordings[0].manifest.kind {
-        Kind::FilmSample => judge_samples(recordings, named, request, progress),
-        _ => judge_lines(recordings, named, request, progress),
-    }
-}
-
-/// Diagnoses the first `named` recordings of hanging samples; the others are held out.
-fn judge_samples(
-    recordings: &[Recording],
-    named: usize,
-    request: &Request,
-    progress: &Progress,
-) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
-    let (datasets, samples) = load::samples(recordings, None)?;
-    let series = series::order_of(&series::occasions_of_samples(recordings, &datasets))?;
-    in_order(series, named, progress, |entries, train, holdout, watch| {
-        let entry = |&i: &usize| SampleEntry {
-            dataset: &datasets[i],
-            sample: &samples[i],
-            when: series::when(&entries[i], datasets[i].start_s),
-        };
-        let train: Vec<SampleEntry> = train.iter().map(entry).collect();
-        let holdout: Vec<SampleEntry> = holdout.iter().map(entry).collect();
-        diagnose_samples(&train, &holdout, request, watch)
-    })
-}
-
 /// Diagnoses the first `named` recordings of a bench, an axis or coupons; the others are held out.
-fn judge_lines(
+pub(crate) fn judge_lines(
     recordings: &[Recording],
     named: usize,
     request: &Request,

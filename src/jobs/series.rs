@@ -2,8 +2,8 @@
 
 use super::Failure;
 use crate::calibration::LineModel;
+use crate::dataset::Dataset;
 use crate::dataset::line::Line;
-use crate::dataset::{Dataset, HangingDataset};
 use crate::effects::{Acting, When};
 use crate::recording::Recording;
 use crate::report::parameter_file::{ParameterFile, SeriesEntry};
@@ -66,21 +66,6 @@ pub fn occasions_of_lines<'a>(recordings: &'a [Recording], lines: &[Line]) -> Ve
         clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
         start_s: l.time_s.first().copied().unwrap_or(0.0),
         duration_s: l.step_s * l.samples() as f64,
-    })
-    .collect()
-}
-
-/// The same of hanging samples.
-pub fn occasions_of_samples<'a>(
-    recordings: &'a [Recording],
-    datasets: &[HangingDataset],
-) -> Vec<Occasion<'a>> {
-    let each = recordings.iter().zip(datasets);
-    each.map(|(r, d)| Occasion {
-        id: &r.manifest.id,
-        clock_s: r.manifest.start.as_ref().map(|s| s.clock_s),
-        start_s: d.start_s,
-        duration_s: d.step_s * d.samples() as f64,
     })
     .collect()
 }

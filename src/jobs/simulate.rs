@@ -6,9 +6,8 @@ use std::str::FromStr;
 
 use super::series::{AtWork, Occasion, at_work_on};
 use super::{Failure, load};
-use crate::effects::HANGING;
 use crate::kinematics::Vec3;
-use crate::model::{Electrode, HangingSample, Parameters, Robot, Track};
+use crate::model::{HangingSample, Parameters, Robot, Track};
 use crate::recording::{FilmSampleRig, Kind, Rig, RobotRig, nearest};
 use crate::report::csv;
 use crate::report::json::{ActedJson, SimulationJson, finite};
@@ -19,7 +18,7 @@ use crate::simulate::write::{
 };
 use crate::simulate::{
     Circle, DEFAULT_RATE_HZ, Drive, Error, Hold, Options, Payload, SampleOptions, Sampled,
-    drive_along, flip_polarity, motion_with_effects, sample_motion, sample_motion_with_effects,
+    drive_along, flip_polarity, motion_with_effects, sample_motion,
 };
 
 /// What drives a simulation.
@@ -578,10 +577,7 @@ fn sample(asked: Simulation, rig: &FilmSampleRig) -> Result<Simulated, Failure> 
         return Err(text.into());
     }
     let (file, from) = with_effects(a)?;
-    let electrode = match at_hanging(&file) {
-        true => Electrode::IDEAL,
-        false => file.electrode()?,
-    };
+    let electrode = file.electrode()?;
     let film = file.parameters()?.film;
     let plain = HangingSample::from_rig(rig, file.eps_r(), a.payload.start_kg)
         .map_err(|what| format!("{}: {what}", a.rig.display()))?;
@@ -602,14 +598,7 @@ fn sample(asked: Simulation, rig: &FilmSampleRig) -> Result<Simulated, Failure> 
         ..SampleOptions::default()
     };
     let (at_work, acted) = causes(a, &file, from, options.duration_s)?;
-    let moved = match at_hanging(&file) {
-        true => {
-            let (effects, when) = (&at_work.effects, at_work.when[0]);
-            sample_motion_with_effects(&hanging, &film, &voltage, &options, effects, when)
-        }
-        false => sample_motion(&hanging, &film, &voltage, &options),
-    };
-    let moved = moved.map_err(|e| explain(&e))?;
+    let moved = sample_motion(&hanging, &film, &voltage, &options).map_err(|e| explain(&e))?;
     let end = |x: &f64| [0.0, 0.0, -moved.rest_length_m - x];
     Ok(Simulated {
         kind: Kind::FilmSample,
@@ -620,13 +609,6 @@ fn sample(asked: Simulation, rig: &FilmSampleRig) -> Result<Simulated, Failure> 
         remarks: at_work.remarks,
         asked,
     })
-}
-
-/// Whether a file has causes that act along the course of a hanging sample, and not only those that its
-/// electrode has from the first sample on.
-fn at_hanging(file: &ParameterFile) -> bool {
-    let known = |id: &str| HANGING.iter().any(|e| e.id() == id);
-    file.electrode().is_err() && file.effects.iter().all(|e| known(&e.id))
 }
 
 /// The first voltage above `limit_v`.

@@ -68,8 +68,6 @@ impl Mechanics {
             bicep_m: self.robot.mechanism.chains[k].bicep_m,
             theta_dea_rad: &chain.theta_dea_rad,
             area_stretch: &chain.area_stretch,
-            stretch: &[],
-            painted: crate::effects::PAINTED,
             theta_b: &chain.theta_b,
             bicep_lever: &chain.bicep_lever,
             force_lever: &chain.force_lever,

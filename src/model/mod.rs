@@ -16,14 +16,12 @@ mod augmented;
 mod forearm;
 mod mechanics;
 mod sample;
-mod sample_course;
 
 pub use crate::dataset::Track;
 pub use augmented::others;
 pub use forearm::ForearmTorque;
 pub use mechanics::{ChainTrack, Contribution, Mechanics, Unreachable};
 pub use sample::{Electrode, HangingSample};
-pub use sample_course::{Linear, SampleCourse, SampleLoad, sample_loads};
 
 use crate::film::Film;
 use crate::kinematics::{Chain, FourBar, Lozenge, Mechanism};

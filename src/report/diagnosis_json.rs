@@ -49,8 +49,7 @@ pub struct DiagnosisJson {
     pub learnt: Option<LearntJson>,
     /// Samples over which the errors are taken.
     pub rmse_basis: String,
-    /// Unit of the errors: V for a robot; for a hanging sample mm, for an axis that of its input, for a bench
-    /// N m, for a coupon Pa.
+    /// Unit of the errors: V for a robot; for an axis that of its input, for a bench N m, for a coupon Pa.
     pub rmse_unit: String,
     /// Errors on the recordings that were fitted.
     #[serde(rename = "train_rmse_V")]

@@ -287,7 +287,7 @@ impl ParameterFile {
         let mut plain = ParameterFile::of(&diagnosis.parameters, eps_r);
         let (film, forearm) = match diagnosis.rig {
             RigKind::Robot => (true, true),
-            RigKind::Coupon | RigKind::Sample => (true, false),
+            RigKind::Coupon => (true, false),
             RigKind::Bench => (false, true),
             RigKind::Axis => (false, false),
         };

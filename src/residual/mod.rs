@@ -9,7 +9,6 @@
 mod coupon;
 mod decimate;
 mod gram;
-mod hanging;
 pub mod line;
 pub mod motion;
 mod normal;
@@ -18,7 +17,6 @@ mod sample;
 
 pub use coupon::{CouponLocked, CouponResidual};
 pub use decimate::Decimation;
-pub use hanging::{HangingResidual, Hung};
 pub use normal::{Normal, SeparableResidual, Slope};
 pub use robot::{
     Chains, Departure, DepartureTorques, ExpectedScore, Layout, RobotResidual, VoltageError,
@@ -26,9 +24,8 @@ pub use robot::{
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
 pub(crate) use sample::deviation;
 pub use sample::{
-    Acts, Bounce, MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun,
+    Bounce, MOST_BRANCHES, SampleInverse, SampleKnob, SampleResidual, SampleRows, SampleRun,
     SampleTrouble, Steps, command_for_v, film_voltage_v, inverse_sample, run_sample,
-    run_sample_with,
 };
 
 /// Correlation length of residuals in a row, in residuals: 1 + 2 sum of their autocorrelation until that

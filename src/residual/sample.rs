@@ -37,9 +37,8 @@
 use pulp::Arch;
 
 use crate::dataset::HangingDataset;
-use crate::effects::{Acting, Site, When};
 use crate::film::{Film, Locked, gent_stress};
-use crate::model::{HangingSample, SampleCourse, SampleLoad, sample_loads};
+use crate::model::HangingSample;
 
 /// Branches that the scheme has place for.
 pub const MOST_BRANCHES: usize = 8;
@@ -104,10 +103,6 @@ pub struct SampleRun {
     pub columns: Vec<Vec<f64>>,
     /// d rest length / d knob.
     pub rest_columns: Vec<f64>,
-    /// ln lambda_1, ln lambda_2 of the active part, ln lambda_1 of the end strips.
-    pub log_stretch: Vec<[f64; 3]>,
-    /// sigma_1 - eps E^2 of the active part, as its springs have it, Pa.
-    pub net_pa: Vec<f64>,
 }
 
 /// Springs of one part at one state: stresses over their moduli and derivatives by ln A, ln B.
@@ -600,103 +595,29 @@ pub fn run_sample(
     steps: &Steps,
     knobs: &[SampleKnob],
 ) -> Result<SampleRun, SampleTrouble> {
-    run_sample_with(sample, film, command_v, steps, &[], knobs)
-}
-
-/// The same with what causes make of each step (`loads`, as many as commands, or none): the voltage on the
-/// film is theirs then, and not that of the sample's resistance.
-///
-/// # Errors
-/// [`SampleTrouble`].
-pub fn run_sample_with(
-    sample: &HangingSample,
-    film: &Film,
-    command_v: &[f64],
-    steps: &Steps,
-    loads: &[SampleLoad],
-    knobs: &[SampleKnob],
-) -> Result<SampleRun, SampleTrouble> {
-    let drive = Drive { command_v, loads };
     Arch::new().dispatch(
         #[inline(always)]
-        || run(sample, film, &drive, steps, knobs),
+        || run(sample, film, command_v, steps, knobs),
     )
-}
-
-/// What drives a run: the command, and what causes make of each step, where there are some.
-struct Drive<'a> {
-    command_v: &'a [f64],
-    loads: &'a [SampleLoad],
-}
-
-/// Stresses and their slopes, in the orders of [`Constants::stresses`] and [`Constants::tangents`].
-type Stresses = ([f64; 4], [f64; 6]);
-
-/// Adds what causes make of stresses at `y`.
-#[inline(always)]
-fn add_loads(load: &SampleLoad, y: &[f64; 3], (sigma, t): &mut Stresses) {
-    let f = load.factor;
-    let d = [0, 1, 2].map(|k| y[k] - load.about[k]);
-    let ([a1, a2], [side, end]) = (&load.active_pa, &load.strips_pa);
-    let more = [
-        a1.at([d[0], d[1]]),
-        a2.at([d[0], d[1]]),
-        side.at([d[0], 0.0]),
-        end.at([d[2], 0.0]),
-    ];
-    let steeper = [
-        a1.slope[0],
-        a1.slope[1],
-        a2.slope[0],
-        a2.slope[1],
-        side.slope[0],
-        end.slope[0],
-    ];
-    for (s, m) in sigma.iter_mut().zip(more) {
-        *s = f * *s + m;
-    }
-    for (t, m) in t.iter_mut().zip(steeper) {
-        *t = f * *t + m;
-    }
-}
-
-/// phi^2 less what is lost of the capacitance at `y`, V^2, and its slope by c = (lambda_1 lambda_2)^2.
-#[inline(always)]
-fn squared_of(load: &SampleLoad, y: &[f64; 3]) -> [f64; 2] {
-    let d = [y[0] - load.about[0], y[1] - load.about[1]];
-    let square = load.squared_v2.at(d);
-    [square, 0.5 * load.squared_v2.slope[0] / area_of(y)]
 }
 
 /// At rest under `phi`, branches relaxed.
 fn rest(c: &Constants, phi: f64, at_s: f64) -> Result<([f64; 3], Balance), SampleTrouble> {
     let mut y = [0.0; 3];
-    settle(c, &mut y, phi, at_s, None)
-}
-
-/// At rest from `y` with what causes make of the first step; without, from an unstretched film.
-fn settle(
-    c: &Constants,
-    y: &mut [f64; 3],
-    phi: f64,
-    at_s: f64,
-    acts: Option<&SampleLoad>,
-) -> Result<([f64; 3], Balance), SampleTrouble> {
     const RAMP: usize = 16;
     let none: Strains = [[0.0; LANES]; KINDS];
     let full = if phi == 0.0 { RAMP } else { 2 * RAMP };
-    let first = if acts.is_some() { full } else { 1 };
-    for stage in first..=full {
+    for stage in 1..=full {
         let load = c.weight * (stage as f64 / RAMP as f64).min(1.0);
         let square = phi * phi * (stage as f64 / RAMP as f64 - 1.0).max(0.0);
         let mut done = false;
         for _ in 0..2 * NEWTON_ITERATIONS {
-            let b = balance(c, y, &none, (square, load), acts);
+            let b = balance(c, &y, &none, square, load);
             let Some((b, least)) = b else {
                 return Err(SampleTrouble::GivesWay { at_s });
             };
             if least <= 0.0 {
-                return Err(c.locked(y, &none, at_s));
+                return Err(c.locked(&y, &none, at_s));
             }
             if !b.holds() {
                 return Err(SampleTrouble::GivesWay { at_s });
@@ -712,7 +633,7 @@ fn settle(
             if size < 1e-13 {
                 done = true;
                 if stage == full {
-                    return Ok((*y, b));
+                    return Ok((y, b));
                 }
                 break;
             }
@@ -730,8 +651,6 @@ struct Loads {
     square_by_area: f64,
     load: f64,
     inertia: f64,
-    /// What the active part carries beside its net stress: at none, and by it.
-    slack: [f64; 2],
 }
 
 impl Loads {
@@ -743,33 +662,21 @@ impl Loads {
             square_by_area: 0.0,
             load,
             inertia: 0.0,
-            slack: [0.0; 2],
         }
     }
 }
 
-/// The balances of the sample at rest under phi^2 and a load: strains `e` stay, and nothing accelerates.
+/// The balances of the sample at rest: strains `e` stay, and nothing accelerates.
 #[inline(always)]
 fn balance(
     c: &Constants,
     y: &[f64; 3],
     e: &Strains,
-    (square, load): (f64, f64),
-    acts: Option<&SampleLoad>,
+    square: f64,
+    load: f64,
 ) -> Option<(Balance, f64)> {
     let s = c.springs(y, e);
-    let mut own = (c.stresses(&s), c.tangents(&s, &[0.0; LANES]));
-    let mut loads = Loads::still(square, load);
-    if let Some(acts) = acts {
-        add_loads(acts, y, &mut own);
-        let [square, square_by_area] = squared_of(acts, y);
-        loads = Loads {
-            square_by_area,
-            slack: acts.slack,
-            ..Loads::still(square, load * acts.mass)
-        };
-    }
-    let (b, _) = linearise_with(c, y, own, &loads);
+    let (b, _) = linearise(c, y, &s, &[0.0; LANES], &Loads::still(square, load));
     let least = s.rest[0][5]
         .min(s.rest[1][5])
         .min(s.rest[2][5])
@@ -788,26 +695,14 @@ fn linearise(
     beta: &Lanes,
     loads: &Loads,
 ) -> (Balance, f64) {
-    let sigma = c.stresses(s);
-    let t = c.tangents(s, beta);
-    linearise_with(c, y, (sigma, t), loads)
-}
-
-/// The same from the stresses and their slopes.
-#[inline(always)]
-fn linearise_with(
-    c: &Constants,
-    y: &[f64; 3],
-    (sigma, t): Stresses,
-    loads: &Loads,
-) -> (Balance, f64) {
     let Loads {
         square,
         square_by_area,
         load,
         inertia,
-        slack,
     } = *loads;
+    let sigma = c.stresses(s);
+    let t = c.tangents(s, beta);
     let (to_active, to_end) = ((-y[0]).exp(), (-y[2]).exp());
     let area = area_of(y);
     let maxwell = c.maxwell * square * area;
@@ -818,8 +713,7 @@ fn linearise_with(
         c.sections[1] * to_active,
         c.sections[2] * to_end,
     );
-    let kept = 1.0 + slack[1];
-    let fa = (kept * (sigma[0] - sigma[1]) + slack[0]) * sa;
+    let fa = (sigma[0] - sigma[1]) * sa;
     let fs = sigma[2] * ss;
     let fe = sigma[3] * se;
     let (la, le) = (
@@ -830,8 +724,8 @@ fn linearise_with(
         g: [fa + fs - load, fe - load, sigma[1] - maxwell],
         m: [
             [
-                kept * (t[0] - t[2]) * sa - fa + t[4] * ss - fs + la,
-                kept * (t[1] - t[3]) * sa,
+                (t[0] - t[2]) * sa - fa + t[4] * ss - fs + la,
+                (t[1] - t[3]) * sa,
                 le,
             ],
             [la, 0.0, t[5] * se - fe + le],
@@ -906,7 +800,6 @@ struct Run<'a> {
     inertia: f64,
     rest_length: f64,
     c: Constants,
-    loads: &'a [SampleLoad],
 }
 
 /// Where a run stands between two steps.
@@ -934,13 +827,6 @@ struct End {
     x: f64,
     phi: f64,
     last: [f64; 3],
-    /// sigma_1 - eps E^2 as the springs have it.
-    net: f64,
-    /// Factor on the stress of the springs, what the active part carries of its net stress, mass over the
-    /// stated one.
-    factor: f64,
-    kept: f64,
-    mass: f64,
 }
 
 /// What the derivatives by all knobs share at the end of a step.
@@ -967,17 +853,14 @@ struct Push {
 fn run(
     sample: &HangingSample,
     film: &Film,
-    drive: &Drive,
+    command: &[f64],
     steps: &Steps,
     knobs: &[SampleKnob],
 ) -> Result<SampleRun, SampleTrouble> {
     let (h, start_s) = (steps.step_s, steps.start_s);
     let c = Constants::new(sample, film, steps);
-    let command = drive.command_v;
     let steps = command.len();
-    let acts = drive.loads.first();
-    let mut begin = acts.map_or([0.0; 3], |a| a.about);
-    let (y, at_rest) = settle(&c, &mut begin, command[0], start_s, acts)?;
+    let (y, at_rest) = rest(&c, command[0], start_s)?;
     let run = Run {
         sample,
         knobs,
@@ -985,7 +868,6 @@ fn run(
         inertia: c.mass * c.inertia.by_x,
         rest_length: c.length(&y),
         c,
-        loads: drive.loads,
     };
     let mut derivatives = run.at_rest(&y, &at_rest, command[0]);
     let mut out = SampleRun {
@@ -994,12 +876,8 @@ fn run(
         phi_v: Vec::with_capacity(steps),
         columns: knobs.iter().map(|_| Vec::with_capacity(steps)).collect(),
         rest_columns: derivatives.iter().map(|d| d.rest).collect(),
-        log_stretch: Vec::with_capacity(steps),
-        net_pa: Vec::with_capacity(steps),
     };
     out.x_m.push(0.0);
-    out.log_stretch.push(y);
-    out.net_pa.push(run.net_at_rest(&y));
     out.phi_v.push(command[0]);
     for column in &mut out.columns {
         column.push(0.0);
@@ -1007,8 +885,7 @@ fn run(
     let mut state = State::at_rest(y, command[0]);
     for i in 1..steps {
         let commands = [command[i - 1], command[i]];
-        let acts = drive.loads.get(i);
-        let end = run.step(&state, commands, acts, start_s + i as f64 * h)?;
+        let end = run.step(&state, commands, start_s + i as f64 * h)?;
         if !knobs.is_empty() {
             let shared = run.shared(&state, &end);
             for (knob, (d, column)) in knobs
@@ -1021,24 +898,12 @@ fn run(
         }
         out.x_m.push(end.x);
         out.phi_v.push(end.phi);
-        out.log_stretch.push(end.y);
-        out.net_pa.push(end.net);
         state.advance(&run.c, end);
     }
     Ok(out)
 }
 
 impl Run<'_> {
-    /// sigma_1 - eps E^2 of the active part at rest, as the springs have it, Pa.
-    fn net_at_rest(&self, y: &[f64; 3]) -> f64 {
-        let s = self.c.springs(y, &[[0.0; LANES]; KINDS]);
-        let mut own = (self.c.stresses(&s), [0.0; 6]);
-        if let Some(acts) = self.loads.first() {
-            add_loads(acts, y, &mut own);
-        }
-        own.0[0] - own.0[1]
-    }
-
     /// Derivatives of the sample at rest under `phi`.
     #[inline(always)]
     fn at_rest(&self, y: &[f64; 3], balance: &Balance, phi: f64) -> Vec<Derivative> {
@@ -1047,16 +912,12 @@ impl Run<'_> {
         let [sa, ss, se] = c.true_sections(y);
         let lengths = c.lengths_at(y);
         let maxwell = c.maxwell * phi * phi * area_of(y);
-        let (factor, kept) = self
-            .loads
-            .first()
-            .map_or((1.0, 1.0), |a| (a.factor, 1.0 + a.slack[1]));
         let of = |knob: &SampleKnob| {
             let r = match knob {
                 SampleKnob::Modulus(0) => [
-                    factor * (kept * (s.rest[0][0] - s.rest[0][1]) * sa + s.rest[1][0] * ss),
-                    factor * s.rest[2][0] * se,
-                    factor * s.rest[0][1],
+                    (s.rest[0][0] - s.rest[0][1]) * sa + s.rest[1][0] * ss,
+                    s.rest[2][0] * se,
+                    s.rest[0][1],
                 ],
                 SampleKnob::ElectrodeModulus => {
                     [(s.rest[0][0] - s.rest[0][1]) * sa, 0.0, s.rest[0][1]]
@@ -1079,55 +940,28 @@ impl Run<'_> {
 
     /// One step by Newton's method, to `at_s`.
     #[inline(always)]
-    fn step(
-        &self,
-        state: &State,
-        commands: [f64; 2],
-        acts: Option<&SampleLoad>,
-        at_s: f64,
-    ) -> Result<End, SampleTrouble> {
-        let mass = acts.map_or(1.0, |a| a.mass);
-        let (c, inertia) = (&self.c, mass * self.inertia);
+    fn step(&self, state: &State, commands: [f64; 2], at_s: f64) -> Result<End, SampleTrouble> {
+        let (c, inertia) = (&self.c, self.inertia);
         let State { y, x, guess, .. } = state;
         let base = state.carried(c);
         let mut next = [0, 1, 2].map(|k| 3.0 * guess[0][k] - 3.0 * guess[1][k] + guess[2][k]);
         let area_before = area_of(y);
         // T = M (g - x''_+)
-        let (history, weight) = (mass * c.mass * c.inertia.past(x), mass * c.weight);
+        let history = c.mass * c.inertia.past(x);
         for _ in 0..NEWTON_ITERATIONS {
             let mut e = base;
             follow(&mut e, &c.beta, [0, 1, 2].map(|k| next[k] - y[k]));
             let area = area_of(&next);
             let areas = [area_before, area];
-            let (q, [square, square_by_area]) = match acts {
-                None => {
-                    let q = charge(c.time_constant, self.h, state.phi, areas, commands);
-                    (q, [q.phi * q.phi, 2.0 * q.phi * q.by_area])
-                }
-                Some(acts) => {
-                    let [square, by_area] = squared_of(acts, &next);
-                    let phi = square.max(0.0).sqrt();
-                    let q = Charge {
-                        phi,
-                        ..Charge::default()
-                    };
-                    (q, [square, by_area])
-                }
-            };
+            let q = charge(c.time_constant, self.h, state.phi, areas, commands);
             let loads = Loads {
-                square,
-                square_by_area,
-                slack: acts.map_or([0.0; 2], |a| a.slack),
-                load: weight - history - inertia * (c.length(&next) - self.rest_length),
+                square: q.phi * q.phi,
+                square_by_area: 2.0 * q.phi * q.by_area,
+                load: c.weight - history - inertia * (c.length(&next) - self.rest_length),
                 inertia,
             };
             let s = c.springs(&next, &e);
-            let mut own = (c.stresses(&s), c.tangents(&s, &c.beta));
-            if let Some(acts) = acts {
-                add_loads(acts, &next, &mut own);
-            }
-            let net = own.0[0] - own.0[1];
-            let (b, _) = linearise_with(c, &next, own, &loads);
+            let (b, _) = linearise(c, &next, &s, &c.beta, &loads);
             let least = s.rest[0][5]
                 .min(s.rest[2][5])
                 .min(s.active.least)
@@ -1158,10 +992,6 @@ impl Run<'_> {
                     x: lengths[0] + lengths[1] - self.rest_length,
                     phi: q.phi + q.by_area * 2.0 * area * (d[0] + d[1]),
                     last: d,
-                    net,
-                    factor: acts.map_or(1.0, |a| a.factor),
-                    kept: 1.0 + loads.slack[1],
-                    mass,
                 });
             }
         }
@@ -1208,15 +1038,15 @@ impl Run<'_> {
         }
         let before = 2.0 * shared.area_before * (d.y[0] + d.y[1]);
         let mut push = Push {
-            r: c.stresses_by(&end.s, &p).map(|r| end.factor * r),
+            r: c.stresses_by(&end.s, &p),
             phi: q.by_area_before * before + q.by_phi_before * d.phi,
-            load: -end.mass * c.mass * c.inertia.acceleration(&d.x, -d.rest),
+            load: -c.mass * c.inertia.acceleration(&d.x, -d.rest),
             maxwell: 0.0,
         };
         self.push(knob, end, shared, &mut push);
         let (r, [sa, ss, se]) = (&push.r, shared.sections);
         let right = [
-            end.kept * (r[0] - r[1]) * sa + r[2] * ss - push.load,
+            (r[0] - r[1]) * sa + r[2] * ss - push.load,
             r[3] * se - push.load,
             r[1] - push.maxwell - shared.by_phi * push.phi,
         ];
@@ -1240,19 +1070,19 @@ impl Run<'_> {
     /// Adds what `knob` moves by itself.
     #[inline(always)]
     fn push(&self, knob: SampleKnob, end: &End, shared: &Shared, push: &mut Push) {
-        let (s, q, r, f) = (&end.s, &end.q, &mut push.r, end.factor);
+        let (s, q, r) = (&end.s, &end.q, &mut push.r);
         match knob {
             SampleKnob::Modulus(0) => {
-                r[0] += f * s.rest[0][0];
-                r[1] += f * s.rest[0][1];
-                r[2] += f * s.rest[1][0];
-                r[3] += f * s.rest[2][0];
+                r[0] += s.rest[0][0];
+                r[1] += s.rest[0][1];
+                r[2] += s.rest[1][0];
+                r[3] += s.rest[2][0];
             }
             SampleKnob::Modulus(n) => {
-                r[0] += f * s.active.s1[n - 1];
-                r[1] += f * s.active.s2[n - 1];
-                r[2] += f * s.side.s1[n - 1];
-                r[3] += f * s.end.s1[n - 1];
+                r[0] += s.active.s1[n - 1];
+                r[1] += s.active.s2[n - 1];
+                r[2] += s.side.s1[n - 1];
+                r[3] += s.end.s1[n - 1];
             }
             SampleKnob::LogTime(_) => {}
             SampleKnob::ElectrodeModulus => {
@@ -1393,22 +1223,6 @@ pub struct SampleRows {
     /// The run.
     pub run: SampleRun,
 }
-
-/// Causes at work in a recording.
-#[derive(Debug, Clone, Copy)]
-pub struct Acts<'a> {
-    /// The causes.
-    pub effects: &'a [Acting],
-    /// When the recording was made.
-    pub when: When,
-    /// Clock offset, s.
-    pub offset_s: f64,
-    /// Passes along the course at most.
-    pub passes: usize,
-}
-
-/// Largest change of x over the noise of a frame at which a course stands still.
-const STANDS_STILL: f64 = 0.01;
 
 /// What the motion of a sample asks for, frame by frame.
 #[derive(Debug, Clone)]
@@ -1614,103 +1428,6 @@ impl<'a> SampleResidual<'a> {
         let phi = self.dataset.voltage.at(0, start_s + offset_s);
         let (y, _) = rest(&c, phi, start_s)?;
         Ok(c.length(&y))
-    }
-
-    /// The command on the grid as causes on the clock have it read: [`SampleResidual::command_v`] where there
-    /// are none.
-    pub(super) fn command_read_v(&self, offset_s: f64, effects: &[Acting]) -> Vec<f64> {
-        let clocks = || effects.iter().filter(|a| a.effect.site() == Site::Clock);
-        if clocks().next().is_none() {
-            return self.command_v(offset_s);
-        }
-        let start = self.dataset.start_s + offset_s;
-        let read = |t: f64| start + clocks().fold(t, |t, a| a.effect.clock(&a.values, t));
-        let voltage = &self.dataset.voltage;
-        (0..self.steps)
-            .map(|i| match i {
-                0 => voltage.at(0, read(0.0)),
-                _ => voltage.mean(0, read(self.h_s * i as f64), self.h_s),
-            })
-            .collect()
-    }
-
-    /// Runs the sample with causes at work, from a course near the one that it takes (of none: from that of
-    /// the plain model), until it stands still or `passes` are done; with the derivatives by `knobs` about
-    /// that course, and what the causes make of it.
-    ///
-    /// # Errors
-    /// [`SampleTrouble`].
-    pub fn run_with(
-        &self,
-        sample: &HangingSample,
-        film: &Film,
-        acts: &Acts,
-        near: Option<&SampleRun>,
-        knobs: &[SampleKnob],
-    ) -> Result<(SampleRun, Vec<SampleLoad>), SampleTrouble> {
-        let steps = self.steps();
-        let command = self.command_read_v(acts.offset_s, acts.effects);
-        let sited = |a: &Acting| a.effect.site() != Site::Clock;
-        if !acts.effects.iter().any(sited) {
-            let run = run_sample(sample, film, &command, &steps, knobs)?;
-            return Ok((run, Vec::new()));
-        }
-        let mut run = match near {
-            Some(near) => near.clone(),
-            None => run_sample(sample, film, &command, &steps, &[])?,
-        };
-        let when = When {
-            start_s: self.dataset.start_s,
-            ..acts.when
-        };
-        let mut course = SampleCourse {
-            step_s: self.h_s,
-            when,
-            command_v: command.clone(),
-            ..SampleCourse::default()
-        };
-        let mut loads = Vec::new();
-        let enough = STANDS_STILL * self.noise_m;
-        for _ in 0..acts.passes {
-            course.log_stretch = std::mem::take(&mut run.log_stretch);
-            course.net_pa = std::mem::take(&mut run.net_pa);
-            loads = sample_loads(sample, film, acts.effects, &course);
-            let next = run_sample_with(sample, film, &command, &steps, &loads, &[])?;
-            let far = next.x_m.iter().zip(&run.x_m).map(|(a, b)| (a - b).abs());
-            let moved = far.fold(0.0, f64::max);
-            run = next;
-            if moved < enough {
-                break;
-            }
-        }
-        if !knobs.is_empty() {
-            run = run_sample_with(sample, film, &command, &steps, &loads, knobs)?;
-        }
-        Ok((run, loads))
-    }
-
-    /// Rows of a course on the grid: its values at the frames over their noise.
-    pub fn rows_of(&self, x_m: &[f64]) -> Vec<f64> {
-        let weight = |b: &Bin| (b.count as f64).sqrt() / self.noise_m;
-        self.bins.iter().map(|b| weight(b) * b.of(x_m)).collect()
-    }
-
-    /// Rows of what was captured.
-    pub fn captured_rows(&self) -> Vec<f64> {
-        let weight = |b: &Bin| (b.count as f64).sqrt() / self.noise_m;
-        self.bins.iter().map(|b| weight(b) * b.mean_m).collect()
-    }
-
-    /// Rows of the rate of a course on the grid, 1/s.
-    pub fn rate_rows(&self, x_m: &[f64]) -> Vec<f64> {
-        let weight = |b: &Bin| (b.count as f64).sqrt() / self.noise_m;
-        let rate = |b: &Bin| weight(b) * b.rate(x_m) / self.h_s;
-        self.bins.iter().map(rate).collect()
-    }
-
-    /// Value of a course on the grid at each row.
-    pub fn at_rows(&self, x: &[f64]) -> Vec<f64> {
-        self.bins.iter().map(|b| b.of(x)).collect()
     }
 
     /// What a course on the grid is at each frame: the quartic through the points around it.

@@ -376,8 +376,6 @@ impl EffectAddition {
             bicep_m: self.robot.mechanism.chains[k].bicep_m,
             theta_dea_rad: &sample.theta_dea,
             area_stretch: &sample.area_stretch,
-            stretch: &[],
-            painted: crate::effects::PAINTED,
             theta_b: &sample.theta_b,
             bicep_lever: &[1.0],
             force_lever: &[[0.0; 3]],

@@ -37,7 +37,7 @@ pub use recorded::{PredictedMotion, predict_motion, predict_motions};
 pub use robot::{Energy, Motion, Options, Rest, Start, motion, motion_as_far, rest};
 pub use sample::{
     SampleMotion, SampleOptions, SampleRest, SampleTrack, Stretches, sample_motion,
-    sample_motion_with_effects, sample_phi_squared_v2, sample_rest,
+    sample_phi_squared_v2, sample_rest,
 };
 pub use voltage::{Hold, Payload, Sampled, Side, Smooth, Softened, Voltage};
 

@@ -15,14 +15,12 @@
 
 use super::Error;
 use super::branches::{Elimination, LANES, Pack, Response, Springs};
-use super::effects::EffectClock;
 use super::integrator::{
     Control, Effort, Integrator, QUADRATURES, Rates, Scale, Side, Stage, State, System, Trouble,
 };
 use super::voltage::Voltage;
-use crate::effects::{Acting, Site, When};
 use crate::film::Film;
-use crate::model::{HangingSample, Linear, SampleCourse, SampleLoad, sample_loads};
+use crate::model::HangingSample;
 use crate::units::GRAVITY_M_S2;
 
 /// Places of the algebraic unknowns.
@@ -32,11 +30,6 @@ const SIDE_2: usize = 2;
 const END_1: usize = 3;
 const END_2: usize = 4;
 const ITERATIONS: usize = 15;
-/// Distance of the moments at which causes are told along a course, s; passes along it at most, and how far it
-/// may move in the last one, m.
-const CAUSES_STEP_S: f64 = 0.0025;
-const PASSES: usize = 20;
-const STANDS_STILL_M: f64 = 1e-8;
 /// Increment of ln lambda below which one more Newton iteration would change nothing of note.
 const QUADRATIC: f64 = 1e-8;
 
@@ -106,8 +99,6 @@ pub struct SampleMotion {
     pub stretches: Vec<Stretches>,
     /// Voltage on the film, V (just before a jump of the command).
     pub phi_v: Vec<f64>,
-    /// sigma_1 - eps E^2 of the active part, as its springs have it, Pa.
-    pub net_pa: Vec<f64>,
     /// Steps taken.
     pub effort: Effort,
 }
@@ -156,37 +147,6 @@ impl Part {
     }
 }
 
-/// What causes make of a sample at equal distances in time; between them straight lines.
-struct Loads {
-    start_s: f64,
-    step_s: f64,
-    list: Vec<SampleLoad>,
-}
-
-impl Loads {
-    fn at(&self, t_s: f64) -> SampleLoad {
-        let last = self.list.len() - 1;
-        let place = ((t_s - self.start_s) / self.step_s).clamp(0.0, last as f64);
-        let i = (place as usize).min(last.saturating_sub(1));
-        let s = place - i as f64;
-        let (a, b) = (&self.list[i], &self.list[(i + 1).min(last)]);
-        let mix = |a: f64, b: f64| a + s * (b - a);
-        let both = |a: &Linear, b: &Linear| Linear {
-            value: mix(a.value, b.value),
-            slope: [0, 1].map(|k| mix(a.slope[k], b.slope[k])),
-        };
-        SampleLoad {
-            about: [0, 1, 2].map(|k| mix(a.about[k], b.about[k])),
-            squared_v2: both(&a.squared_v2, &b.squared_v2),
-            factor: mix(a.factor, b.factor),
-            active_pa: [0, 1].map(|k| both(&a.active_pa[k], &b.active_pa[k])),
-            strips_pa: [0, 1].map(|k| both(&a.strips_pa[k], &b.strips_pa[k])),
-            slack: [0, 1].map(|k| mix(a.slack[k], b.slack[k])),
-            mass: mix(a.mass, b.mass),
-        }
-    }
-}
-
 /// Films of the three parts (active, side, end) and their constants.
 struct Hanging {
     sample: HangingSample,
@@ -204,11 +164,6 @@ struct Hanging {
     elimination: Vec<Elimination>,
     scratch: Vec<Pack>,
     contraction: f64,
-    /// What causes make of it, where there are some, and of the moment that is looked at.
-    loads: Option<Loads>,
-    here: Option<SampleLoad>,
-    /// sigma_1 - sigma_2 of the active part there, Pa.
-    net_pa: f64,
 }
 
 impl Hanging {
@@ -237,53 +192,6 @@ impl Hanging {
             elimination: vec![Elimination::ZERO; 3 * packs],
             scratch: vec![[[0.0; LANES]; 2]; 3 * packs],
             contraction: 0.1,
-            loads: None,
-            here: None,
-            net_pa: 0.0,
-        }
-    }
-
-    /// Mass that hangs on it at the moment that is looked at, kg.
-    fn mass_kg(&self) -> f64 {
-        self.sample.mass_kg * self.here.map_or(1.0, |l| l.mass)
-    }
-
-    /// Adds what causes make of the stresses of the parts.
-    fn add_loads(&mut self, y: &[f64], films: &mut [Response; 3]) {
-        if let Some(load) = &self.here {
-            let d = [ACTIVE_1, ACTIVE_2, END_1].map(|k| y[k].ln());
-            let d = [0, 1, 2].map(|k| d[k] - load.about[k]);
-            for film in films.iter_mut() {
-                film.sigma = film.sigma.map(|s| load.factor * s);
-                film.tangent = film.tangent.map(|t| load.factor * t);
-            }
-            for (k, own) in load.active_pa.iter().enumerate() {
-                films[0].sigma[k] += own.at([d[0], d[1]]);
-                films[0].tangent[2 * k] += own.slope[0];
-                films[0].tangent[2 * k + 1] += own.slope[1];
-            }
-            for (part, d) in [(0, d[0]), (1, d[2])] {
-                let own = &load.strips_pa[part];
-                films[1 + part].sigma[0] += own.at([d, 0.0]);
-                films[1 + part].tangent[0] += own.slope[0];
-            }
-        }
-        self.net_pa = films[0].sigma[0] - films[0].sigma[1];
-    }
-
-    /// Voltage on the film where no charge is a state, V, and d ln X / d ln(lambda_1 lambda_2).
-    fn held(&self, y: &[f64], command_v: f64) -> (f64, f64) {
-        let Some(load) = &self.here else {
-            return (command_v, 2.0);
-        };
-        let d = [
-            y[ACTIVE_1].ln() - load.about[0],
-            y[ACTIVE_2].ln() - load.about[1],
-        ];
-        let square = load.squared_v2.at(d);
-        match square > 0.0 {
-            true => (square.sqrt(), 2.0 + load.squared_v2.slope[0] / square),
-            false => (0.0, 2.0),
         }
     }
 
@@ -305,7 +213,6 @@ impl Hanging {
         implicit: Option<(&[Pack], f64)>,
     ) -> Result<[Response; 3], Error> {
         let n = self.packs;
-        self.here = self.loads.as_ref().map(|l| l.at(t_s));
         let mut out = [Response::default(); 3];
         for p in 0..3 {
             let own = p * n..(p + 1) * n;
@@ -328,7 +235,6 @@ impl Hanging {
                 });
             }
         }
-        self.add_loads(y, &mut out);
         Ok(out)
     }
 
@@ -336,17 +242,8 @@ impl Hanging {
     fn parts(&self, films: &[Response; 3], y: &[f64], phi: f64, slope: f64) -> [Part; 3] {
         let field = phi * y[ACTIVE_1] * y[ACTIVE_2];
         let maxwell = self.maxwell * field * field;
-        let mut active = Part::new(&films[0], y[ACTIVE_1], self.sections[0], maxwell, slope);
-        if let Some(load) = &self.here {
-            let (kept, more) = (
-                1.0 + load.slack[1],
-                load.slack[0] * self.sections[0] / y[ACTIVE_1],
-            );
-            active.force = kept * active.force + more;
-            active.stiffness = kept * active.stiffness - more;
-        }
         [
-            active,
+            Part::new(&films[0], y[ACTIVE_1], self.sections[0], maxwell, slope),
             Part::new(&films[1], y[ACTIVE_1], self.sections[1], 0.0, 2.0),
             Part::new(&films[2], y[END_1], self.sections[2], 0.0, 2.0),
         ]
@@ -430,7 +327,7 @@ impl Forward<'_> {
         let gap = h.rest_length + x - ca - ce;
         let (ka, ke) = (parts[0].stiffness + parts[1].stiffness, parts[2].stiffness);
         let fa = parts[0].force + parts[1].force;
-        let mass = h.mass_kg();
+        let mass = h.sample.mass_kg;
         let tension = mass * (GRAVITY_M_S2 - a);
         // ca (T - M d - Fa)/ka + ce (T - M d - Fe)/ke = gap + compliance d
         let (na, ne) = (ca / ka, ce / ke);
@@ -463,7 +360,7 @@ impl System<1> for Forward<'_> {
             rates.w.copy_from_slice(&self.hanging.scratch);
             let (phi, slope) = match state.z.first() {
                 Some(z) => (z / Hanging::area(&rates.y), -2.0),
-                None => self.hanging.held(&rates.y, command),
+                None => (command, 2.0),
             };
             if let Some(rate) = rates.z.first_mut() {
                 *rate = (command - phi) / self.hanging.time_constant_s;
@@ -509,7 +406,7 @@ impl System<1> for Forward<'_> {
                     let slope = 4.0 * share / (1.0 + share) - 2.0;
                     (*z / Hanging::area(&state.y), slope)
                 }
-                None => self.hanging.held(&state.y, command),
+                None => (command, 2.0),
             };
             let parts = self.hanging.parts(&films, &state.y, phi, slope);
             if let Some(error) = self.hanging.unstable(t_s, &parts, &state.y) {
@@ -719,7 +616,6 @@ fn static_rest(
     sample: &HangingSample,
     film: &Film,
     phi_v: f64,
-    loads: Option<Loads>,
 ) -> Result<(SampleRest, Vec<f64>), Error> {
     sample.check().map_err(Error::Refused)?;
     super::robot::check_film(film)?;
@@ -729,14 +625,12 @@ fn static_rest(
         locking: film.locking,
     };
     let mut hanging = Hanging::new(sample, &relaxed, 1e-9);
-    let start_s = loads.as_ref().map_or(0.0, |l| l.start_s);
-    hanging.loads = loads;
     let w = [[[1.0; LANES]; 2]; 3];
     let mut y = vec![1.0; 5];
     let steps = 20;
     // Weight first, then the voltage.
     for step in 1..=2 * steps {
-        let share_of_weight = (step as f64 / steps as f64).min(1.0);
+        let load = (step as f64 / steps as f64).min(1.0) * sample.weight_n();
         let share = (step as f64 / steps as f64 - 1.0).max(0.0);
         let phi = phi_v * share.sqrt();
         if step > steps && phi_v == 0.0 {
@@ -745,15 +639,8 @@ fn static_rest(
         let mut done = false;
         let mut last = f64::INFINITY;
         for _ in 0..40 {
-            let films = hanging.films(start_s, &y, &w, None)?;
-            let load = share_of_weight * hanging.mass_kg() * GRAVITY_M_S2;
-            let parts = match hanging.here {
-                Some(_) => {
-                    let (phi, slope) = hanging.held(&y, phi);
-                    hanging.parts(&films, &y, share.sqrt() * phi, slope)
-                }
-                None => hanging.parts(&films, &y, phi, 2.0),
-            };
+            let films = hanging.films(0.0, &y, &w, None)?;
+            let parts = hanging.parts(&films, &y, phi, 2.0);
             if let Some(error) = hanging.unstable(0.0, &parts, &y) {
                 return Err(error);
             }
@@ -790,7 +677,7 @@ fn static_rest(
 /// # Errors
 /// [`Error::SampleUnstable`] when the film gives way, [`Error::LockedPart`] at the locking stretch.
 pub fn sample_rest(sample: &HangingSample, film: &Film, phi_v: f64) -> Result<SampleRest, Error> {
-    static_rest(sample, film, phi_v, None).map(|r| r.0)
+    static_rest(sample, film, phi_v).map(|r| r.0)
 }
 
 fn relaxed_state(hanging: &Hanging, y: &[f64]) -> Vec<Pack> {
@@ -813,92 +700,6 @@ pub fn sample_motion(
     voltage: &dyn Voltage,
     options: &SampleOptions,
 ) -> Result<SampleMotion, Error> {
-    motion_under(sample, film, voltage, options, None)
-}
-
-/// The same while `effects` are at work in a recording made at `when` (its `start_s` is that of `options`):
-/// the laws of the catalogue along the course, which is run again with what they make of it until it stands
-/// still.
-///
-/// # Errors
-/// Those of [`sample_motion`]; a course that does not come to stand still.
-pub fn sample_motion_with_effects(
-    sample: &HangingSample,
-    film: &Film,
-    logged: &dyn Voltage,
-    options: &SampleOptions,
-    effects: &[Acting],
-    when: When,
-) -> Result<SampleMotion, Error> {
-    let clocks = |a: &&Acting| a.effect.site() == Site::Clock;
-    let (clocks, others): (Vec<&Acting>, Vec<&Acting>) = effects.iter().partition(clocks);
-    let clocks: Vec<Acting> = clocks.into_iter().cloned().collect();
-    let others: Vec<Acting> = others.into_iter().cloned().collect();
-    let told = EffectClock::new(logged, &clocks, options.start_s);
-    let voltage: &dyn Voltage = if clocks.is_empty() { logged } else { &told };
-    if others.is_empty() {
-        return sample_motion(sample, film, voltage, options);
-    }
-    let parts = (options.sample_step_s / CAUSES_STEP_S).ceil().max(1.0);
-    let fine = SampleOptions {
-        sample_step_s: options.sample_step_s / parts,
-        ..*options
-    };
-    let mut motion = sample_motion(sample, film, voltage, &fine)?;
-    let time_s = |i: usize| fine.start_s + i as f64 * fine.sample_step_s;
-    for _ in 0..PASSES {
-        let log = |s: &Stretches| [s.active[0].ln(), s.active[1].ln(), s.end[0].ln()];
-        let course = SampleCourse {
-            step_s: fine.sample_step_s,
-            when,
-            command_v: (0..motion.x_m.len())
-                .map(|i| voltage.phi_v(time_s(i), Side::After)[0])
-                .collect(),
-            log_stretch: motion.stretches.iter().map(log).collect(),
-            net_pa: std::mem::take(&mut motion.net_pa),
-        };
-        let loads = Loads {
-            start_s: fine.start_s,
-            step_s: fine.sample_step_s,
-            list: sample_loads(sample, film, &others, &course),
-        };
-        let next = motion_under(sample, film, voltage, &fine, Some(loads))?;
-        let moved = next.x_m.iter().zip(&motion.x_m).map(|(a, b)| (a - b).abs());
-        let moved = moved.fold(0.0, f64::max);
-        motion = next;
-        if moved < STANDS_STILL_M {
-            return Ok(every(motion, parts as usize, options.sample_step_s));
-        }
-    }
-    Err(Error::Refused(
-        "the course of the sample with these causes does not settle: make them smaller".into(),
-    ))
-}
-
-/// Every `n`-th sample of a motion.
-fn every(motion: SampleMotion, n: usize, sample_step_s: f64) -> SampleMotion {
-    fn of<T>(list: Vec<T>, n: usize) -> Vec<T> {
-        list.into_iter().step_by(n).collect()
-    }
-    SampleMotion {
-        step_s: sample_step_s,
-        x_m: of(motion.x_m, n),
-        velocity_m_s: of(motion.velocity_m_s, n),
-        acceleration_m_s2: of(motion.acceleration_m_s2, n),
-        stretches: of(motion.stretches, n),
-        phi_v: of(motion.phi_v, n),
-        net_pa: of(motion.net_pa, n),
-        ..motion
-    }
-}
-
-fn motion_under(
-    sample: &HangingSample,
-    film: &Film,
-    voltage: &dyn Voltage,
-    options: &SampleOptions,
-    loads: Option<Loads>,
-) -> Result<SampleMotion, Error> {
     let positive = [
         options.sample_step_s,
         options.tolerance_m,
@@ -912,13 +713,8 @@ fn motion_under(
     }
     let samples = 1 + count as usize;
     let t0 = options.start_s;
-    let first = loads.as_ref().map(|l| Loads {
-        list: l.list[..1].to_vec(),
-        ..*l
-    });
-    let (rest, y) = static_rest(sample, film, voltage.phi_v(t0, Side::After)[0], first)?;
+    let (rest, y) = static_rest(sample, film, voltage.phi_v(t0, Side::After)[0])?;
     let mut hanging = Hanging::new(sample, film, options.tolerance_m);
-    hanging.loads = loads;
     hanging.rest_length = rest.length_m;
     let state = State {
         x: [0.0],
@@ -954,7 +750,6 @@ fn motion_under(
         acceleration_m_s2: Vec::with_capacity(samples),
         stretches: Vec::with_capacity(samples),
         phi_v: Vec::with_capacity(samples),
-        net_pa: Vec::with_capacity(samples),
         effort: Effort::default(),
     };
     let end = t0 + (samples - 1) as f64 * options.sample_step_s;
@@ -976,11 +771,9 @@ fn motion_under(
         out.velocity_m_s.push(here.v[0]);
         out.acceleration_m_s2.push(rates.a[0]);
         out.stretches.push(stretches(&rates.y));
-        let hanging = &forward.hanging;
-        out.net_pa.push(hanging.net_pa);
         out.phi_v.push(match here.z.first() {
             Some(z) => z / Hanging::area(&rates.y),
-            None => hanging.held(&rates.y, voltage.phi_v(t, side)[0]).0,
+            None => voltage.phi_v(t, side)[0],
         });
     }
     out.effort = integrator.effort;
@@ -1007,7 +800,7 @@ pub fn sample_phi_squared_v2(
     if !(track.step_s > 0.0 && tolerance_m > 0.0) {
         return Err(Error::Refused("step and tolerance must be positive".into()));
     }
-    let (rest, y) = static_rest(sample, film, track.rest_phi_v, None)?;
+    let (rest, y) = static_rest(sample, film, track.rest_phi_v)?;
     let mut hanging = Hanging::new(sample, film, tolerance_m);
     hanging.rest_length = rest.length_m;
     let state = State {

@@ -7,4 +7,3 @@ mod cases;
 mod chain;
 mod line;
 mod motion;
-mod sample;

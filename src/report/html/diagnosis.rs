@@ -465,11 +465,6 @@ fn drawn(d: &Diagnosis) -> Drawn {
             "position",
             "Input that the model asks for to make the measured motion, minus the input that was given.",
         ),
-        RigKind::Sample => (
-            "captured x",
-            "captured x, mm",
-            "x that the model makes of the voltage minus x as captured, about its mean over the recording, because where x is zero is known from a few frames only.",
-        ),
         RigKind::Bench => (
             "measured torque",
             "angle, rad",
@@ -933,7 +928,7 @@ fn rivals(d: &Diagnosis) -> Option<Section> {
 /// The drive that brings out a cause of a kind of rig.
 fn brought_out_by(rig: RigKind, id: &str) -> &'static str {
     match rig {
-        RigKind::Robot | RigKind::Sample => by_id(id).map_or("", |e| e.brought_out_by()),
+        RigKind::Robot => by_id(id).map_or("", |e| e.brought_out_by()),
         _ => crate::effects::line::by_id(id).map_or("", |e| e.brought_out_by()),
     }
 }

@@ -20,7 +20,7 @@ use crate::residual::{
 
 /// Error of the steps over the noise of x, and the longest step, s: what lags and limits do to a voltage
 /// happens within it.
-const FINE: f64 = 0.05;
+const FINE: f64 = 0.1;
 const LONGEST_STEP_S: f64 = 0.02;
 /// Smallest modulus of the equilibrium spring, Pa: a softer film would not carry its mass.
 const SOFTEST_PA: f64 = 1e4;

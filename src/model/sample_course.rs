@@ -18,8 +18,9 @@ use crate::film::{Film, gent_stress};
 use crate::kinematics::Lozenge;
 use crate::units::VACUUM_PERMITTIVITY_F_M;
 
-/// By how much logarithms of stretches are moved to see what a cause makes of it.
-const MOVED: f64 = 1e-5;
+/// By how much logarithms of stretches are moved to see what a cause makes of it: back, so that the largest
+/// stretch so far stays what it is.
+const MOVED: f64 = -1e-5;
 /// The same of a net stress, Pa.
 const MOVED_PA: f64 = 10.0;
 
@@ -131,15 +132,15 @@ impl AtWork<'_> {
         }
     }
 
-    /// Stretches of the active part, moved by logarithms.
-    fn active(&self, moved: [f64; 2]) -> Vec<[f64; 2]> {
-        let of = |y: &[f64; 3]| [(y[0] + moved[0]).exp(), (y[1] + moved[1]).exp()];
+    /// Stretches of the active part.
+    fn active(&self) -> Vec<[f64; 2]> {
+        let of = |y: &[f64; 3]| [y[0].exp(), y[1].exp()];
         self.course.log_stretch.iter().map(of).collect()
     }
 
-    /// Stretches of strips, whose ln lambda_1 has the place `at`, moved by a logarithm.
-    fn strips(&self, at: usize, moved: f64) -> Vec<[f64; 2]> {
-        let of = |y: &[f64; 3]| [(y[at] + moved).exp(), (-0.5 * (y[at] + moved)).exp()];
+    /// Stretches of strips, whose ln lambda_1 has the place `at`.
+    fn strips(&self, at: usize) -> Vec<[f64; 2]> {
+        let of = |y: &[f64; 3]| [y[at].exp(), (-0.5 * y[at]).exp()];
         self.course.log_stretch.iter().map(of).collect()
     }
 
@@ -198,6 +199,29 @@ impl AtWork<'_> {
         }
     }
 
+    /// What is added to a part's stress at each step where the logarithms of its stretches alone are moved by
+    /// `by`, and those of other steps stay: every second one is moved at a time. What is relaxed at the first
+    /// step follows it.
+    fn moved_alone(&self, stretch: &[[f64; 2]], by: [f64; 2], active: bool) -> Vec<[f64; 2]> {
+        let factor = by.map(f64::exp);
+        let moved = |l: [f64; 2]| [l[0] * factor[0], l[1] * factor[1]];
+        let mut out = self.stress(&[moved(stretch[0])], active).added_pa;
+        out.resize(stretch.len(), [0.0; 2]);
+        for first in [1, 2] {
+            let mut course = stretch.to_vec();
+            course
+                .iter_mut()
+                .skip(first)
+                .step_by(2)
+                .for_each(|l| *l = moved(*l));
+            let added = self.stress(&course, active).added_pa;
+            for i in (first..stretch.len()).step_by(2) {
+                out[i] = added[i];
+            }
+        }
+        out
+    }
+
     /// What the active part carries beside its net stress where that stress is `moved_pa` more, Pa.
     fn slack(&self, phi_v: &[f64], moved_pa: f64) -> Vec<f64> {
         let area = self.area(0.0);
@@ -217,7 +241,7 @@ impl AtWork<'_> {
     }
 
     fn mass_kg(&self) -> Vec<f64> {
-        let stretch = self.active([0.0; 2]);
+        let stretch = self.active();
         let along = self.along(&[], &stretch);
         let mut mass = vec![0.0; stretch.len()];
         for a in self.effects {
@@ -271,16 +295,21 @@ pub fn sample_loads(
         .collect();
     let carries = |a: &Acting| matches!(a.effect.site(), Site::Film | Site::Balance);
     if effects.iter().any(carries) {
-        let of = |moved: [f64; 2]| at_work.stress(&at_work.active(moved), true);
-        let (own, by_1, by_2) = (of([0.0; 2]), of([MOVED, 0.0]), of([0.0, MOVED]));
-        let strip = |at: usize| {
-            [0.0, MOVED].map(|moved| at_work.stress(&at_work.strips(at, moved), false).added_pa)
-        };
-        let strips = [strip(0), strip(2)];
+        let active = at_work.active();
+        let own = at_work.stress(&active, true);
+        let [by_1, by_2] =
+            [[MOVED, 0.0], [0.0, MOVED]].map(|by| at_work.moved_alone(&active, by, true));
+        let strips = [0, 2].map(|at| {
+            let strip = at_work.strips(at);
+            let added = at_work.stress(&strip, false).added_pa;
+            [
+                added,
+                at_work.moved_alone(&strip, [MOVED, -0.5 * MOVED], false),
+            ]
+        });
         for (i, load) in out.iter_mut().enumerate() {
             load.factor = own.factor[i];
-            load.active_pa = [0, 1]
-                .map(|k| linear(own.added_pa[i][k], by_1.added_pa[i][k], by_2.added_pa[i][k]));
+            load.active_pa = [0, 1].map(|k| linear(own.added_pa[i][k], by_1[i][k], by_2[i][k]));
             load.strips_pa = [0, 1].map(|part: usize| {
                 let [at, by]: &[Vec<[f64; 2]>; 2] = &strips[part];
                 linear(at[i][0], by[i][0], at[i][0])

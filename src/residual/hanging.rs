@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::sample::{Acts, SampleKnob, SampleResidual, SampleRun, SampleTrouble, run_sample_with};
 use super::{Normal, SeparableResidual, Slope};
-use crate::effects::{Acting, When};
+use crate::effects::{Acting, Site, When};
 use crate::film::{Film, Locked};
 use crate::model::{HangingSample, SampleLoad};
 
@@ -261,9 +261,11 @@ impl<'a> HangingResidual<'a> {
                 STEP_VALUE
             };
             *value += step * q.spread;
+            // what the voltage does is hardly changed by the stretches
+            let voltage = effects[e].effect.site() == Site::Electrical;
             let acts = Acts {
                 effects: &moved,
-                passes: PASSES_BESIDE,
+                passes: if voltage { 1 } else { PASSES_BESIDE },
                 ..acts
             };
             let ran = self.ran(number, &film, &acts, Some(&base.run), &[])?;

@@ -36,7 +36,7 @@ const ITERATIONS: usize = 15;
 /// may move in the last one, m.
 const CAUSES_STEP_S: f64 = 0.0025;
 const PASSES: usize = 20;
-const STANDS_STILL_M: f64 = 1e-8;
+const STANDS_STILL_M: f64 = 1e-7;
 /// Increment of ln lambda below which one more Newton iteration would change nothing of note.
 const QUADRATIC: f64 = 1e-8;
 
@@ -846,6 +846,7 @@ pub fn sample_motion_with_effects(
     };
     let mut motion = sample_motion(sample, film, voltage, &fine)?;
     let time_s = |i: usize| fine.start_s + i as f64 * fine.sample_step_s;
+    let mut last = f64::NAN;
     for _ in 0..PASSES {
         let log = |s: &Stretches| [s.active[0].ln(), s.active[1].ln(), s.end[0].ln()];
         let course = SampleCourse {
@@ -869,10 +870,12 @@ pub fn sample_motion_with_effects(
         if moved < STANDS_STILL_M {
             return Ok(every(motion, parts as usize, options.sample_step_s));
         }
+        last = moved;
     }
-    Err(Error::Refused(
-        "the course of the sample with these causes does not settle: make them smaller".into(),
-    ))
+    Err(Error::Refused(format!(
+        "the course of the sample with these causes does not settle ({:.3} mm in the last pass): make them smaller",
+        1e3 * last
+    )))
 }
 
 /// Every `n`-th sample of a motion.

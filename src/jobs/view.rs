@@ -5,16 +5,15 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::{Failure, Progress, load, series};
-use crate::calibration::{RecordingOutcome, predict_line, validate_robot_with, validate_samples};
-use crate::dataset::line::{Line, Measured};
-use crate::dataset::{Dataset, HangingDataset, Parts, Voltage};
+use crate::calibration::{predict_line, validate_robot_with, validate_samples};
+use crate::dataset::line::Line;
+use crate::dataset::{Dataset, HangingDataset, Parts};
 use crate::effects::plain_name;
 use crate::model::Robot;
 use crate::recording::{Kind, Recording, Rig};
 use crate::report::answer::{Answer, sits_in};
+use crate::report::html::looks::{self, driven};
 use crate::report::html::number::words;
-use crate::report::html::plot::{Axis, Band, Mark, Panel, Role, Series, Shade};
-use crate::report::html::reduce::spans;
 use crate::report::html::skeleton;
 use crate::report::html::view::{Drawing, Shown};
 use crate::report::parameter_file::ParameterFile;
@@ -23,9 +22,6 @@ use crate::report::parameter_file::ParameterFile;
 const FRAME_S: f64 = 0.02;
 /// Frames of the motion that are given at a time, at most.
 const MOST_FRAMES: usize = 2000;
-/// Height of a panel, units of a drawing, and of one that is looked at beside others.
-const HIGH: f64 = 110.0;
-const LOW: f64 = 70.0;
 
 /// A recording that is looked at.
 #[derive(Debug)]
@@ -80,7 +76,7 @@ impl View {
         let measured = match recording.manifest.kind {
             Kind::Robot => {
                 let parts = Parts::from_recording(&recording)?;
-                let drawings = of_parts(&parts);
+                let drawings = looks::of_robot(&parts);
                 if let Some(Rig::Robot(rig)) = &recording.rig {
                     // without the permittivity of a film the arms move all the same
                     let eps_r = file.as_ref().and_then(ParameterFile::eps_r).or(Some(1.0));
@@ -89,11 +85,11 @@ impl View {
                 }
                 drawings
             }
-            Kind::FilmSample => of_sample(&HangingDataset::from_recording(&recording)?),
+            Kind::FilmSample => looks::of_sample(&HangingDataset::from_recording(&recording)?),
             _ => {
                 let line = Line::from_recording(&recording)?;
                 timed = line.timed;
-                of_line(&line)
+                looks::of_line(&line)
             }
         };
         let times = |d: &Drawing| -> Vec<f64> {
@@ -207,22 +203,15 @@ impl View {
                     validate_robot_with(robot, &[dataset], &parameters, effects, when)?;
                 let says = Answer::of_robot(&outcome, robot).says;
                 let r = outcome.recordings.remove(0);
-                let drawings = of_robot(&r, &self.measured);
+                let drawings = looks::of_robot_held(&r, &self.measured);
                 Ok(Predicted::new(drawings, says, &at_work.remarks))
             }
             Subject::Line(line) => {
                 let lines = std::slice::from_ref(line.as_ref());
                 let (model, remarks) = series::line_model_on(file, recordings, lines)?;
                 let (r, unit) = predict_line(line, &model)?;
-                let what = driven(line);
-                let says = Answer::of_line(&r, what, &unit).says;
-                let points = |v: &[f64]| zip(&r.time_s, v, 1.0);
-                let pair = [points(&r.measured), points(&r.predicted)];
-                let noise = r.noise;
-                let band = r.time_s.iter().map(|t| [*t, -2.0 * noise, 2.0 * noise]);
-                let panels = compared(what, &unit, pair, band.collect(), (&unit, 1.0));
-                let mut drawings = self.measured[..1].to_vec();
-                drawings.push(drawing(None, what, panels));
+                let says = Answer::of_line(&r, driven(line), &unit).says;
+                let drawings = looks::of_line_held(line, &r, &unit, &self.measured);
                 Ok(Predicted::new(drawings, says, &remarks))
             }
             Subject::Sample => {
@@ -230,13 +219,7 @@ impl View {
                 let film = file.parameters()?.film;
                 let mut outcome = validate_samples(&[&datasets[0]], &samples, &film)?;
                 let r = outcome.recordings.remove(0);
-                let points = |v: &[f64]| zip(&r.time_s, v, 1e3);
-                let pair = [points(&r.captured_m), points(&r.predicted_m)];
-                let noise = 2e3 * r.noise_m;
-                let band = r.time_s.iter().map(|t| [*t, -noise, noise]);
-                let panels = compared("position", "mm", pair, band.collect(), ("mm", 1.0));
-                let mut drawings = vec![drawing(None, "position", panels)];
-                drawings.extend(self.measured.iter().skip(1).cloned());
+                let drawings = looks::of_sample_held(&r, &self.measured);
                 Ok(Predicted::new(drawings, outcome.verdict, &[]))
             }
         }
@@ -267,205 +250,6 @@ impl Predicted {
         let says = all.map(|s| words(s)).collect::<Vec<_>>().join(" ");
         Predicted { drawings, says }
     }
-}
-
-fn drawing(actuator: Option<usize>, label: &str, panels: Vec<Panel>) -> Drawing {
-    Drawing {
-        actuator,
-        label: label.to_owned(),
-        panels,
-    }
-}
-
-fn panel(title: impl Into<String>, height: f64, series: Vec<Series>) -> Panel {
-    Panel {
-        y: Axis::new(title),
-        height,
-        shades: Vec::new(),
-        bands: Vec::new(),
-        series,
-    }
-}
-
-fn curve(name: &str, role: Role, mark: Mark, points: Vec<[f64; 2]>) -> Series {
-    Series {
-        name: name.to_owned(),
-        role,
-        mark,
-        points,
-    }
-}
-
-/// Values over times, scaled.
-fn zip(time_s: &[f64], values: &[f64], scale: f64) -> Vec<[f64; 2]> {
-    let both = time_s.iter().zip(values);
-    both.map(|(t, v)| [*t, scale * v]).collect()
-}
-
-/// A channel of a voltage, kV, on the motion's clock.
-fn kilovolts(voltage: &Voltage, channel: usize, offset_s: f64) -> Vec<[f64; 2]> {
-    let points = zip(voltage.time_s(), &voltage.channels_v()[channel], 1e-3);
-    points.iter().map(|p| [p[0] - offset_s, p[1]]).collect()
-}
-
-/// Position and voltages of a robot, as measured. An offset of the clocks that is to be estimated is taken as
-/// 0 here.
-fn of_parts(parts: &Parts) -> Vec<Drawing> {
-    let n = parts.measured_m.len();
-    let time_s: Vec<f64> = (0..n)
-        .map(|i| parts.start_s + parts.step_s * i as f64)
-        .collect();
-    let axis = |k: usize| {
-        let values: Vec<f64> = parts.measured_m.iter().map(|p| p[k]).collect();
-        let points = zip(&time_s, &values, 1e3);
-        let series = vec![curve("captured", Role::Ink, Mark::Line, points)];
-        panel(format!("{}, mm", ["x", "y", "z"][k]), LOW, series)
-    };
-    let label = "Position of the end effector";
-    let mut out = vec![drawing(None, label, vec![axis(2), axis(0), axis(1)])];
-    let offset_s = parts.offset_s.unwrap_or(0.0);
-    for k in 0..3 {
-        let points = kilovolts(&parts.voltage, k, offset_s);
-        let mut series = vec![curve("command", Role::Base, Mark::Broad, points)];
-        if let Some(m) = &parts.monitor {
-            let points = kilovolts(m, k, offset_s);
-            series.push(curve("monitor", Role::Three, Mark::Dashed, points));
-        }
-        let title = format!("Actuator {}: voltage, kV", k + 1);
-        let label = format!("Voltage of actuator {}", k + 1);
-        out.push(drawing(Some(k), &label, vec![panel(title, HIGH, series)]));
-    }
-    out
-}
-
-/// Voltages of a robot that its motion needs beside its commands.
-fn of_robot(r: &RecordingOutcome, measured: &[Drawing]) -> Vec<Drawing> {
-    let mut out: Vec<Drawing> = (measured.iter().filter(|d| d.actuator.is_none()))
-        .cloned()
-        .collect();
-    let skipped = spans(&r.time_s, |i| !r.counts[i] && !r.gap[i]);
-    let gaps = spans(&r.time_s, |i| r.gap[i]);
-    let shades: Vec<Shade> = [
-        ("does not count", Role::Skip, skipped),
-        ("gap in the capture", Role::Gap, gaps),
-    ]
-    .map(|(name, role, spans)| Shade {
-        name: name.to_owned(),
-        role,
-        spans,
-    })
-    .into();
-    for k in 0..3 {
-        let column = |rows: &[[f64; 3]]| -> Vec<[f64; 2]> {
-            let values: Vec<f64> = rows.iter().map(|v| v[k]).collect();
-            zip(&r.time_s, &values, 1e-3)
-        };
-        let band = (0..r.time_s.len()).map(|i| {
-            let sd = r.sd_v.get(i).map_or(f64::NAN, |s| 2.0 * s[k]);
-            [r.time_s[i], -sd, sd]
-        });
-        let pair = [column(&r.command_v), column(&r.predicted_v)];
-        let name = format!("Actuator {}: voltage", k + 1);
-        let mut panels = compared(&name, "kV", pair, band.collect(), ("V", 1e3));
-        if let Some(m) = &r.monitor_v {
-            let monitor = curve("monitor", Role::Three, Mark::Dashed, column(m));
-            panels[0].series.insert(1, monitor);
-        }
-        panels.iter_mut().for_each(|p| p.shades = shades.clone());
-        let label = format!("Voltage of actuator {}, measured and predicted", k + 1);
-        out.push(drawing(Some(k), &label, panels));
-    }
-    out
-}
-
-/// Measured and predicted (two lists of one time) in a unit, and below their difference with what noise makes
-/// of it (time, lower and upper edge), in a unit of which that one has so many.
-fn compared(
-    what: &str,
-    unit: &str,
-    [measured, predicted]: [Vec<[f64; 2]>; 2],
-    noise: Vec<[f64; 3]>,
-    (fine, many): (&str, f64),
-) -> Vec<Panel> {
-    let both = predicted.iter().zip(&measured);
-    let error: Vec<[f64; 2]> = both.map(|(p, m)| [p[0], many * (p[1] - m[1])]).collect();
-    let series = vec![
-        curve("measured", Role::Base, Mark::Broad, measured),
-        curve("predicted", Role::One, Mark::Line, predicted),
-    ];
-    let mut below = panel(
-        format!("predicted minus measured, {fine}"),
-        LOW,
-        vec![curve("difference", Role::Two, Mark::Line, error)],
-    );
-    below.bands.push(Band {
-        name: "\u{b1}2 sd of the noise".into(),
-        role: Role::One,
-        rows: noise,
-    });
-    vec![panel(format!("{what}, {unit}"), HIGH, series), below]
-}
-
-/// What is predicted of a recording of one coordinate.
-fn driven(line: &Line) -> &'static str {
-    match line.measured {
-        Measured::Torque(_) => "torque",
-        Measured::Axis(_) => "input",
-        Measured::Coupon(_) => "stress",
-    }
-}
-
-/// Coordinate and what was measured along it.
-fn of_line(line: &Line) -> Vec<Drawing> {
-    let one = |title: &str, points| {
-        let series = vec![curve("measured", Role::Ink, Mark::Line, points)];
-        drawing(None, title, vec![panel(title, HIGH, series)])
-    };
-    let x = |title: &str, scale| one(title, zip(&line.time_s, &line.x, scale));
-    match &line.measured {
-        Measured::Torque(torque) => vec![
-            x("angle, rad", 1.0),
-            one("torque, N m", zip(&line.time_s, torque, 1.0)),
-        ],
-        Measured::Axis(a) => {
-            let coordinate = match (a.turns, a.velocity) {
-                (true, true) => x("rate, rad/s", 1.0),
-                (true, false) => x("angle, rad", 1.0),
-                (false, true) => x("velocity, mm/s", 1e3),
-                (false, false) => x("position, mm", 1e3),
-            };
-            let title = match a.unit.is_empty() {
-                true => "input, its own unit".to_owned(),
-                false => format!("input, {}", a.unit),
-            };
-            vec![coordinate, one(&title, zip(&a.input_time_s, &a.input, 1.0))]
-        }
-        Measured::Coupon(c) => vec![
-            one("stretch", zip(&c.time_s, &c.stretch, 1.0)),
-            one("nominal stress, kPa", zip(&c.time_s, &c.stress_pa, 1e-3)),
-        ],
-    }
-}
-
-/// Position and voltage of a hanging sample.
-fn of_sample(d: &HangingDataset) -> Vec<Drawing> {
-    let time_s: Vec<f64> = (0..d.samples()).map(|i| d.time_s(i)).collect();
-    let position = vec![curve(
-        "captured",
-        Role::Ink,
-        Mark::Line,
-        zip(&time_s, &d.x_m, 1e3),
-    )];
-    let points = kilovolts(&d.voltage, 0, d.offset_s);
-    let voltage = vec![curve("command", Role::Base, Mark::Broad, points)];
-    vec![
-        drawing(
-            None,
-            "Position",
-            vec![panel("position, mm", HIGH, position)],
-        ),
-        drawing(None, "Voltage", vec![panel("voltage, kV", HIGH, voltage)]),
-    ]
 }
 
 /// Opens the recordings that are looked at, with parameters to hold against them.

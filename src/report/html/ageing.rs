@@ -140,16 +140,6 @@ fn interval(m: &Measured, digits: usize) -> String {
     }
 }
 
-fn panel(title: &str, height: f64, series: Vec<Series>) -> Panel {
-    Panel {
-        y: Axis::new(title),
-        height,
-        shades: Vec::new(),
-        bands: Vec::new(),
-        series,
-    }
-}
-
 /// Where a level stands on the axis: its day, else its number.
 fn place(e: &ElectrodeAgeing, level: usize) -> f64 {
     e.levels[level].day.unwrap_or(level as f64 + 1.0)
@@ -225,8 +215,8 @@ fn picture(outcome: &AgeingOutcome, paper: bool) -> String {
         ));
     }
     let panels = [
-        panel("mean stroke, mm", 150.0, series),
-        panel("change against the first, %", 130.0, losses),
+        Panel::new("mean stroke, mm", 150.0, series),
+        Panel::new("change against the first, %", 130.0, losses),
     ];
     let drawing = plot::line_plot(
         &format!("Mean stroke of each electrode over {what}s"),
@@ -479,7 +469,7 @@ fn over_days(c: &CauseJson, e: &ElectrodeAgeing, s: &SampleAgeing) -> Panel {
         series.push(curve("95 %", Role::One, Mark::Dashed, ends));
     }
     let title = format!("{}, {}", c.parameter.replace('_', " "), c.by_day[0].unit);
-    panel(&title, 90.0, series)
+    Panel::new(title, 90.0, series)
 }
 
 fn loops(outcome: &AgeingOutcome, inputs: &[AgeingInput]) -> Section {
@@ -510,7 +500,7 @@ fn loops(outcome: &AgeingOutcome, inputs: &[AgeingInput]) -> Section {
         if series.is_empty() {
             continue;
         }
-        let key = plot::legend(&[panel("", 0.0, series.clone())]);
+        let key = plot::legend(&[Panel::new("", 0.0, series.clone())]);
         let drawing = plot::loops(
             &format!("Loops of {} overlaid", e.name),
             &Axis::new("command, kV"),

@@ -5,7 +5,7 @@ use minijinja::{Value, context};
 
 use super::page::{self, Cell, Item, Note, Section, Summary, Table, safe};
 use super::plot::{self, Axis, Band, Mark, Panel, Role, Series, Width};
-use super::recordings::curve;
+use super::recordings::{curve, points};
 use super::summary::{self, capital, item, note, tile};
 use super::{Provenance, number, parameters, provenance, quality, starts};
 use crate::calibration::{CouponFit, CouponOutcome};
@@ -177,10 +177,6 @@ fn stress_unit(largest_pa: f64) -> (f64, &'static str) {
 fn error_pa(c: &CouponFit) -> Vec<f64> {
     let both = c.predicted_pa.iter().zip(&c.measured_pa);
     both.map(|(p, m)| p - m).collect()
-}
-
-fn points(x: &[f64], y: &[f64], factor: f64) -> Vec<[f64; 2]> {
-    x.iter().zip(y).map(|(x, y)| [*x, y * factor]).collect()
 }
 
 /// Measured and predicted stress over `x`, kPa.

@@ -202,11 +202,5 @@ fn over_coordinate(outcome: &LineOutcome, r: &LineFit) -> String {
 }
 
 fn panel(title: String, series: Vec<Series>) -> Panel {
-    Panel {
-        y: Axis::new(title),
-        height: 120.0,
-        shades: Vec::new(),
-        bands: Vec::new(),
-        series,
-    }
+    Panel::new(title, 120.0, series)
 }

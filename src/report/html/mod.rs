@@ -14,6 +14,7 @@ mod errors;
 mod findings;
 mod learnt;
 mod line;
+pub mod looks;
 mod mechanism;
 pub mod number;
 pub mod page;

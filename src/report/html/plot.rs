@@ -179,6 +179,19 @@ pub struct Panel {
     pub series: Vec<Series>,
 }
 
+impl Panel {
+    /// Curves alone.
+    pub fn new(title: impl Into<String>, height: f64, series: Vec<Series>) -> Self {
+        Panel {
+            y: Axis::new(title),
+            height,
+            shades: Vec::new(),
+            bands: Vec::new(),
+            series,
+        }
+    }
+}
+
 /// Width of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Width {

@@ -51,8 +51,13 @@ fn item(number: usize, r: &RecordingOutcome) -> Value {
     }
 }
 
+/// Values over others, scaled.
+pub fn points(x: &[f64], y: &[f64], factor: f64) -> Vec<[f64; 2]> {
+    x.iter().zip(y).map(|(x, y)| [*x, y * factor]).collect()
+}
+
 /// Column `k` of `rows` over time, scaled.
-fn column(r: &RecordingOutcome, rows: &[[f64; 3]], k: usize, scale: f64) -> Vec<[f64; 2]> {
+pub fn column(r: &RecordingOutcome, rows: &[[f64; 3]], k: usize, scale: f64) -> Vec<[f64; 2]> {
     let pair = |(t, v): (&f64, &[f64; 3])| [*t, v[k] * scale];
     r.time_s.iter().zip(rows).map(pair).collect()
 }

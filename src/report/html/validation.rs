@@ -4,7 +4,7 @@
 use minijinja::{Value, context};
 
 use super::page::{self, Cell, Item, Section, Table, safe};
-use super::plot::{self, Axis, Mark, Panel, Role, Series, Width};
+use super::plot::{self, Axis, Mark, Panel, Role, Width};
 use super::{Provenance, SECTIONS, number, recordings, summary};
 use crate::report::answer::Answer;
 use crate::validation::{ForceErrors, Phase, RecordingCheck, Validation};
@@ -315,16 +315,6 @@ impl Figures<'_> {
 /// Colours of the parameter files, in turn.
 const MODELS: [Role; 5] = [Role::One, Role::Two, Role::Three, Role::Four, Role::Five];
 
-fn panel(title: &str, height: f64, series: Vec<Series>) -> Panel {
-    Panel {
-        y: Axis::new(title),
-        height,
-        shades: Vec::new(),
-        bands: Vec::new(),
-        series,
-    }
-}
-
 /// `value(i)` at each frame.
 fn over_time(c: &RecordingCheck, value: impl Fn(usize) -> f64) -> Vec<[f64; 2]> {
     c.time_s
@@ -384,8 +374,8 @@ fn path(models: &[Model]) -> Option<Section> {
                 let points = over_time(c, |f| c.measured_mm[f][k] - c.predicted_mm[f][k]);
                 differences.push(recordings::curve("", role, Mark::Line, points));
             }
-            panels.push(panel(&format!("{axis}, mm"), 100.0, positions));
-            panels.push(panel(&format!("{axis} off by, mm"), 60.0, differences));
+            panels.push(Panel::new(format!("{axis}, mm"), 100.0, positions));
+            panels.push(Panel::new(format!("{axis} off by, mm"), 60.0, differences));
         }
         let over = plot::line_plot(
             "Path over time",
@@ -460,8 +450,8 @@ fn force(models: &[Model]) -> Option<Section> {
             across.push(recordings::curve("", role, Mark::Line, points));
         }
         let panels = [
-            panel("load downwards, mN", 150.0, vertical),
-            panel("resultant in xy, mN", 90.0, across),
+            Panel::new("load downwards, mN", 150.0, vertical),
+            Panel::new("resultant in xy, mN", 90.0, across),
         ];
         let over = plot::line_plot(
             "Force over time",

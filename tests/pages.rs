@@ -176,14 +176,21 @@ fn reports_are_whole_in_a_browser() {
 
 /// Opens a page in a browser, where there is one.
 fn browse(page: &Path, what: &[&str]) -> Option<std::process::Output> {
-    browse_at(&format!("file://{}", page.display()), what)
+    let address = format!("file://{}", page.display());
+    let user = tempfile::tempdir().unwrap();
+    let open = |mut browser: std::process::Command| {
+        let browser = browser.arg("--virtual-time-budget=10000").args(what);
+        browser.arg(&address).output().ok()
+    };
+    browsers(user.path()).find_map(open)
 }
 
-/// Opens an address in a browser, where there is one.
-fn browse_at(address: &str, what: &[&str]) -> Option<std::process::Output> {
-    let user = tempfile::tempdir().unwrap();
-    let open = |browser: &&str| {
-        std::process::Command::new(browser)
+/// The browsers that there may be, with what they keep in `user`.
+fn browsers(user: &Path) -> impl Iterator<Item = std::process::Command> {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    names.into_iter().map(move |name| {
+        let mut browser = std::process::Command::new(name);
+        browser
             .args([
                 "--headless=new",
                 "--no-sandbox",
@@ -191,15 +198,10 @@ fn browse_at(address: &str, what: &[&str]) -> Option<std::process::Output> {
                 "--hide-scrollbars",
             ])
             .args(["--allow-file-access-from-files", "--enable-logging=stderr"])
-            .args(["--virtual-time-budget=10000", "--window-size=1280,1000"])
-            .args(what)
-            .arg(format!("--user-data-dir={}", user.path().display()))
-            .arg(address)
-            .output()
-            .ok()
-    };
-    let browsers = ["chromium", "chromium-browser", "google-chrome"];
-    browsers.iter().find_map(open)
+            .arg("--window-size=1280,1000")
+            .arg(format!("--user-data-dir={}", user.display()));
+        browser
+    })
 }
 
 #[test]
@@ -465,19 +467,45 @@ fn pages_of_studies_say_what_the_program_says() {
     }
 }
 
-/// The address of a page that is served once and again, to frame another one that is served.
-fn served(page: String) -> String {
-    use std::io::{Read as _, Write as _};
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = format!("http://{}/", listener.local_addr().unwrap());
+/// A page on a port of its own, and what it posts there.
+fn served(page: String) -> (String, std::sync::mpsc::Receiver<String>) {
+    let server = tiny_http::Server::http("127.0.0.1:0").unwrap();
+    let address = format!("http://{}/", server.server_addr().to_ip().unwrap());
+    let (tell, told) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
-        for mut to in listener.incoming().flatten() {
-            let _ = to.read(&mut [0; 4096]);
-            let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n";
-            let _ = write!(to, "{head}Content-Length: {}\r\n\r\n{page}", page.len());
+        for mut asked in server.incoming_requests() {
+            if *asked.method() == tiny_http::Method::Post {
+                let mut text = String::new();
+                let _ = asked.as_reader().read_to_string(&mut text);
+                let _ = tell.send(text);
+            }
+            let html = "Content-Type: text/html".parse::<tiny_http::Header>();
+            let page = tiny_http::Response::from_string(page.clone());
+            let _ = asked.respond(page.with_header(html.unwrap()));
         }
     });
-    address
+    (address, told)
+}
+
+/// What the script of a page posts when it is done, and what the browser said meanwhile, where there is one.
+/// Time is that of the clock, as the page asks another program.
+fn told_by(page: String, what: &[&str]) -> Option<(String, String)> {
+    let user = tempfile::tempdir().unwrap();
+    let said = user.path().join("said.txt");
+    let (address, told) = served(page);
+    let open = |mut browser: std::process::Command| {
+        let browser = browser.args(what).arg(&address);
+        let browser = browser.stdout(std::process::Stdio::null());
+        let log = std::fs::File::create(&said).unwrap();
+        browser.stderr(log).spawn().ok()
+    };
+    let mut browser = browsers(user.path()).find_map(open)?;
+    let told = told.recv_timeout(std::time::Duration::from_secs(180));
+    let _ = browser.kill();
+    let _ = browser.wait();
+    let said = String::from_utf8_lossy(&std::fs::read(&said).unwrap()).into_owned();
+    let told = told.unwrap_or_else(|why| panic!("the page told nothing: {why}: {said}"));
+    Some((told, said))
 }
 
 /// `deacal view` at work, until it is dropped.
@@ -561,29 +589,23 @@ fn a_recording_is_looked_at_in_a_browser() {
         let viewed = Viewed::of(arguments);
         let script = include_str!("scripts/view.js");
         let frame = format!(
-            "<!DOCTYPE html><body><pre id=\"told\"></pre><script>const CAUSES = {causes}, URL_OF_PAGE = {:?};{script}</script></body>",
+            "<!DOCTYPE html><body><script>const CAUSES = {causes}, URL_OF_PAGE = {:?};{script}</script></body>",
             viewed.url
         );
-        // pages of one machine, which the test lets look into each other
+        // pages of one machine, which the test lets look into each other; both in sight, as what is not draws
+        // no frames
         let what = [
-            "--dump-dom",
             "--disable-web-security",
             "--disable-site-isolation-trials",
+            "--window-size=1280,2000",
         ];
-        let Some(done) = browse_at(&served(frame), &what) else {
+        let Some((told, said)) = told_by(frame, &what) else {
             eprintln!("skipped: no browser looks at {arguments:?}");
             return;
         };
-        let said = String::from_utf8_lossy(&done.stderr);
         let errors: Vec<&str> = said.lines().filter(|l| l.contains("CONSOLE")).collect();
         assert!(errors.is_empty(), "{arguments:?}: {errors:?}");
-        let dom = String::from_utf8_lossy(&done.stdout);
-        let told = dom
-            .split("<pre id=\"told\">")
-            .nth(1)
-            .and_then(|t| t.split("</pre>").next());
-        let told: serde_json::Value = serde_json::from_str(&text_of(told.unwrap()))
-            .unwrap_or_else(|why| panic!("{arguments:?}: {why}: {dom}"));
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
         for width in ["390", "1280"] {
             let seen = &told[width];
             let place = format!("{arguments:?} at {width} px: {seen}");

@@ -86,7 +86,7 @@ WIDTHS.forEach((width) => {
   frame.onload = async () => {
     const [doc, view] = [frame.contentDocument, frame.contentWindow];
     told[width] = await used(doc, view, CAUSES).catch((why) => ({ fault: String(why) }));
-    document.getElementById("told").textContent = JSON.stringify(told);
+    if (Object.keys(told).length === WIDTHS.length) fetch("/", { method: "POST", body: JSON.stringify(told) });
   };
   frame.src = URL_OF_PAGE;
   document.body.append(frame);

@@ -8,6 +8,10 @@
 //! so, where time does not come after every earlier row, where a value is missing, or where the stretch is
 //! not positive. A row with a stretch but no stress still carries the history.
 //!
+//! A viscoelastic strip that is brought back is longer than before and hangs slack: it carries nothing, and
+//! what the grips do is not what the film does. Such rows are masked, and the film's own stretch, which is
+//! not measured there, goes straight in time from where it went slack to where it pulls again.
+//!
 //! # The grid
 //! The film forgets on a logarithmic clock, so that the steps that a history needs grow with the time since
 //! the rate last changed. Corners are the knots of the coarsest polygon that stays within a tolerance of the
@@ -342,9 +346,9 @@ impl Coupon {
         let timed = time_s.is_some();
         let time_s = time_s.unwrap_or_else(|| (0..rows).map(|i| i as f64).collect());
         let mut notes = Vec::new();
-        let (carries, usable) = mask(&time_s, &stretch, &stress_pa, &mut notes);
+        let (carries, mut usable) = mask(&time_s, &stretch, &stress_pa, &mut notes);
         let path: Vec<usize> = (0..rows).filter(|&i| carries[i]).collect();
-        let counted: Vec<usize> = (0..rows).filter(|&i| usable[i]).collect();
+        let mut counted: Vec<usize> = (0..rows).filter(|&i| usable[i]).collect();
         if counted.len() < FEWEST_ROWS {
             return Err(CouponError::TooShort {
                 id,
@@ -354,7 +358,7 @@ impl Coupon {
             });
         }
         let path_t: Vec<f64> = path.iter().map(|&i| time_s[i]).collect();
-        let path_x: Vec<f64> = path.iter().map(|&i| stretch[i]).collect();
+        let mut path_x: Vec<f64> = path.iter().map(|&i| stretch[i]).collect();
         let stress: Vec<f64> = counted.iter().map(|&i| stress_pa[i]).collect();
         for (what, values) in [("stretch", &path_x), ("nominal stress", &stress)] {
             if range(values) <= 0.0 {
@@ -380,7 +384,13 @@ impl Coupon {
                 counted.len()
             ));
         }
-        note_slack(&counted, &stretch, &stress_pa, noise_pa, &mut notes);
+        let runs = slack(&counted, &stretch, &stress_pa, noise_pa);
+        if noise_known && !runs.is_empty() {
+            let measured = (&time_s[..], &stretch[..]);
+            let own = leave_slack(&runs, &counted, measured, &mut usable, &mut notes);
+            path_x = path.iter().map(|&i| own[i]).collect();
+            counted.retain(|&i| usable[i]);
+        }
         let jump = initial == InitialState::Virgin && path_x[0].ln().abs() > JUMP;
         let (grid, corners_s) = if timed {
             lay_grid(&path_t, &path_x, jump, choice)
@@ -513,29 +523,89 @@ fn note_start(stress: &[f64], first_stretch: f64, notes: &mut Vec<String>) {
     }
 }
 
-/// Rows on the way back in which a stretched film carries nothing: said, not removed.
-fn note_slack(
+/// Fewest rows of a slack strip, and the share of them in which it carries nothing.
+const SLACK_ROWS: usize = 8;
+const SLACK_SHARE: f64 = 0.95;
+/// Up to so many standard deviations of the noise, or this share of the largest stress, by which the zero of
+/// a load cell may be off, a film carries nothing.
+const NOTHING: f64 = 3.0;
+const ZERO_SHARE: f64 = 0.01;
+
+/// Stretches of `counted` rows in which a film that was loaded before carries nothing, although in tension it
+/// would carry twice what a zero may be off: from the first such row up to the one in which it pulls again. A
+/// film that pushes back is none that has gone slack.
+fn slack(
     counted: &[usize],
     stretch: &[f64],
     stress_pa: &[f64],
     noise_pa: f64,
+) -> Vec<(usize, usize)> {
+    let stress = |c: usize| stress_pa[counted[c]];
+    let strain = |c: usize| stretch[counted[c]] - 1.0;
+    let all = 0..counted.len();
+    let farthest = all.clone().max_by(|&a, &b| strain(a).total_cmp(&strain(b)));
+    let Some(secant_pa) = farthest.map(|f| stress(f) / strain(f)) else {
+        return Vec::new();
+    };
+    let largest = all.clone().map(stress).fold(0.0, f64::max);
+    let nothing_pa = (NOTHING * noise_pa).max(ZERO_SHARE * largest);
+    let carries = |c: usize| stress(c) > nothing_pa;
+    let begins = |c: usize| !carries(c) && secant_pa * strain(c) > 2.0 * nothing_pa;
+    let pulls = |c: usize| carries(c) && (c + 1 == counted.len() || carries(c + 1));
+    let mut out = Vec::new();
+    let mut at = all.clone().find(|&c| stress(c) > 2.0 * nothing_pa);
+    while let Some(from) = at.and_then(|at| (at..counted.len()).find(|&c| begins(c))) {
+        let to = (from..counted.len())
+            .find(|&c| pulls(c))
+            .unwrap_or(counted.len());
+        at = Some(to);
+        let within = (from..to).filter(|&c| stress(c).abs() <= nothing_pa);
+        let zero_pa = median(&within.clone().map(stress).collect::<Vec<_>>());
+        let share = within.count() as f64 / (to - from) as f64;
+        // the first and last of these rows may be of a film that still pulls a little
+        let mut hangs = (from..to).filter(|&c| stress(c) <= zero_pa + NOTHING * noise_pa);
+        let Some(first) = hangs.next() else { continue };
+        let end = hangs.next_back().unwrap_or(first) + 1;
+        if end - first >= SLACK_ROWS && share >= SLACK_SHARE {
+            out.push((first, end));
+        }
+    }
+    out
+}
+
+/// Takes the rows in which a strip is slack (or buckled) out of those that count, and gives the film a
+/// stretch of its own there: it shortens without stress, straight in time from where it went slack to where
+/// it pulls again, and is never shorter than the grips ask for. Where it never pulls again its stretch is of no
+/// consequence, and stays that of the grips. That is said.
+fn leave_slack(
+    runs: &[(usize, usize)],
+    counted: &[usize],
+    (time_s, stretch): (&[f64], &[f64]),
+    usable: &mut [bool],
     notes: &mut Vec<String>,
-) {
-    let farthest = (0..counted.len())
-        .max_by(|&a, &b| stretch[counted[a]].total_cmp(&stretch[counted[b]]))
-        .unwrap_or(0);
-    let slack: Vec<usize> = counted[farthest..]
-        .iter()
-        .copied()
-        .filter(|&i| stretch[i] > 1.01 && stress_pa[i] <= 3.0 * noise_pa)
-        .collect();
-    if let (Some(&first), true) = (slack.first(), slack.len() >= 4) {
+) -> Vec<f64> {
+    let mut own = stretch.to_vec();
+    let mut rows = 0;
+    for &(first, end) in runs {
+        let before = counted[first.saturating_sub(1)];
+        if let Some(&after) = counted.get(end) {
+            let (from, to) = (stretch[before], stretch[after]);
+            let span_s = time_s[after] - time_s[before];
+            for i in before + 1..after {
+                let share = (time_s[i] - time_s[before]) / span_s;
+                own[i] = stretch[i].max(from + share * (to - from));
+            }
+        }
+        counted[first..end].iter().for_each(|&i| usable[i] = false);
+        rows += end - first;
+    }
+    if let Some(&(first, _)) = runs.first() {
         notes.push(format!(
-            "on the way back the stress is within the noise of zero, or below, in {} rows from stretch {:.3} down: a strip that has gone slack or buckled there is not described by a film in tension; the rows are kept",
-            slack.len(),
-            stretch[first]
+            "on the way back the film carries nothing in {rows} rows, from stretch {:.3} down: there the strip hangs slack or is buckled. These rows do not count; the film is taken to shorten from where it went slack to where it pulls again",
+            stretch[counted[first]]
         ));
     }
+    own
 }
 
 /// Standard deviation of white noise in the stress: third differences over consecutive equal steps, by their
@@ -785,6 +855,66 @@ mod tests {
             .collect();
         let c = Coupon::new(parts(time, stretch, stress), &GridChoice::default()).unwrap();
         assert!((c.noise_pa - 100.0).abs() < 5.0, "{}", c.noise_pa);
+    }
+
+    /// A strip (a spring and a Maxwell branch) that is pulled and brought back, its own stretch and its
+    /// stress; one that hangs slack shortens without stress.
+    fn pulled_and_back(hangs: bool) -> [Vec<f64>; 4] {
+        let time: Vec<f64> = (0..3000).map(|i| i as f64 * 0.01).collect();
+        let grips: Vec<f64> = time
+            .iter()
+            .map(|t| 1.0 + 0.25 * (1.0 - (0.7 * t).cos()))
+            .collect();
+        let (mut flown, mut own, mut stress) = (1.0_f64, Vec::new(), Vec::new());
+        for l in &grips {
+            let free = (flown + 1.0) / 2.0;
+            let l = if hangs { l.max(free) } else { *l };
+            flown += 0.01 * (l - flown);
+            own.push(l);
+            stress.push(5e4 * (2.0 * l - 1.0 - flown));
+        }
+        let mut seed = 11_u64;
+        for s in &mut stress {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1);
+            *s += 200.0 * ((seed >> 33) as f64 / (1u64 << 31) as f64 - 0.5);
+        }
+        [time, grips, own, stress]
+    }
+
+    #[test]
+    fn a_strip_that_hangs_slack_has_a_stretch_of_its_own() {
+        let [time, grips, own, stress] = pulled_and_back(true);
+        let parts = parts(time.clone(), grips.clone(), stress.clone());
+        let c = Coupon::new(parts, &GridChoice::default()).unwrap();
+        assert!(
+            c.notes.iter().any(|n| n.contains("hangs slack")),
+            "{:?}",
+            c.notes
+        );
+        let hangs = |i: usize| own[i] > grips[i] + 1e-9;
+        let hanging = (0..time.len()).filter(|&i| hangs(i)).count();
+        let counted = (0..time.len()).filter(|&i| hangs(i) && c.usable[i]).count();
+        assert!(
+            hanging > 300 && counted < hanging / 10,
+            "{counted} of {hanging}"
+        );
+        // what is still in tension counts, but for what the noise hides
+        let lost = (0..time.len())
+            .filter(|&i| !hangs(i) && !c.usable[i])
+            .count();
+        assert!(lost < hanging / 4, "{lost} of {hanging}");
+        for (t, own) in time.iter().zip(&own) {
+            let (k, f) = c.grid.place(*t);
+            let at = c.grid.stretch[k] + f * (c.grid.stretch[k + 1] - c.grid.stretch[k]);
+            assert!((at - own).abs() < 0.02, "{t} s: {at} for {own}");
+        }
+    }
+
+    #[test]
+    fn a_strip_that_pushes_back_is_not_slack() {
+        let [time, grips, _, stress] = pulled_and_back(false);
+        let c = Coupon::new(parts(time, grips, stress), &GridChoice::default()).unwrap();
+        assert_eq!(c.plan.masked, 0, "{:?}", c.notes);
     }
 
     #[test]

@@ -370,12 +370,13 @@ fn open(path: &Path) -> Coupon {
 fn vhb_of_miles() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/miles2015_vhb4910");
     let coupon = open(&folder);
-    assert_eq!((coupon.plan.rows, coupon.plan.masked), (1275, 0));
+    // of 1275 rows, 11 on the way back carry nothing although the grips hold them stretched
+    assert_eq!((coupon.plan.rows, coupon.plan.masked), (1264, 11));
     assert!(coupon.notes[0].contains("2455.4 Pa"), "{:?}", coupon.notes);
     assert!(coupon.notes[1].contains("slack"), "{:?}", coupon.notes);
     let mut before = f64::INFINITY;
-    // Measured with this program: 8.02, 2.09, 1.39, 1.39 %.
-    for (branches, most) in [(0, 8.1), (1, 2.15), (3, 1.42), (6, 1.42)] {
+    // Measured with this program: 8.07, 2.07, 1.34, 1.34 %.
+    for (branches, most) in [(0, 8.1), (1, 2.1), (3, 1.36), (6, 1.36)] {
         let started = Instant::now();
         let o = fit(&[&coupon], branches);
         print("Miles", branches, &o, started.elapsed());
@@ -468,16 +469,13 @@ fn vhb_of_zhao() {
             .filter(|c| c.id.starts_with(prefix))
             .collect()
     };
-    // Measured with this program, a little rounded up, for 0, 1, 3 and 6 branches.
+    // Measured with this program, a little rounded up, for 0, 1, 3 and 6 branches. Rows of a slack strip do not
+    // count; an elastic film met them by being slack too, so that its share (no branches) is larger without them.
     for (title, set, most) in [
-        ("Zhao 0.01 /s", of("0d01"), [19.3, 7.9, 6.95, 6.95]),
-        ("Zhao 0.05 /s", of("0d05"), [21.1, 9.3, 7.8, 7.8]),
+        ("Zhao 0.01 /s", of("0d01"), [19.3, 6.2, 4.75, 4.75]),
+        ("Zhao 0.05 /s", of("0d05"), [21.4, 5.55, 3.45, 3.45]),
         ("Zhao holds", of("hold"), [7.55, 2.9, 1.0, 0.97]),
-        (
-            "Zhao all",
-            coupons.iter().collect(),
-            [22.9, 10.1, 6.2, 6.17],
-        ),
+        ("Zhao all", coupons.iter().collect(), [23.5, 8.95, 3.6, 3.5]),
     ] {
         let mut before = f64::INFINITY;
         for (branches, most) in [0, 1, 3, 6].into_iter().zip(most) {

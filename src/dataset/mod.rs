@@ -182,22 +182,25 @@ impl Dataset {
     /// [`Error::TooShort`] when fewer than 16 frames were captured, [`Error::NoOverlap`] when voltage and
     /// motion share no time.
     pub fn new(parts: Parts, plan: Option<&Plan>) -> Result<Self, Error> {
+        let too_short = |what| Error::TooShort {
+            id: parts.id.clone(),
+            what,
+        };
+        let values = [0, 1, 2].map(|k| parts.measured_m.iter().map(|p| p[k]).collect::<Vec<_>>());
         let axis = |k: usize| -> Result<SmoothedAxis, Error> {
-            let values: Vec<f64> = parts.measured_m.iter().map(|p| p[k]).collect();
             let fixed = plan.and_then(|p| p.smoothing.get(k));
             smooth_axis(
-                &values,
+                &values[k],
                 parts.step_s,
                 fixed.map(|f| f.order),
                 fixed.map(|f| f.cutoff_hz),
             )
-            .map_err(|what| Error::TooShort {
-                id: parts.id.clone(),
-                what,
-            })
+            .map_err(too_short)
         };
         let (x, (y, z)) = rayon::join(|| axis(0), || rayon::join(|| axis(1), || axis(2)));
-        let axes = [x?, y?, z?];
+        let mut axes = [x?, y?, z?];
+        let fixed = plan.map(|p| &p.smoothing[..]);
+        smoother::let_follow(&mut axes, &values, fixed).map_err(too_short)?;
         let mut notes = Vec::new();
         let observed: Vec<bool> = parts.measured_m.iter().map(|p| !p[0].is_nan()).collect();
         let (usable, film_unknown, long) = bridged(&observed, &axes, parts.step_s, &mut notes);
@@ -430,7 +433,11 @@ impl Dataset {
     /// Other values of an axis, smoothed as its own are.
     fn smooth_as(&self, axis: &SmoothedAxis, values: &[f64]) -> Option<SmoothedAxis> {
         let (order, cutoff_hz) = (Some(axis.choice.order), Some(axis.choice.cutoff_hz));
-        smooth_axis(values, self.step_s, order, cutoff_hz).ok()
+        let smoothed = match &axis.lead {
+            Some(led) => led.lead.smooth(values, self.step_s, order, cutoff_hz),
+            None => smooth_axis(values, self.step_s, order, cutoff_hz),
+        };
+        smoothed.ok()
     }
 
     /// A draw of the noise's slow part on an axis, m; NaN where nothing was captured.

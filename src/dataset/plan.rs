@@ -82,6 +82,10 @@ pub struct SmoothingPlan {
     pub cutoff_hz: f64,
     /// Capture noise found, mm.
     pub noise_mm: f64,
+    /// Whether it follows the axis that moves most: a sum of that one's motion and of its square is taken off
+    /// before it is smoothed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub follows: bool,
 }
 
 impl SmoothingPlan {
@@ -90,6 +94,7 @@ impl SmoothingPlan {
             order: choice.order,
             cutoff_hz: choice.cutoff_hz,
             noise_mm: choice.noise * 1e3,
+            follows: choice.follows,
         }
     }
 }

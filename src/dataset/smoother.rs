@@ -13,10 +13,16 @@
 //!
 //! The posterior of the whole track can be sampled: deviations d_i = G_i d_{i+1} + L_i z_i from the smoothed
 //! track, which carry noise and smoothing error alike into whatever is computed from the motion.
+//!
+//! An axis that hardly moves beside another may follow that one: [`Lead`].
 
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::SmoothingPlan;
 use super::stretches::Stretch;
 
 /// Orders m that are offered: quintic and septic splines; both have a continuous acceleration.
@@ -253,6 +259,8 @@ pub struct AxisChoice {
     pub noise: f64,
     /// Log likelihood (up to a constant shared by all choices for the same values).
     pub log_likelihood: f64,
+    /// Whether it follows the axis that moves most.
+    pub follows: bool,
 }
 
 /// One smoothed axis.
@@ -268,8 +276,201 @@ pub struct SmoothedAxis {
     pub acceleration: Vec<f64>,
     /// Standard deviation of the smoothed position, in the unit of the values.
     pub position_sd: Vec<f64>,
+    /// What it follows, where it follows another axis.
+    pub lead: Option<Led>,
     posterior: Posterior,
     step_s: f64,
+}
+
+/// The motion of an axis, and its square, that another one may follow: a robot whose arms are not quite alike
+/// moves a little to the side as it is driven up and down, by less than the noise of one frame, and by itself
+/// that is smoothed away. A sum of both is taken off before what is left is smoothed, and added again.
+#[derive(Debug, Clone)]
+pub struct Lead {
+    /// Position, velocity and acceleration, of the motion and of its square, over half its range.
+    terms: [[Vec<f64>; 3]; 2],
+}
+
+/// An axis that follows another one.
+#[derive(Debug, Clone)]
+pub struct Led {
+    /// What it follows.
+    pub lead: Arc<Lead>,
+    /// L with L L' the covariance of the shares that it has of both terms, over sigma^2.
+    factor: [[f64; 2]; 2],
+}
+
+impl Led {
+    /// What shares that are off by `off` make of a sample's position, velocity and acceleration.
+    fn deviation(&self, off: [f64; 2], sample: usize) -> [f64; 3] {
+        let [own, square] = &self.lead.terms;
+        [0, 1, 2].map(|d| off[0] * own[d][sample] + off[1] * square[d][sample])
+    }
+
+    /// Shares off by what the noise makes of them.
+    fn off(&self, noise: f64, generator: &mut impl Rng) -> [f64; 2] {
+        let [a, b]: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(generator));
+        self.factor.map(|row| noise * (row[0] * a + row[1] * b))
+    }
+
+    /// Variance of the position that the shares' uncertainty makes at a sample, over sigma^2.
+    fn variance(&self, sample: usize) -> f64 {
+        let along = |column: usize| {
+            let off = self.factor.map(|row| row[column]);
+            self.deviation(off, sample)[0].powi(2)
+        };
+        along(0) + along(1)
+    }
+}
+
+impl Lead {
+    /// That of an axis.
+    pub fn of(axis: &SmoothedAxis) -> Self {
+        let [low, high] = extremes(&axis.position);
+        let (middle, half) = (
+            0.5 * (low + high),
+            (0.5 * (high - low)).max(f64::MIN_POSITIVE),
+        );
+        let over = |values: &[f64], from: f64| -> Vec<f64> {
+            values.iter().map(|v| (v - from) / half).collect()
+        };
+        let own = [
+            over(&axis.position, middle),
+            over(&axis.velocity, 0.0),
+            over(&axis.acceleration, 0.0),
+        ];
+        let all = 0..own[0].len();
+        let of = |f: fn(f64, f64, f64) -> f64| -> Vec<f64> {
+            let at = |i: usize| f(own[0][i], own[1][i], own[2][i]);
+            all.clone().map(at).collect()
+        };
+        let square = [
+            of(|s, _, _| s * s),
+            of(|s, v, _| 2.0 * s * v),
+            of(|s, v, a| 2.0 * (v * v + s * a)),
+        ];
+        Lead {
+            terms: [own, square],
+        }
+    }
+
+    /// How much of both, beside a constant, fits values best, and the factor of [`Led`]; NaN is a missing one.
+    fn shares(&self, values: &[f64]) -> ([f64; 2], [[f64; 2]; 2]) {
+        let (mut gram, mut score) = (Matrix3::zeros(), Vector3::zeros());
+        for (i, value) in values.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+            let row = Vector3::new(1.0, self.terms[0][0][i], self.terms[1][0][i]);
+            gram += row * row.transpose();
+            score += *value * row;
+        }
+        let Some(c) = gram.cholesky() else {
+            return ([0.0; 2], [[0.0; 2]; 2]);
+        };
+        let (found, spread) = (c.solve(&score), c.inverse());
+        let first = spread[(1, 1)].sqrt();
+        let both = spread[(2, 1)] / first;
+        let second = (spread[(2, 2)] - both * both).max(0.0).sqrt();
+        ([found[1], found[2]], [[first, 0.0], [both, second]])
+    }
+
+    /// That of some stretches alone.
+    fn stretches(&self, stretches: &[Stretch]) -> Self {
+        let pick = |list: &Vec<f64>| Stretch::pick(stretches, list);
+        Lead {
+            terms: (self.terms.each_ref()).map(|term| term.each_ref().map(pick)),
+        }
+    }
+
+    /// An axis that follows it, smoothed as [`smooth_axis`] does.
+    ///
+    /// # Errors
+    /// Those of [`smooth_axis`].
+    pub fn smooth(
+        self: &Arc<Self>,
+        values: &[f64],
+        step_s: f64,
+        order: Option<usize>,
+        cutoff_hz: Option<f64>,
+    ) -> Result<SmoothedAxis, String> {
+        let (shares, factor) = self.shares(values);
+        let made = |derivative: usize, i: usize| -> f64 {
+            (self.terms.iter().zip(shares))
+                .map(|(term, share)| share * term[derivative][i])
+                .sum()
+        };
+        let rest: Vec<f64> = values
+            .iter()
+            .enumerate()
+            .map(|(i, v)| v - made(0, i))
+            .collect();
+        let mut out = smooth_axis(&rest, step_s, order, cutoff_hz)?;
+        let parts = [&mut out.position, &mut out.velocity, &mut out.acceleration];
+        for (derivative, part) in parts.into_iter().enumerate() {
+            for (i, p) in part.iter_mut().enumerate() {
+                *p += made(derivative, i);
+            }
+        }
+        let led = Led {
+            lead: self.clone(),
+            factor,
+        };
+        for (i, sd) in out.position_sd.iter_mut().enumerate() {
+            *sd = sd.hypot(out.choice.noise * led.variance(i).sqrt());
+        }
+        out.choice.follows = true;
+        out.lead = Some(led);
+        Ok(out)
+    }
+}
+
+/// Least and largest.
+fn extremes(values: &[f64]) -> [f64; 2] {
+    (values.iter()).fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| {
+        [a.min(*v), b.max(*v)]
+    })
+}
+
+/// Share of the half-power frequency of the axis that moves most below which another one may follow it.
+const FAR_SLOWER: f64 = 0.25;
+
+/// Lets axes follow the one that moves most ([`Lead`]): those of which a plan says so and, without one, those
+/// that by themselves would be smoothed far more, where the likelihood grows by more than two values cost
+/// (Schwarz 1978).
+///
+/// # Errors
+/// Those of [`smooth_axis`].
+pub(super) fn let_follow(
+    axes: &mut [SmoothedAxis; 3],
+    values: &[Vec<f64>; 3],
+    plan: Option<&[SmoothingPlan]>,
+) -> Result<(), String> {
+    let range = |axis: usize| {
+        let [low, high] = extremes(&axes[axis].position);
+        high - low
+    };
+    let main = (0..3).max_by(|&a, &b| range(a).total_cmp(&range(b)));
+    let main = main.expect("three axes");
+    let slow = FAR_SLOWER * axes[main].choice.cutoff_hz;
+    let follows = |k: usize, axis: &SmoothedAxis| match plan {
+        Some(plan) => plan.get(k).is_some_and(|p| p.follows),
+        None => axis.choice.cutoff_hz < slow,
+    };
+    let those: Vec<usize> = (0..3)
+        .filter(|&k| k != main && follows(k, &axes[k]))
+        .collect();
+    if those.is_empty() {
+        return Ok(());
+    }
+    let lead = Arc::new(Lead::of(&axes[main]));
+    for k in those {
+        let own = axes[k].choice;
+        let fixed = plan.map(|_| (own.order, own.cutoff_hz)).unzip();
+        let other = lead.smooth(&values[k], axes[k].step_s, fixed.0, fixed.1)?;
+        let rows = values[k].iter().filter(|v| !v.is_nan()).count() as f64;
+        if plan.is_some() || other.choice.log_likelihood > own.log_likelihood + rows.ln() {
+            axes[k] = other;
+        }
+    }
+    Ok(())
 }
 
 #[derive(Debug, Clone)]
@@ -336,6 +537,7 @@ fn likelihood<const M: usize>(
         cutoff_hz,
         noise: variance.sqrt(),
         log_likelihood: -0.5 * (logs + n * variance.ln()),
+        follows: false,
     }
 }
 
@@ -434,6 +636,7 @@ fn run<const M: usize>(
         velocity: column(step_s),
         acceleration: column(step_s * step_s),
         position_sd: posterior.position_sd(choice.noise),
+        lead: None,
         posterior: wrap(posterior),
         step_s,
     }
@@ -503,6 +706,10 @@ impl SmoothedAxis {
             velocity: pick(&self.velocity),
             acceleration: pick(&self.acceleration),
             position_sd: pick(&self.position_sd),
+            lead: self.lead.as_ref().map(|led| Led {
+                lead: Arc::new(led.lead.stretches(stretches)),
+                factor: led.factor,
+            }),
             posterior: match &self.posterior {
                 Posterior::Three(p) => Posterior::Three(p.stretches(stretches)),
                 Posterior::Four(p) => Posterior::Four(p.stretches(stretches)),
@@ -516,6 +723,14 @@ impl SmoothedAxis {
     /// first.
     pub fn draw_deviation(&self, generator: &mut impl Rng, mut each: impl FnMut(usize, [f64; 3])) {
         let h = self.step_s;
+        let off = (self.lead.as_ref()).map(|led| (led, led.off(self.choice.noise, generator)));
+        let mut each = |i: usize, d: [f64; 3]| match off {
+            Some((led, off)) => {
+                let more = led.deviation(off, i);
+                each(i, [0, 1, 2].map(|j| d[j] + more[j]));
+            }
+            None => each(i, d),
+        };
         let scaled = |d: &[f64]| [d[0], d[1] / h, d[2] / (h * h)];
         match &self.posterior {
             Posterior::Three(p) => p.draw(self.choice.noise, generator, |i, d| each(i, scaled(&d))),
@@ -619,5 +834,118 @@ mod tests {
             .collect();
         let axis = smooth_axis(&seen, 0.01, None, None).unwrap();
         assert!(rms(axis.position.iter().map(|p| p - 5.0)) < 0.005);
+    }
+
+    /// Three axes: one that moves, one that follows it by so much, and one that stands still.
+    fn three(sideways: f64) -> ([Vec<f64>; 3], Vec<f64>) {
+        let (truth, main) = noisy(3000, 0.03, 5);
+        let aside: Vec<f64> = (truth.iter())
+            .map(|t| sideways * (t[0] / 20.0 + 0.3 * (t[0] / 20.0).powi(2)))
+            .collect();
+        let mut generator = ChaCha12Rng::seed_from_u64(6);
+        let mut seen = |around: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            let mut at = |i: usize| {
+                let z: f64 = StandardNormal.sample(&mut generator);
+                around(i) + 0.03 * z
+            };
+            (0..3000).map(&mut at).collect()
+        };
+        let values = [main, seen(&|i| aside[i]), seen(&|_| 0.0)];
+        (values, aside)
+    }
+
+    fn smoothed(values: &[Vec<f64>; 3], plan: Option<&[SmoothingPlan]>) -> [SmoothedAxis; 3] {
+        let mut axes = [0, 1, 2].map(|k| {
+            let fixed = plan.map(|p| (p[k].order, p[k].cutoff_hz)).unzip();
+            smooth_axis(&values[k], 0.01, fixed.0, fixed.1).unwrap()
+        });
+        let_follow(&mut axes, values, plan).unwrap();
+        axes
+    }
+
+    #[test]
+    fn a_motion_below_the_noise_is_seen_beside_the_one_that_makes_it() {
+        let (values, aside) = three(0.02);
+        let alone = smooth_axis(&values[1], 0.01, None, None).unwrap();
+        let axes = smoothed(&values, None);
+        assert_eq!(
+            axes.each_ref().map(|a| a.choice.follows),
+            [false, true, false]
+        );
+        let error = |a: &SmoothedAxis| rms((50..2950).map(|i| a.position[i] - aside[i]));
+        let [beside, by_itself] = [error(&axes[1]), error(&alone)];
+        assert!(
+            beside < 0.0025 && by_itself > 2.0 * beside,
+            "{beside} {by_itself}"
+        );
+        // the derivatives are those of the sum
+        let slope = |i: usize| (axes[1].position[i + 1] - axes[1].position[i - 1]) / 0.02;
+        let missed = rms((50..2950).map(|i| axes[1].velocity[i] - slope(i)));
+        assert!(
+            missed < 0.01 * rms(axes[1].velocity.iter().copied()),
+            "{missed}"
+        );
+        let bend = |i: usize| (axes[1].velocity[i + 1] - axes[1].velocity[i - 1]) / 0.02;
+        let missed = rms((50..2950).map(|i| axes[1].acceleration[i] - bend(i)));
+        assert!(
+            missed < 0.02 * rms(axes[1].acceleration.iter().copied()),
+            "{missed}"
+        );
+    }
+
+    #[test]
+    fn what_an_axis_has_of_another_is_as_uncertain_as_its_draws() {
+        let axes = smoothed(&three(0.02).0, None);
+        let axis = &axes[1];
+        let mut generator = ChaCha12Rng::seed_from_u64(7);
+        let mut sum = vec![0.0; 3000];
+        for _ in 0..400 {
+            axis.draw_deviation(&mut generator, |i, d| sum[i] += d[0] * d[0] / 400.0);
+        }
+        for i in (0..3000).step_by(300) {
+            let ratio = sum[i].sqrt() / axis.position_sd[i];
+            assert!((0.85..1.15).contains(&ratio), "{i} {ratio}");
+        }
+        // least squares of noise alone: over many, the shares scatter as stated
+        let lead = axis.lead.as_ref().unwrap();
+        let mut squares = [0.0; 2];
+        for _ in 0..200 {
+            let mut noise = || StandardNormal.sample(&mut generator);
+            let white: Vec<f64> = (0..3000).map(|_| noise()).collect();
+            let (shares, factor) = lead.lead.shares(&white);
+            for j in 0..2 {
+                let sd = factor[j][0].hypot(factor[j][1]);
+                squares[j] += (shares[j] / sd).powi(2) / 200.0;
+            }
+        }
+        assert!(
+            squares.iter().all(|s| (0.7..1.35).contains(s)),
+            "{squares:?}"
+        );
+    }
+
+    #[test]
+    fn a_plan_lets_the_same_axes_follow() {
+        let (values, _) = three(0.02);
+        let axes = smoothed(&values, None);
+        let plan = axes.each_ref().map(|a| SmoothingPlan::of(&a.choice));
+        let again = smoothed(&values, Some(&plan));
+        for (a, b) in axes.iter().zip(&again) {
+            assert_eq!(
+                (&a.position, &a.acceleration),
+                (&b.position, &b.acceleration)
+            );
+        }
+        let none = plan.map(|p| SmoothingPlan {
+            follows: false,
+            ..p
+        });
+        assert!(smoothed(&values, Some(&none))[1].lead.is_none());
+    }
+
+    #[test]
+    fn axes_that_stand_still_follow_nothing() {
+        let axes = smoothed(&three(0.0).0, None);
+        assert!(axes.iter().all(|a| a.lead.is_none()));
     }
 }

@@ -110,6 +110,13 @@ impl Value for i64 {
     }
 }
 
+impl Value for bool {
+    const EXPECTED: &'static str = "true or false";
+    fn from_toml(value: &DeValue<'_>) -> Option<Self> {
+        value.as_bool()
+    }
+}
+
 impl Value for [f64; 3] {
     const EXPECTED: &'static str = "three numbers [x, y, z]";
     fn from_toml(value: &DeValue<'_>) -> Option<Self> {

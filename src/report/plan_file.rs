@@ -70,10 +70,11 @@ pub fn plan_to_toml(plans: &[Plan]) -> String {
         for (s, axis) in plan.smoothing.iter().zip(["x", "y", "z"].iter().cycle()) {
             let _ = writeln!(
                 out,
-                "  {{ order = {}, cutoff_hz = {}, noise_mm = {} }}, # {axis}",
+                "  {{ order = {}, cutoff_hz = {}, noise_mm = {}{} }}, # {axis}",
                 s.order,
                 number(s.cutoff_hz),
-                number(s.noise_mm)
+                number(s.noise_mm),
+                if s.follows { ", follows = true" } else { "" }
             );
         }
         out.push_str("]\n");
@@ -118,7 +119,7 @@ fn read(document: &Document) -> Result<Vec<Plan>, Error> {
                 .bad("recording", format!("\"{recording}\" is there twice"))
                 .expected("one table a recording"));
         }
-        let axes = t.tables("smoothing", &["order", "cutoff_hz", "noise_mm"])?;
+        let axes = t.tables("smoothing", &["order", "cutoff_hz", "noise_mm", "follows"])?;
         if axes.len() != 3 {
             return Err(t
                 .bad("smoothing", format!("found {} axes", axes.len()))
@@ -139,6 +140,7 @@ fn read(document: &Document) -> Result<Vec<Plan>, Error> {
                 order,
                 cutoff_hz: axis.need_positive("cutoff_hz")?,
                 noise_mm: axis.need_not_negative("noise_mm")?,
+                follows: axis.get("follows")?.unwrap_or(false),
             });
         }
         let sync = t

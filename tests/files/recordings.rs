@@ -594,6 +594,7 @@ fn plans_read_back_to_the_same_bits() {
                 order: 3,
                 cutoff_hz: v * 7.0,
                 noise_mm: v * 0.01,
+                follows: v < 0.2,
             })
             .to_vec(),
         criterion: "c \"q\"".into(),

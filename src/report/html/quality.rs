@@ -40,7 +40,10 @@ fn item(r: &RecordingOutcome) -> Value {
     let mut table = Table::new(&caption, head);
     for (k, s) in r.plan.smoothing.iter().enumerate() {
         table.row(vec![
-            Cell::text(*["x", "y", "z"].get(k).unwrap_or(&"further")),
+            Cell::text(match (["x", "y", "z"].get(k), s.follows) {
+                (Some(axis), true) => format!("{axis}, beside the axis that moves most"),
+                (axis, _) => (*axis.unwrap_or(&"further")).to_string(),
+            }),
             Cell::number(number::significant(s.noise_mm, 2)),
             Cell::number(s.order.to_string()),
             Cell::number(number::significant(s.cutoff_hz, 3)),

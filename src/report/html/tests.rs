@@ -59,6 +59,7 @@ fn recording(id: &str, frames: usize) -> RecordingOutcome {
                     order: 4,
                     cutoff_hz: 2.5,
                     noise_mm: 0.03,
+                    follows: false,
                 };
                 3
             ],

@@ -241,7 +241,6 @@ impl Dataset {
             sync: plan.and_then(|p| p.sync.clone()),
             stretches: plan.and_then(|p| p.stretches),
         };
-        let mut axes = axes;
         let mut bridges = None;
         if !long.is_empty() {
             let mut bridged_track = track_of(&axes, parts.step_s, &parts.payload_kg, parts.initial);

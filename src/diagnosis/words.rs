@@ -44,13 +44,13 @@ pub(super) fn candidates<S: Subject>(
         Verdict::Unexplained => 0.25,
     };
     if let Some(pair) = pair {
-        // First the likelier one, of equals the one that explains more alone.
+        // First the likelier one, of equals, as odds are said, the one that explains more alone.
         let rank = |own: usize| {
             let place = singles.iter().position(|j| id(j, 0) == id(pair, own));
             place.unwrap_or(usize::MAX)
         };
-        let likelier =
-            |a: usize, b: usize| odds.cause(id(pair, b)).total_cmp(&odds.cause(id(pair, a)));
+        let percent = |own: usize| (100.0 * odds.cause(id(pair, own))).round();
+        let likelier = |a: usize, b: usize| percent(b).total_cmp(&percent(a));
         let mut members: Vec<usize> = (0..pair.fitted.effects.len()).collect();
         members.sort_by(|&a, &b| likelier(a, b).then(rank(a).cmp(&rank(b))));
         for own in members {

@@ -105,7 +105,7 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
                 steps[worst] * 1e3,
                 m.time_s[worst]
             ),
-            "leave these frames empty, or look for reflections; `fit --robust` counts them less",
+            "look for reflections; frames that stick out of the path by ten times the noise are left out of every fit",
         );
     }
 }

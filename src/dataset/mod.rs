@@ -12,8 +12,10 @@ mod plan;
 mod robot;
 mod sample;
 pub mod smoother;
+mod spikes;
 mod stretches;
 mod sync;
+mod thin;
 mod voltage;
 
 pub use colour::Colour;
@@ -36,6 +38,7 @@ use gap::Bridges;
 pub(crate) use smoother::SmoothedAxis;
 use smoother::smooth_axis;
 use stretches::Part;
+use thin::Thinned;
 
 /// Motion of the end effector's centre at equal distances in time, SI, world axes.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,6 +112,7 @@ pub struct Dataset {
     bridges: Option<Bridges>,
     /// Which frames these are, where they are not all.
     part: Option<Part>,
+    thinned: Option<Thinned>,
 }
 
 /// What a dataset is made of, on the motion clock, SI and world axes.
@@ -266,6 +270,7 @@ impl Dataset {
             axes,
             bridges,
             part: None,
+            thinned: None,
             usable,
             film_unknown,
             payload_kg: parts.payload_kg,
@@ -332,6 +337,9 @@ impl Dataset {
 
     /// A track drawn from what the capture leaves open: the smoothed one plus deviations of its uncertainty.
     pub fn drawn_track(&self, generator: &mut impl Rng) -> Track {
+        if let Some(thinned) = &self.thinned {
+            return thinned.of(&thinned.whole.drawn_track(generator));
+        }
         let mut track = self.track();
         for (k, axis) in self.axes.iter().enumerate() {
             axis.draw_deviation(generator, |i, d| {
@@ -352,6 +360,9 @@ impl Dataset {
     /// The smoothed track with the capture's noise once more: plus `times` what the smoother makes of a draw
     /// of it.
     pub fn noisier_track(&self, generator: &mut impl Rng, times: f64) -> Track {
+        if let Some(thinned) = &self.thinned {
+            return thinned.of(&thinned.whole.noisier_track(generator, times));
+        }
         let mut track = self.track();
         for (k, axis) in self.axes.iter().enumerate() {
             let noise = self.capture_noise_m(axis, generator);
@@ -380,7 +391,7 @@ impl Dataset {
         }
     }
 
-    /// The track of another motion, m a frame, had it been captured and smoothed as this one was: with
+    /// The track of another motion, m a frame of the whole dataset, had it been captured and smoothed as this one was: with
     /// `times` a draw of the capture's noise, and its gaps. `None` where it is not known at too many frames.
     pub fn retaken_track(
         &self,
@@ -388,6 +399,10 @@ impl Dataset {
         generator: &mut impl Rng,
         times: f64,
     ) -> Option<Track> {
+        if let Some(thinned) = &self.thinned {
+            let track = thinned.whole.retaken_track(position_m, generator, times)?;
+            return Some(thinned.of(&track));
+        }
         let mut track = self.track();
         for (k, axis) in self.axes.iter().enumerate() {
             let noise = self.capture_noise_m(axis, generator);

@@ -7,6 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 
 use super::colour::{self, Filtered};
+use super::spikes::spikes;
 use super::{Clocks, Dataset, Error, Event, OffsetSource, Parts, Plan, SyncPlan, Voltage};
 use crate::film::InitialState;
 use crate::kinematics::Vec3;
@@ -16,6 +17,8 @@ use crate::recording::{
 
 /// Seed of the noise that is put back where a filter took it.
 const UNFILTERED: u64 = 0x0dea_f117;
+/// Frames of which it is said that they were left out.
+const SAID: usize = 8;
 /// Frames whose stamp lies further from the grid than this share of a step are said to jitter.
 const JITTER: f64 = 0.25;
 /// Rates of a motion that can be worked with, Hz: the smoother's lowest half-power frequency (0.05 Hz) lies
@@ -107,6 +110,7 @@ fn parts<'m>(
     let (start_s, step_s, seen) = grid(motion, notes).map_err(unsuitable)?;
     let mut measured_m: Vec<Vec3> = seen.into_iter().map(|p| world(&p)).collect();
     possible_m(&measured_m, start_s, step_s).map_err(unsuitable)?;
+    notes.extend(without_spikes(&mut measured_m, start_s, step_s));
     let still = still_marker(motion, step_s, &mut measured_m, notes);
     let payload_g = |i: usize| manifest.payload.mass_g(start_s + step_s * i as f64);
     let mut parts = Parts {
@@ -152,6 +156,22 @@ fn of_robot(recording: &Recording) -> Result<(&RawMotion, &RawVoltage, &MotionMa
         3 => Ok((motion, voltage, stated)),
         n => Err(format!("{n} voltage channels, a robot has 3")),
     }
+}
+
+/// Leaves the frames empty in which the marker sticks out of its path, and says which.
+fn without_spikes(measured_m: &mut [Vec3], start_s: f64, step_s: f64) -> Option<String> {
+    let spikes = spikes(measured_m);
+    spikes.iter().for_each(|&i| measured_m[i] = [f64::NAN; 3]);
+    let at = |i: &usize| format!("{:.2}", start_s + step_s * *i as f64);
+    let first: Vec<String> = spikes.iter().take(SAID).map(at).collect();
+    let more = if spikes.len() > SAID { ", ..." } else { "" };
+    (!spikes.is_empty()).then(|| {
+        format!(
+            "{} frames in which the marker sticks out of its path are left out, as if they had not been captured: at {}{more} s",
+            spikes.len(),
+            first.join(", ")
+        )
+    })
 }
 
 /// The base marker, where it tells of the noise. What a filter took of that before the export is put back,

@@ -24,6 +24,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::SmoothingPlan;
 use super::stretches::Stretch;
+use super::thin::pick;
 
 /// Orders m that are offered: quintic and septic splines; both have a continuous acceleration.
 pub const ORDERS: [usize; 2] = [3, 4];
@@ -715,6 +716,17 @@ impl SmoothedAxis {
                 Posterior::Four(p) => Posterior::Four(p.stretches(stretches)),
             },
             step_s: self.step_s,
+        }
+    }
+
+    /// Every so many-th sample, as it was smoothed among all; deviations are drawn for all of them only.
+    pub(super) fn thinned(&self, every: usize) -> Self {
+        SmoothedAxis {
+            position: pick(&self.position, every),
+            velocity: pick(&self.velocity, every),
+            acceleration: pick(&self.acceleration, every),
+            position_sd: pick(&self.position_sd, every),
+            ..self.clone()
         }
     }
 

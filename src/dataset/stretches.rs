@@ -183,6 +183,7 @@ impl Dataset {
             plan: plan_of,
             notes: self.notes.clone(),
             bridges: self.bridges.as_ref().and_then(|b| b.stretches(&stretches)),
+            thinned: None,
             part: Some(Part {
                 between: Arc::new(between),
                 frames,

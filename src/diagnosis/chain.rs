@@ -11,11 +11,11 @@ use super::errors::{above_noise, beyond_noise, lowers_error, taken_away};
 use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, refit, with_partner};
 use super::judge::{Judged, Odds, alike};
 use super::outcome::*;
-use super::parts::{Causes, FAR};
+use super::parts::Causes;
 use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use super::subject::Subject;
-use super::tolerance::{self, Built};
+use super::tolerance::{self, Built, FAR};
 use super::verdict::{earns, foretells, ids, joins, leaves_too_much, never_adequate, unexplained};
 use super::words::in_unit;
 use super::{

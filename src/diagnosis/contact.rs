@@ -9,10 +9,10 @@
 
 use super::POLISH;
 use super::chain::{Case, Choice, Field};
-use super::judge::{Judged, NEVER_ADEQUATE, Odds};
+use super::judge::{INDEPENDENT, Judged, NEVER_ADEQUATE, Odds};
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
-use super::robot::open;
+use super::robot::{open, with_datasets};
 use super::tolerance::Built;
 use super::verdict::ids;
 use crate::dataset::Dataset;
@@ -161,8 +161,8 @@ fn without_edge(
     let mut remarks = Vec::new();
     let problem = open(
         robot,
-        &entries(&own, train),
-        &entries(&held, holdout),
+        &with_datasets(train, &own),
+        &with_datasets(holdout, &held),
         &mut remarks,
     );
     let request = Request {
@@ -197,19 +197,11 @@ fn without_edge(
         odds,
     };
     let left = away.mean_square.max(held_out);
-    let within = field.beyond(judged).is_none() && left < NEVER_ADEQUATE;
+    // what is adequate leaves noise, or errs by less than noise does
+    let little = choice.verdict == Verdict::Adequate || left < NEVER_ADEQUATE;
+    let within = field.beyond(judged).is_none() && little;
     let fitted = judged.fitted.clone();
     within.then_some((field.built, fitted, away))
-}
-
-/// Datasets in the places of those of entries.
-fn entries<'d>(datasets: &'d [Dataset], of: &[Entry]) -> Vec<Entry<'d>> {
-    let each = datasets.iter().zip(of);
-    each.map(|(dataset, e)| Entry {
-        dataset,
-        when: e.when,
-    })
-    .collect()
 }
 
 /// What is seen of each bicep where a model without a stop is fitted.
@@ -269,7 +261,8 @@ impl Touch {
     }
 }
 
-/// The fit with a stop where biceps touch: its values alone are fitted, all else was told without it.
+/// The fit with a stop where biceps touch, the same for all of them or one each, where that is better: its
+/// values alone are fitted, all else was told without it.
 fn with_stop(
     problem: &Problem<RobotResidual>,
     fitted: &Fitted,
@@ -277,23 +270,44 @@ fn with_stop(
 ) -> Result<Option<Fitted>, Error> {
     let (seen, top) = (seen(problem, fitted)?, top_rad(&problem.train));
     let touches = [0, 1, 2].map(|k| Touch::of(&seen[k], top[k] - edge_rad));
-    let on = [0, 1, 2].map(|k| touches[k].is_some());
-    let found: Vec<Touch> = touches.into_iter().flatten().collect();
+    let found: Vec<(usize, Touch)> = (touches.into_iter().enumerate())
+        .filter_map(|(k, touch)| Some((k, touch?)))
+        .collect();
     if found.is_empty() {
         return Ok(None);
     }
-    let effect = by_id(STOP).expect("in the catalogue");
-    let mean = |of: &dyn Fn(&Touch) -> f64| found.iter().map(of).sum::<f64>() / found.len() as f64;
-    let gives = mean(&|t| t.gives_rad_n_m).max(1.0 / RIGID_N_M_RAD);
-    let mut values: Vec<f64> = effect.parameters().iter().map(|q| q.off).collect();
-    values[..2].copy_from_slice(&[mean(&|t| t.angle_rad), 1.0 / gives]);
-    let mut effects = fitted.effects.clone();
-    effects.push(Acting { effect, values, on });
     let mut alone = problem.with(problem.train.clone());
     let state = &fitted.state;
     hold(&mut alone.nonlinear, &state.eta);
     hold(&mut alone.linear, &state.beta);
-    Ok(Some(alone.fit_near(fitted, &effects, POLISH)))
+    let fit = |stops: Vec<Acting>| {
+        alone.fit_near(fitted, &[&fitted.effects[..], &stops].concat(), POLISH)
+    };
+    let one = || fit(vec![stop(&found)]);
+    let each = || fit(found.chunks(1).map(stop).collect());
+    if found.len() == 1 {
+        return Ok(Some(one()));
+    }
+    let (one, each) = rayon::join(one, each);
+    // what Schwarz's criterion asks of more values
+    let more = (each.free.len() - one.free.len()) as f64;
+    let rows = INDEPENDENT * each.state.rows as f64;
+    let better = INDEPENDENT * (one.cost() - each.cost()) > more * rows.ln();
+    Ok(Some(if better { each } else { one }))
+}
+
+/// One stop where these biceps touch: angles within tolerances are as near to each other as they are known.
+fn stop(found: &[(usize, Touch)]) -> Acting {
+    let effect = by_id(STOP).expect("in the catalogue");
+    let mean = |of: &dyn Fn(&Touch) -> f64| {
+        found.iter().map(|(_, t)| of(t)).sum::<f64>() / found.len() as f64
+    };
+    let gives = mean(&|t| t.gives_rad_n_m).max(1.0 / RIGID_N_M_RAD);
+    let mut values: Vec<f64> = effect.parameters().iter().map(|q| q.off).collect();
+    values[..2].copy_from_slice(&[mean(&|t| t.angle_rad), 1.0 / gives]);
+    let mut on = [false; 3];
+    found.iter().for_each(|(k, _)| on[*k] = true);
+    Acting { effect, values, on }
 }
 
 /// Holds unknowns where they are.

@@ -15,7 +15,7 @@ use super::words::{
     How, candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
     says_of_part,
 };
-use super::{forms, law, learn, parts, tolerance};
+use super::{forms, law, learn, tolerance};
 use crate::effects::Acting;
 use crate::model::Parameters;
 
@@ -41,7 +41,7 @@ struct Ruled {
 fn ruled(field: &Field, choice: &Choice) -> Ruled {
     let (plain, best) = (&field.plain, &choice.best);
     let detail =
-        |part: &Departed| part.times() < parts::FAR && best.excess() < DETAIL * plain.excess();
+        |part: &Departed| part.times() < tolerance::FAR && best.excess() < DETAIL * plain.excess();
     let beside = field.beyond(best);
     let stands = beside.as_ref().is_none_or(detail) && !fails_held_out(plain, best);
     let verdict = match choice.verdict {
@@ -225,8 +225,10 @@ fn told_apart<S: Subject>(
         ids.insert(0, named.fitted.effects[own].effect.id());
         ids
     };
-    let groups = (0..named.fitted.effects.len()).map(group);
-    groups.filter(|ids| ids.len() > 1).collect()
+    let mut groups: Vec<_> = (0..named.fitted.effects.len()).map(group).collect();
+    groups.retain(|ids| ids.len() > 1);
+    groups.dedup(); // the same cause on one actuator after the other
+    groups
 }
 
 /// Odds and words of a plain model that suffices with a part beyond its tolerance, and what would tell more.

@@ -192,11 +192,14 @@ impl Gain {
     }
 
     /// Share of the way from the plain model's error to what noise makes that the augmented one goes; NaN
-    /// where there is no way to go.
+    /// where there is no way to go. At most 1: what is below what noise makes is noise.
     #[must_use]
     pub fn gap_closed(&self) -> f64 {
         match self.before_v > GAP * self.noise_floor_v {
-            true => (self.before_v - self.after_v) / (self.before_v - self.noise_floor_v),
+            true => {
+                let way = self.before_v - self.noise_floor_v;
+                ((self.before_v - self.after_v) / way).min(1.0)
+            }
             false => f64::NAN,
         }
     }

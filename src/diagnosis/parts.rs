@@ -18,7 +18,7 @@ use super::outcome::Error;
 use super::problem::{Fitted, Problem};
 use super::scan::Scanned;
 use super::subject::Subject;
-use super::tolerance::{self, Built, Tolerance};
+use super::tolerance::{self, Built, FAR, Tolerance};
 use super::{PAIR_ABOVE, POLISH};
 use crate::effects::Acting;
 
@@ -27,9 +27,6 @@ use crate::effects::Acting;
 const WORTH_A_FIT: f64 = 0.5;
 /// Mean square of the best causes, over the noise, above which parts are looked for beside them.
 const BEYOND_NOISE: f64 = 1.1;
-/// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
-/// stand in for a cause go there, and so do parts that shrink all torques with one.
-pub(super) const FAR: f64 = 10.0;
 /// Causes that are fitted beside parts that differ, those of them beside which parts are told again, and those
 /// beside which they are told to the end.
 const BESIDE_PARTS: usize = 6;

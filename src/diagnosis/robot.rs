@@ -13,7 +13,7 @@ use super::outcome::*;
 use super::problem::{BRANCHES, Problem};
 use super::subject::{At, Coordinate, Errors, Subject, TermColumns, Whereabouts, Words};
 use super::tolerance::{self, Tolerance};
-use crate::dataset::OffsetSource;
+use crate::dataset::{Dataset, OffsetSource};
 use crate::effects::learnt::Learnt;
 use crate::effects::{Acting, CATALOGUE, Effect, Seen, When};
 use crate::film::Locked;
@@ -21,7 +21,7 @@ use crate::fit::memory::Memory;
 use crate::kinematics::Vec3;
 use crate::model::{ForearmTorque, Parameters, Robot};
 use crate::residual::{
-    Departure, DepartureTorques, ExpectedScore, OFFSET_REACH_S, RobotResidual, root_v,
+    Departure, DepartureTorques, ExpectedScore, OFFSET_REACH_S, RobotResidual, frames_apart, root_v,
 };
 use crate::simulate::predict_motions;
 
@@ -40,6 +40,16 @@ pub fn diagnose(
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
     let mut remarks = Vec::new();
+    // a fast capture has nothing to say below the residual's low-pass that every so many-th frame has not
+    let thinned = |list: &[Entry]| -> Vec<Dataset> {
+        let thin = |e: &Entry| e.dataset.thinned(frames_apart(e.dataset));
+        list.iter().map(thin).collect()
+    };
+    let (own, held) = (thinned(train), thinned(holdout));
+    let (train, holdout) = (
+        &with_datasets(train, &own)[..],
+        &with_datasets(holdout, &held)[..],
+    );
     let mut problem = open(robot, train, holdout, &mut remarks)?;
     problem.memory = request.memory.clone();
     problem.tally = request.tally.clone();
@@ -59,6 +69,16 @@ pub fn diagnose(
         position_m: middle(train),
     });
     Ok(diagnosis)
+}
+
+/// Entries with these datasets in the places of their own.
+pub(super) fn with_datasets<'d>(entries: &[Entry], datasets: &'d [Dataset]) -> Vec<Entry<'d>> {
+    let each = datasets.iter().zip(entries);
+    each.map(|(dataset, e)| Entry {
+        dataset,
+        when: e.when,
+    })
+    .collect()
 }
 
 /// The mean position of the end effector, m.
@@ -186,7 +206,7 @@ fn seen(residual: &RobotResidual) -> Seen {
 fn motions(residual: &RobotResidual, eta: &[f64], beta: &[f64]) -> Option<Vec<Vec<[f64; 3]>>> {
     predict_motions(
         &residual.mechanics(0).robot,
-        &residual.datasets().collect::<Vec<_>>(),
+        &residual.datasets().map(Dataset::whole).collect::<Vec<_>>(),
         &residual.parameters(eta, beta),
         &|r| residual.offset_s(r, eta),
         &residual.effects(eta),

@@ -877,14 +877,16 @@ fn largest(departed: &[Departed]) -> Option<&Departed> {
 fn remark(departed: &[Departed]) -> Option<String> {
     let largest = largest(departed).filter(|d| d.times() >= WORTH_SAYING)?;
     let says = largest.says();
-    Some(if largest.times() < WITHIN {
-        format!(
+    Some(match largest.times() {
+        within if within < WITHIN => format!(
             "Parts may differ from the drawing within their tolerances, and do; most of all {says}. Such differences are no cause."
-        )
-    } else {
-        format!(
+        ),
+        near if near < FAR => format!(
             "Parts differ from the drawing, most of all {says}, which is more than tolerances make. Measure it, and state what it is in rig.toml."
-        )
+        ),
+        _ => format!(
+            "Parts take up what the model leaves out, most of all {says}: no workshop is off by as much, so it is something else."
+        ),
     })
 }
 
@@ -904,6 +906,9 @@ const OF_ONE_PART: f64 = 3.0;
 /// Departure, in tolerances, above which a part is not within them: of seventy normal ones the largest
 /// exceeds it in one robot of 200.
 const WITHIN: f64 = 4.0;
+/// Departure, in tolerances, from which parts are not believed: no workshop is off by as much, but parts that
+/// stand in for a cause go there, and so do parts that shrink all torques with one.
+pub(super) const FAR: f64 = 10.0;
 
 #[cfg(test)]
 mod tests {

@@ -26,11 +26,16 @@ const KEEP_PERIODS: f64 = 0.4;
 const EDGE_S: f64 = 0.3;
 
 impl Decimation {
+    /// Where the filter for samples `step_s` apart has its half amplitude, Hz.
+    pub fn cutoff_hz(step_s: f64, band_hz: f64) -> f64 {
+        band_hz.max(LOWEST_CUTOFF_HZ).min(0.2 / step_s)
+    }
+
     /// The filter for samples `step_s` apart: a Hamming-windowed sinc with its half amplitude at `band_hz`,
     /// or at 5 Hz if that is more; none where the rate is too low for one. Where it is longer than the
     /// `samples` that there are, none is kept.
     pub fn new(step_s: f64, band_hz: f64, samples: usize) -> Self {
-        let cutoff_hz = band_hz.max(LOWEST_CUTOFF_HZ).min(0.2 / step_s);
+        let cutoff_hz = Self::cutoff_hz(step_s, band_hz);
         let half = (HALF_PERIODS / (cutoff_hz * step_s)).round() as usize;
         let every = ((KEEP_PERIODS / (cutoff_hz * step_s)).round() as usize).max(1);
         let edge = (EDGE_S / step_s).round() as usize;

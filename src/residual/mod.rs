@@ -20,6 +20,7 @@ pub use decimate::Decimation;
 pub use normal::{Normal, SeparableResidual, Slope};
 pub use robot::{
     Chains, Departure, DepartureTorques, ExpectedScore, Layout, RobotResidual, VoltageError,
+    frames_apart,
 };
 pub(crate) use robot::{OFFSET_REACH_S, root_v};
 pub(crate) use sample::deviation;

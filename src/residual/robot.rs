@@ -2423,6 +2423,24 @@ fn resolution_v(voltage: &crate::dataset::Voltage) -> [f64; 3] {
     })
 }
 
+/// Half-amplitude frequency of the residual's low-pass that a dataset asks for, Hz.
+fn band_hz(dataset: &Dataset) -> f64 {
+    let known = dataset.axes.iter().map(|a| a.choice.cutoff_hz);
+    match dataset.offset_source {
+        OffsetSource::Free => BAND_PER_CUTOFF * known.fold(0.0, f64::max),
+        OffsetSource::Stated | OffsetSource::Measured => 0.0,
+    }
+}
+
+/// Frames of a period of the residual's low-pass that tell it as well as more do.
+const FRAMES_A_PERIOD: f64 = 8.0;
+
+/// Every how many-th frame of a dataset suffices for its residual, which lies below its low-pass.
+pub fn frames_apart(dataset: &Dataset) -> usize {
+    let least_hz = FRAMES_A_PERIOD * Decimation::cutoff_hz(dataset.step_s, band_hz(dataset));
+    (1.0 / (least_hz * dataset.step_s)).max(1.0) as usize
+}
+
 fn prepare<'a>(
     dataset: &'a Dataset,
     when: When,
@@ -2431,16 +2449,7 @@ fn prepare<'a>(
     forearm: &ForearmTorque,
 ) -> Prepared<'a> {
     let free = dataset.offset_source == OffsetSource::Free;
-    let known_hz = dataset
-        .axes
-        .iter()
-        .map(|a| a.choice.cutoff_hz)
-        .fold(0.0, f64::max);
-    let band_hz = if free {
-        BAND_PER_CUTOFF * known_hz
-    } else {
-        0.0
-    };
+    let band_hz = band_hz(dataset);
     let decimation = Decimation::new(dataset.step_s, band_hz, dataset.samples());
     let margin = if free { OFFSET_REACH_S } else { 0.0 };
     let mut usable = dataset.usable.clone();

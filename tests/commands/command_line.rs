@@ -624,8 +624,9 @@ fn a_diagnosis_leaves_a_model_that_the_other_commands_apply() {
             .unwrap();
     let (a, b) = (&validation["rmse_V"], &printed["holdout_rmse_V"]["after"]);
     let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+    // a diagnosis works with every second frame of a capture at 100 Hz
     assert!(
-        (a - b).abs() < 1e-6 * a,
+        (a - b).abs() < 1e-3 * a,
         "validate says {a} V, the diagnosis {b} V"
     );
 }

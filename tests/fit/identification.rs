@@ -14,7 +14,7 @@ use deacal::calibration::{Request, Stage, calibrate_robot};
 use deacal::dataset::{Dataset, Parts, StretchPlan, Voltage, stretches};
 use deacal::film::InitialState;
 use deacal::model::{Parameters, Robot};
-use deacal::residual::{RobotResidual, SeparableResidual};
+use deacal::residual::{RobotResidual, SeparableResidual, frames_apart};
 use deacal::simulate::{Circle, Drive, Options, Payload, motion, predict_motions, rest};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
@@ -264,6 +264,52 @@ fn scores_of_a_simulated_recording_have_the_mean_that_its_model_says() {
             (0.2..5.0).contains(&ratio),
             "unknown {i}: variance {ratio} of the true one"
         );
+    }
+}
+
+/// Behind the residual's low-pass every so many-th frame tells what all do: the same voltages within a tenth of
+/// the noise, the same noise, and as much of every parameter.
+#[test]
+fn every_second_frame_tells_what_all_do() {
+    let robot = robot(&golden("inverse_dynamics")["rig"]);
+    let mut generator = ChaCha12Rng::seed_from_u64(32);
+    let film = film(&mut generator);
+    let whole = long_recording(&robot, &film, &mut generator, 40.0, Some(0.0));
+    assert_eq!(frames_apart(&whole), 2);
+    let part = whole.thinned(2);
+    assert_eq!(part.samples(), whole.samples().div_ceil(2));
+    let beta: Vec<f64> = film.mu_pa.iter().copied().chain([0.0; 7]).collect();
+    let mut eta: Vec<f64> = film.relaxation_time_s.iter().map(|t| t.ln()).collect();
+    eta.push(1.0 / film.locking);
+    let told = |d: &Dataset| {
+        let forearm = deacal::model::ForearmTorque::zero();
+        let mut residual = RobotResidual::new(&robot, &[d], film.branches(), &forearm).unwrap();
+        residual.weigh(&eta, &beta).unwrap();
+        let gram = residual.evaluate(&eta, &beta).unwrap().at(eta.len(), &beta);
+        let size = eta.len() + film.mu_pa.len();
+        let each: Vec<f64> = (0..size).map(|i| gram[(i, i)].sqrt()).collect();
+        (residual.voltage_error(0, &eta, &beta).unwrap(), each)
+    };
+    let ((of_whole, by_all), (of_part, by_part)) = (told(&whole), told(&part));
+    let (mut squares, mut sd, mut count) = (0.0, [0.0; 2], 0.0);
+    for i in 0..part.samples() {
+        assert_eq!(part.time_s(i), whole.time_s(2 * i));
+        assert_eq!(part.measured_m[i], whole.measured_m[2 * i]);
+        for k in (0..3).filter(|&k| of_part.counts[i] && of_part.command_v[i][k] > 1000.0) {
+            let volts = |e: &deacal::residual::VoltageError, i: usize| {
+                e.predicted_squared_v2[i][k].max(0.0).sqrt()
+            };
+            let noise = of_whole.sd_v[2 * i][k];
+            squares += ((volts(&of_part, i) - volts(&of_whole, 2 * i)) / noise).powi(2);
+            sd = [sd[0] + noise, sd[1] + of_part.sd_v[i][k]];
+            count += 1.0;
+        }
+    }
+    let off = (squares / count).sqrt();
+    assert!(count > 1000.0 && off < 0.1, "{count} {off}");
+    assert!((sd[1] / sd[0] - 1.0).abs() < 0.05, "{sd:?}");
+    for (i, (all, part)) in by_all.iter().zip(&by_part).enumerate() {
+        assert!((part / all - 1.0).abs() < 0.1, "unknown {i}: {part} {all}");
     }
 }
 

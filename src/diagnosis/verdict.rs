@@ -23,9 +23,12 @@ pub(super) fn foretells(plain: &Judged, judged: &Judged) -> bool {
 /// What smoothing and numerics leave of a right model is less, however long the recordings.
 pub(super) const MATTERS: f64 = 0.02;
 
-/// Share of what the plain model leaves of blocks that were left out, or of recordings that were held out, up
-/// to which another one foretells them.
+/// Share of what the plain model leaves of blocks that were left out, up to which another one foretells them.
 const FORETOLD: f64 = 0.5;
+
+/// The same of recordings that were held out: of 31 right names of robots for development, half of them of
+/// another simulator, none left more than 0.08, a likeness of what was fitted 0.27.
+const HELD_OUT: f64 = 0.2;
 
 /// Whether what the best model leaves must be something that is in no entry, from the mean squares of the
 /// plain and the best model.
@@ -60,10 +63,10 @@ pub(super) fn leaves_too_much<S: Subject>(
     Ok(beside_smoothing(problem, best)?.is_none_or(too_much))
 }
 
-/// Whether a model errs on recordings that were held out much as the plain one does: what was named is a
-/// likeness of the fitted ones then.
+/// Whether a model leaves a good part of what the plain one leaves of recordings that were held out: what was
+/// named is a likeness of the fitted ones then.
 pub(super) fn fails_held_out(plain: &Judged, best: &Judged) -> bool {
-    best.holdout > NEVER_ADEQUATE && best.holdout - 1.0 > FORETOLD * (plain.holdout - 1.0)
+    best.holdout > NEVER_ADEQUATE && best.holdout - 1.0 > HELD_OUT * (plain.holdout - 1.0)
 }
 
 /// Ids of the causes of a fit.

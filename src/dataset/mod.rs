@@ -391,8 +391,9 @@ impl Dataset {
         }
     }
 
-    /// The track of another motion, m a frame of the whole dataset, had it been captured and smoothed as this one was: with
-    /// `times` a draw of the capture's noise, and its gaps. `None` where it is not known at too many frames.
+    /// The track of another motion, m a frame of the whole dataset, had it been captured and smoothed as this
+    /// one was: with `times` a draw of the capture's noise, and its gaps. `None` where it is not known at too
+    /// many frames.
     pub fn retaken_track(
         &self,
         position_m: &[Vec3],

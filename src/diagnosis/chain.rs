@@ -191,7 +191,11 @@ impl<'a, S: Subject> Case<'a, S> {
         let mut built = built;
         if start.cost() > PAIR_ABOVE * start.state.rows as f64 {
             match built.settled(problem, &start) {
-                Ok(Some(told)) if told.0.farthest(&told.1) < FAR => (built, start) = told,
+                Ok(Some(told))
+                    if told.0.farthest(&told.1) < FAR && held(problem, &self.holdout, &told) =>
+                {
+                    (built, start) = told;
+                }
                 _ => built.restore(problem)?,
             }
         }
@@ -387,6 +391,7 @@ impl<'a, S: Subject> Case<'a, S> {
         }
         (self.watch)("telling parts beside the leading cause");
         let told = built.settled(&mut self.problem, &first.fitted)?;
+        let told = told.filter(|t| held(&self.problem, &self.holdout, t));
         (told.as_ref().map_or(built, |t| &t.0)).restore(&mut self.problem)?;
         Ok(told)
     }
@@ -536,6 +541,7 @@ impl<'a, S: Subject> Case<'a, S> {
         let within = |(b, f): &Parts| b.beyond(f).is_none() && f.cost() < most;
         let told = built.settled(&mut self.problem, &two.fitted);
         let told = told.ok().flatten().filter(within);
+        let told = told.filter(|t| held(&self.problem, &self.holdout, t));
         (told.as_ref().map_or(built, |t| &t.0)).restore(&mut self.problem)?;
         Ok(told)
     }
@@ -585,6 +591,7 @@ impl<'a, S: Subject> Case<'a, S> {
             Ok::<_, Error>(scan(problem, &tangent, groups, units, &wanted))
         };
         let told = causes.outdone(&self.problem, &chance.blocks, &scanned)?;
+        let told = told.filter(|t| held(&self.problem, &self.problem.holdout, t));
         if let Some((built, _)) = &told {
             self.holdout = self.problem.holdout.take();
             built.restore(&mut self.problem)?;
@@ -740,6 +747,11 @@ impl Field {
                 alone + others().sum::<f64>() >= 0.5 && others().all(|o| alone >= RIVALS * o)
             })
     }
+}
+
+/// Whether recordings that are held out, if there are, can have such parts.
+fn held<S: Subject>(problem: &Problem<S>, holdout: &Option<S>, (built, _): &Parts) -> bool {
+    holdout.as_ref().is_none_or(|h| built.is_held(problem, h))
 }
 
 /// Moves scores towards that of the plain model, by as much as they overstate the evidence.

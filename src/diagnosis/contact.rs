@@ -296,7 +296,7 @@ fn with_stop(
     Ok(Some(if better { each } else { one }))
 }
 
-/// One stop where these biceps touch: angles within tolerances are as near to each other as they are known.
+/// One stop where these biceps touch, as they do on average.
 fn stop(found: &[(usize, Touch)]) -> Acting {
     let effect = by_id(STOP).expect("in the catalogue");
     let mean = |of: &dyn Fn(&Touch) -> f64| {

@@ -186,7 +186,10 @@ pub(super) fn with_partner<S: Subject>(
     units: &[Unit],
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Vec<Judged>, Error> {
-    let tangent = Tangent::new(problem, &first.fitted)?;
+    // values that a fit ended at, and the mechanism cannot have, have no partners
+    let Ok(tangent) = Tangent::new(problem, &first.fitted) else {
+        return Ok(Vec::new());
+    };
     let own: Vec<&str> = first.fitted.effects.iter().map(|a| a.effect.id()).collect();
     let scanned: Vec<Scanned> = scan(problem, &tangent, groups, units, wanted)
         .into_iter()

@@ -49,8 +49,9 @@ impl Judged {
             let squares = tangent.residual.norm_squared() + priors;
             Ok::<_, Locked>((squares, blocks.foretell(&tangent, None)))
         };
-        let mut squares = fitted.cost();
         let told = foretell(&problem.train, &fitted);
+        // a mechanism that cannot take the poses of the recordings explains nothing, whatever a fit made of it
+        let mut squares = told.as_ref().map_or(f64::INFINITY, |_| fitted.cost());
         let mut foretold = told.map_or_else(|_| blocks.untold(), |f| f.1);
         let own = (!fitted.effects.is_empty()).then(|| problem.weighed(&fitted));
         if let Some(Ok((train, _))) = own

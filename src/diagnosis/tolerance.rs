@@ -691,6 +691,13 @@ impl Built {
         Ok(())
     }
 
+    /// Whether recordings that were held out can have parts that differ so: a pose that the mechanism cannot
+    /// take there is one that the robot took.
+    pub fn is_held<S: Subject>(&self, problem: &Problem<S>, holdout: &S) -> bool {
+        let mut holdout = holdout.with_effects(Vec::new(), Vec::new(), &problem.holdout_when);
+        self.hold(problem, &mut holdout).is_ok()
+    }
+
     /// Departures in tolerances that a fit makes, from the drawing. In directions that the recordings do not
     /// see they are as drawn, whatever the mechanism has.
     fn found(&self, fitted: &Fitted) -> DVector<f64> {

@@ -3,7 +3,7 @@
 //! from the shape of the spectrum, for noise that is a little coloured is larger where the motion is.
 
 /// Median magnitude of a standard normal deviate.
-const MEDIAN: f64 = 0.674_489_75;
+pub(super) const MEDIAN: f64 = 0.674_489_75;
 
 /// Difference of the highest order that so many neighbours at equal distances have.
 #[must_use]

@@ -159,7 +159,7 @@ fn of_robot(recording: &Recording) -> Result<(&RawMotion, &RawVoltage, &MotionMa
 }
 
 /// Leaves the frames empty in which the marker sticks out of its path, and says which.
-fn without_spikes(measured_m: &mut [Vec3], start_s: f64, step_s: f64) -> Option<String> {
+pub(super) fn without_spikes(measured_m: &mut [Vec3], start_s: f64, step_s: f64) -> Option<String> {
     let spikes = spikes(measured_m);
     spikes.iter().for_each(|&i| measured_m[i] = [f64::NAN; 3]);
     let at = |i: &usize| format!("{:.2}", start_s + step_s * *i as f64);

@@ -4,7 +4,7 @@
 //! as captured.
 
 use super::noise::white;
-use super::robot::{grid, possible_m, signs, volts, world_frame};
+use super::robot::{grid, possible_m, signs, volts, without_spikes, world_frame};
 use super::smoother::{SmoothedAxis, smooth_axis};
 use super::{Error, OffsetSource, Plan, SmoothingPlan, Voltage, coarse_offset, plan, runs};
 use crate::recording::{FilmState, NumberOrEstimate, Payload, RawVoltage, Recording};
@@ -203,8 +203,9 @@ impl HangingDataset {
         }
         let world = world_frame(motion, stated, &mut notes);
         let (start_s, step_s, seen) = grid(motion, &mut notes).map_err(unsuitable)?;
-        let seen: Vec<_> = seen.iter().map(world).collect();
+        let mut seen: Vec<_> = seen.iter().map(world).collect();
         possible_m(&seen, start_s, step_s).map_err(unsuitable)?;
+        notes.extend(without_spikes(&mut seen, start_s, step_s));
         let scale = voltage.unit.to_si * voltage.scale.unwrap_or(1.0);
         let RawVoltage {
             time_s,

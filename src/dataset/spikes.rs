@@ -7,6 +7,7 @@
 
 use nalgebra::{Matrix4, Vector4};
 
+use super::noise::{MEDIAN, digit};
 use crate::kinematics::Vec3;
 
 /// Frames in a row that stick out, at most.
@@ -63,12 +64,7 @@ fn noise(path: &[Vec3], axis: usize) -> f64 {
         .collect();
     off.sort_by(f64::total_cmp);
     let middle = off.get(off.len() / 2).copied().unwrap_or(f64::INFINITY);
-    let digit = (path.windows(2))
-        .map(|p| (p[1][axis] - p[0][axis]).abs())
-        .filter(|d| *d > 0.0)
-        .fold(f64::INFINITY, f64::min);
-    // median absolute deviation of a normal distribution
-    (1.4826 * middle).max(if digit.is_finite() { digit } else { 0.0 })
+    (middle / MEDIAN).max(digit(path.iter().map(|p| p[axis])))
 }
 
 /// Whether a frame is farther than this from where its four neighbours put it, or lacks one of them.

@@ -1,6 +1,7 @@
 //! A dataset of every so many-th frame, for what is worked out behind a low-pass: the motion was smoothed at
 //! all of them, and what the capture leaves open is drawn at all of them.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::{Dataset, Track};
@@ -33,9 +34,9 @@ impl Thinned {
 
 impl Dataset {
     /// Every `every`-th frame, from the first. A dataset in stretches stays as it is.
-    pub fn thinned(&self, every: usize) -> Dataset {
+    pub fn thinned(&self, every: usize) -> Cow<'_, Dataset> {
         if every <= 1 || self.part.is_some() {
-            return self.clone();
+            return Cow::Borrowed(self);
         }
         // what is not known of the film between two frames that are kept is not known at them
         let last = self.film_unknown.len() - 1;
@@ -43,20 +44,18 @@ impl Dataset {
             let near = i.saturating_sub(every - 1)..=(i + every - 1).min(last);
             self.film_unknown[near].contains(&true)
         };
-        Dataset {
+        let whole = Arc::new(self.clone());
+        Cow::Owned(Dataset {
             step_s: every as f64 * self.step_s,
             measured_m: pick(&self.measured_m, every),
             axes: (self.axes.each_ref()).map(|a| a.thinned(every)),
             usable: pick(&self.usable, every),
             film_unknown: (0..=last).step_by(every).map(unknown).collect(),
             payload_kg: pick(&self.payload_kg, every),
-            thinned: Some(Thinned {
-                whole: Arc::new(self.clone()),
-                every,
-            }),
             bridges: None, // the whole dataset has them
+            thinned: Some(Thinned { whole, every }),
             ..self.clone()
-        }
+        })
     }
 
     /// The dataset with all frames.

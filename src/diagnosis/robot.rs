@@ -1,5 +1,6 @@
 //! The delta robot as a subject: three torques a sample, judged in volts above 1 kV.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
@@ -40,15 +41,10 @@ pub fn diagnose(
     watch: &(dyn Fn(&str) + Sync),
 ) -> Result<Diagnosis, Error> {
     let mut remarks = Vec::new();
-    // a fast capture has nothing to say below the residual's low-pass that every so many-th frame has not
-    let thinned = |list: &[Entry]| -> Vec<Dataset> {
-        let thin = |e: &Entry| e.dataset.thinned(frames_apart(e.dataset));
-        list.iter().map(thin).collect()
-    };
     let (own, held) = (thinned(train), thinned(holdout));
     let (train, holdout) = (
-        &with_datasets(train, &own)[..],
-        &with_datasets(holdout, &held)[..],
+        &with_datasets(train, own.iter().map(|d| &**d))[..],
+        &with_datasets(holdout, held.iter().map(|d| &**d))[..],
     );
     let mut problem = open(robot, train, holdout, &mut remarks)?;
     problem.memory = request.memory.clone();
@@ -71,9 +67,19 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
+/// The frames that recordings are worked with: a fast capture has nothing to say below the residual's low-pass
+/// that every so many-th frame has not.
+fn thinned<'d>(entries: &[Entry<'d>]) -> Vec<Cow<'d, Dataset>> {
+    let thin = |e: &Entry<'d>| e.dataset.thinned(frames_apart(e.dataset));
+    entries.iter().map(thin).collect()
+}
+
 /// Entries with these datasets in the places of their own.
-pub(super) fn with_datasets<'d>(entries: &[Entry], datasets: &'d [Dataset]) -> Vec<Entry<'d>> {
-    let each = datasets.iter().zip(entries);
+pub(super) fn with_datasets<'d>(
+    entries: &[Entry],
+    datasets: impl IntoIterator<Item = &'d Dataset>,
+) -> Vec<Entry<'d>> {
+    let each = datasets.into_iter().zip(entries);
     each.map(|(dataset, e)| Entry {
         dataset,
         when: e.when,

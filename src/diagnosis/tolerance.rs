@@ -695,7 +695,7 @@ impl Built {
     /// take there is one that the robot took.
     pub fn is_held<S: Subject>(&self, problem: &Problem<S>, holdout: &S) -> bool {
         let mut holdout = holdout.with_effects(Vec::new(), Vec::new(), &problem.holdout_when);
-        self.hold(problem, &mut holdout).is_ok()
+        holdout.rebuild(self.acts.clone()).is_ok()
     }
 
     /// Departures in tolerances that a fit makes, from the drawing. In directions that the recordings do not

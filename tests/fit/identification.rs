@@ -276,7 +276,7 @@ fn every_second_frame_tells_what_all_do() {
     let film = film(&mut generator);
     let whole = long_recording(&robot, &film, &mut generator, 40.0, Some(0.0));
     assert_eq!(frames_apart(&whole), 2);
-    let part = whole.thinned(2);
+    let part = whole.thinned(2).into_owned();
     assert_eq!(part.samples(), whole.samples().div_ceil(2));
     let beta: Vec<f64> = film.mu_pa.iter().copied().chain([0.0; 7]).collect();
     let mut eta: Vec<f64> = film.relaxation_time_s.iter().map(|t| t.ln()).collect();

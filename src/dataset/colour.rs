@@ -21,14 +21,18 @@ const PIECE: usize = 256;
 const ENOUGH: usize = 2048;
 /// Correlation times that are tried, s. Wander that is slower still lies below the frequencies that are
 /// looked at.
-const TIMES_S: [f64; 12] = [
+pub(super) const TIMES_S: [f64; 12] = [
     0.015, 0.022, 0.032, 0.047, 0.068, 0.1, 0.15, 0.22, 0.32, 0.47, 0.68, 1.0,
 ];
 /// Steps of the slow part's variance over the white part's that are tried, each a quarter more than the last,
 /// from 1 %.
 const VARIANCES: i32 = 40;
+/// Those steps.
+pub(super) fn variances() -> impl Iterator<Item = f64> {
+    (0..VARIANCES).map(|i| 0.01 * 1.25_f64.powi(i))
+}
 /// Rise of the log likelihood from which a slow part is believed.
-const BELIEVED: f64 = 5.0;
+pub(super) const BELIEVED: f64 = 5.0;
 
 /// The slow part of the noise in `left` (what was measured of each axis less what moved; NaN where nothing
 /// was measured), where the likelihood asks for one. Only frequencies above `lowest_hz` of each axis are
@@ -74,8 +78,7 @@ pub fn colour(left: &[Vec<f64>], lowest_hz: &[f64], step_s: f64) -> Option<Colou
     let mut best = (white + BELIEVED, None);
     for tau in TIMES_S {
         let a = (-step_s / tau).exp();
-        for i in 0..VARIANCES {
-            let variance = 0.01 * 1.25_f64.powi(i);
+        for variance in variances() {
             let l = log_likelihood(a, variance);
             if l > best.0 {
                 best = (

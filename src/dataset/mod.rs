@@ -9,6 +9,7 @@ mod gap;
 pub mod line;
 mod noise;
 mod plan;
+mod rest;
 mod robot;
 mod sample;
 pub mod smoother;
@@ -24,6 +25,7 @@ pub use coupon::{
 };
 pub use cycles::{Cycles, cycles, repeats};
 pub use plan::{Plan, SmoothingPlan, StretchPlan, SyncPlan};
+pub use rest::{Wander, tell_wander};
 pub use sample::{HangingDataset, HangingParts};
 pub use stretches::{Between, stretches};
 pub use sync::{Clocks, Event};
@@ -101,6 +103,8 @@ pub struct Dataset {
     pub initial: InitialState,
     /// The slow part of the capture's noise, where a marker that stands still tells of one.
     pub colour: Option<Colour>,
+    /// What wanders before the drives of the recordings that this one was told of with ([`tell_wander`]).
+    pub wander: Option<Wander>,
     /// The point about which wrongly rotated capture axes turn: the base marker less the offset of the
     /// end-effector marker, m.
     pub pivot_m: Vec3,
@@ -280,6 +284,7 @@ impl Dataset {
             offset_source,
             initial: parts.initial,
             colour: None,
+            wander: None,
             pivot_m: [0.0; 3],
             plan,
             notes,

@@ -179,6 +179,7 @@ impl Dataset {
             offset_source: self.offset_source,
             initial: self.initial,
             colour: self.colour,
+            wander: self.wander,
             pivot_m: self.pivot_m,
             plan: plan_of,
             notes: self.notes.clone(),

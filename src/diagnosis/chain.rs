@@ -703,7 +703,14 @@ impl Field {
     /// The odds of the plain model, those of one cause, and `partners`.
     fn odds(&self, partners: &[Judged]) -> Odds {
         let models = std::iter::once(&self.plain).chain(&self.singles);
-        Odds::of(models.chain(partners), self.each)
+        // what is foretold knows nothing of the priors: parts that nobody believes foretell well
+        let strange = |j: &Judged| {
+            let built = self.built.as_ref();
+            let far = built.filter(|b| b.farthest(&j.fitted) >= FAR);
+            far.map_or(0.0, |b| b.strange(&j.fitted))
+        };
+        let prior = |j: &Judged| j.prior(self.each) - strange(j);
+        Odds::of(models.chain(partners), prior)
     }
 
     /// Ids that the recordings cannot tell from the cause number `own` of a model: their traces are alike or,

@@ -110,12 +110,13 @@ impl Judged {
 pub(super) struct Odds(Vec<(Vec<&'static str>, f64)>);
 
 impl Odds {
-    /// Those of these models; each cause has the logarithmic prior odds `each` against none.
-    pub fn of<'a>(models: impl Iterator<Item = &'a Judged>, each: f64) -> Self {
+    /// Those of these models, with the logarithms of their prior odds against none.
+    pub fn of<'a>(
+        models: impl Iterator<Item = &'a Judged>,
+        prior: impl Fn(&Judged) -> f64,
+    ) -> Self {
         let models: Vec<&Judged> = models.collect();
-        let told: Vec<(&Foretold, f64)> = (models.iter())
-            .map(|j| (&j.foretold, j.prior(each)))
-            .collect();
+        let told: Vec<(&Foretold, f64)> = models.iter().map(|j| (&j.foretold, prior(j))).collect();
         let ids = |j: &Judged| j.fitted.effects.iter().map(|a| a.effect.id()).collect();
         let causes: Vec<usize> = models.iter().map(|j| j.fitted.effects.len()).collect();
         let probabilities = odds(&told, Forms::Peers(&causes), 1.0);

@@ -9,6 +9,8 @@
 //! far beyond their tolerances cost what normal ones as far off would. Each cause costs its prior odds; one
 //! within its tolerance, one beside parts and every further one cost what chance makes of a scan besides.
 
+use std::cmp::Ordering;
+
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, form_costs};
@@ -272,9 +274,28 @@ impl<S: Subject> Search<'_, S> {
     /// Parts told beside a fit of a robot as drawn, where linear theory says that this is not in vain; with the
     /// problem that has them.
     fn told(&self, drawn: &Problem<S>, start: &Fitted) -> Option<(Problem<S>, Built, Fitted)> {
-        let mut problem = drawn.copy();
-        let told = Built::fit(&mut problem, start, self.causes.noises, self.most);
-        told.ok().flatten().map(|(b, f)| (problem, b, f))
+        let tell = |noise: f64, most: f64| {
+            let mut problem = drawn.copy();
+            let told = Built::fit(&mut problem, start, [noise, self.causes.noises[1]], most);
+            told.map(|t| t.map(|(b, f)| (problem, b, f)))
+        };
+        let believed = |(_, b, f): &(Problem<S>, Built, Fitted)| {
+            b.farthest(f) < FAR && f.cost() < start.cost()
+        };
+        let told = tell(self.causes.noises[0], self.most);
+        match told {
+            Ok(Some(told)) if believed(&told) => Some(told),
+            Ok(None) => None,
+            // Parts that stretch to a misfit go where nothing is linear: held by as much noise as the misfit
+            // would be, they take the way that the fit does as it gets better.
+            told => {
+                let left = start.cost() / start.state.rows as f64;
+                let slowly = tell(self.causes.noises[1] * left, f64::INFINITY);
+                let cost = |t: &(Problem<S>, Built, Fitted)| (!believed(t), t.2.cost());
+                let both = told.ok().flatten().into_iter().chain(slowly.ok().flatten());
+                both.min_by(|a, b| cost(a).partial_cmp(&cost(b)).unwrap_or(Ordering::Equal))
+            }
+        }
     }
 
     /// Parts alone, first, and, where they are in doubt and lack something, with causes that a scan beside them

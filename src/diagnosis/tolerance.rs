@@ -610,19 +610,24 @@ impl Built {
         problem: &mut Problem<S>,
         fitted: &Fitted,
     ) -> Result<(Built, Fitted), Locked> {
-        let mut out = self.step(problem, fitted, 1.0)?;
+        let mut out = self.step(problem, fitted, 1.0);
         for share in SHORTER {
-            if out.1.cost() <= MISSED * fitted.cost() {
+            if let Ok(o) = &out
+                && o.1.cost() <= MISSED * fitted.cost()
+            {
                 break;
             }
             let shorter = self.step(problem, fitted, share);
-            if let Some(shorter) = shorter.ok().filter(|s| s.1.cost() < out.1.cost()) {
+            let cost = |o: &Result<(Built, Fitted), Locked>| {
+                o.as_ref().map_or(f64::INFINITY, |o| o.1.cost())
+            };
+            if cost(&shorter) < cost(&out) {
                 out = shorter;
-            } else {
-                out.0.restore(problem)?;
+            } else if let Ok(o) = &out {
+                o.0.restore(problem)?;
             }
         }
-        Ok(out)
+        out
     }
 
     /// The parts told about a mechanism that goes a share of the way to that of `fitted`.

@@ -34,7 +34,7 @@ impl Effect for MullinsSoftening {
         const {
             &[
                 size("softening", "1", 0.0, 0.8, 0.15),
-                shape("energy_scale", "J/m^3", 4e4, 3e3, 5e5, 5e4),
+                shape("energy_scale", "J/m^3", 4e4, 3e2, 5e5, 5e4),
             ]
         }
     }
@@ -45,7 +45,7 @@ impl Effect for MullinsSoftening {
         Reach::AllOrOne
     }
     fn starts(&self, _: &Seen) -> Vec<Vec<Vec<f64>>> {
-        [1e4, 4e4, 1.5e5]
+        [2e3, 1e4, 4e4, 1.5e5]
             .iter()
             .map(|&m| vec![vec![0.02, m]])
             .collect()

@@ -97,7 +97,13 @@ pub fn diagnose(
         let robot = load::robot(load::rig(&recordings)?, None)?;
         let datasets = load::aligned(&recordings, plans, progress)?;
         let series = series::order(&recordings, &datasets)?;
-        judge(&robot, &datasets, named, series, &request, progress, search)?
+        let (mut diagnosis, series) =
+            judge(&robot, &datasets, named, series, &request, progress, search)?;
+        let wander = datasets[0]
+            .wander
+            .map(|w| format!("Seen at rest: {}.", w.says()));
+        diagnosis.remarks.extend(wander);
+        (diagnosis, series)
     } else {
         judge_lines(&recordings, named, &request, progress)?
     };

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::{Failure, Progress};
 use crate::checks::{Finding, check_all, check_parameters};
 use crate::dataset::line::Line;
-use crate::dataset::{Dataset, HangingDataset, Plan, StretchPlan, stretches};
+use crate::dataset::{Dataset, HangingDataset, Plan, StretchPlan, stretches, tell_wander};
 use crate::model::{Electrode, HangingSample, Robot};
 use crate::recording::{ColumnRef, Kind, OpenOptions, Recording, Rig, RobotRig, read_file};
 use crate::report::library;
@@ -201,10 +201,11 @@ pub fn aligned(
     progress: &Progress,
 ) -> Result<Vec<Dataset>, Failure> {
     progress.step("smoothing and aligning");
-    let all = recordings
+    let mut all = recordings
         .par_iter()
         .map(|r| Dataset::from_recording(r, plans.iter().find(|p| p.recording == r.manifest.id)))
         .collect::<Result<Vec<_>, _>>()?;
+    tell_wander(&mut all);
     Ok(all)
 }
 

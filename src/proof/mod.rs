@@ -17,7 +17,7 @@ pub use own_form::own_form;
 pub use score::{Count, FirstNames, Median, Method, Proof, Row, score};
 
 use crate::cases::{Case, CaseRecording, Truth};
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, tell_wander};
 use crate::diagnosis::{Diagnosis, Entry, Request, Verdict, diagnose};
 use crate::effects::When;
 
@@ -91,14 +91,15 @@ pub struct Trial {
 
 /// The datasets of a case: what a tool sees.
 fn datasets(case: &Case, list: &[CaseRecording]) -> Result<Vec<Dataset>, String> {
-    list.iter()
-        .map(|r| {
-            let d = Dataset::beside(r.parts.clone(), &r.base_mm, 1e-3);
-            let mut d = d.map_err(|e| e.to_string())?;
-            d.pivot_m = case.pivot_m;
-            Ok(d)
-        })
-        .collect()
+    let one = |r: &CaseRecording| {
+        let d = Dataset::beside(r.parts.clone(), &r.base_mm, 1e-3);
+        let mut d = d.map_err(|e| e.to_string())?;
+        d.pivot_m = case.pivot_m;
+        Ok::<_, String>(d)
+    };
+    let mut all = list.iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    tell_wander(&mut all);
+    Ok(all)
 }
 
 fn entries<'a>(datasets: &'a [Dataset], first: usize, series_s: &[f64]) -> Vec<Entry<'a>> {

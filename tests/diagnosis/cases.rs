@@ -2,6 +2,10 @@
 //! off it changes nothing, and the files read back to what the case holds in memory.
 
 use deacal::cases::{self, DriveSet, Kind, Likeness, Spec};
+use deacal::dataset::{Dataset, Wander, tell_wander};
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 fn spec(kind: Kind, seed: u64, strength: f64) -> Spec {
     Spec {
@@ -198,7 +202,6 @@ fn the_same_seed_gives_the_same_bytes() {
 /// What the importers read from the files is what the case holds in memory.
 #[test]
 fn the_files_read_back() {
-    use deacal::dataset::Dataset;
     use deacal::recording::Recording;
     let folder = tempfile::tempdir().unwrap();
     for (kind, drive) in [
@@ -250,7 +253,6 @@ fn the_files_read_back() {
 /// A proof weighs the noise of a filtered capture as whoever imports its files does.
 #[test]
 fn a_realistic_case_is_taken_as_its_files_are() {
-    use deacal::dataset::Dataset;
     use deacal::recording::Recording;
     let filtered = (1..40).find_map(|seed| {
         let spec = Spec {
@@ -280,6 +282,42 @@ fn a_realistic_case_is_taken_as_its_files_are() {
     for i in 0..3 {
         let (a, b) = (read.noise_m()[i], kept.noise_m()[i]);
         assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+    }
+}
+
+#[test]
+fn a_marker_that_wanders_beside_a_base_that_does_not_is_told_at_rest() {
+    let case = cases::generate(&spec(Kind::Clean, 5, 0.0)).unwrap();
+    let mut generator = ChaCha12Rng::seed_from_u64(5);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
+    let mut told = |size_m: f64| -> Vec<Dataset> {
+        let one = |made: &cases::CaseRecording| {
+            let mut parts = made.parts.clone();
+            let decay = (-parts.step_s / 0.4).exp();
+            let mut slow = [0; 3].map(|_| normal());
+            for p in &mut parts.measured_m {
+                for k in 0..3 {
+                    slow[k] = decay * slow[k] + (1.0 - decay * decay).sqrt() * normal();
+                    p[k] += size_m * slow[k];
+                }
+            }
+            Dataset::beside(parts, &made.base_mm, 1e-3).unwrap()
+        };
+        let mut all = case.train.iter().map(one).collect::<Vec<_>>();
+        tell_wander(&mut all);
+        all
+    };
+    for d in told(0.0) {
+        assert_eq!(d.wander, None);
+    }
+    for d in told(4e-5) {
+        let Some(Wander::OfMarker(colour, size_m)) = d.wander else {
+            panic!("{:?}", d.wander);
+        };
+        assert_eq!(d.colour, Some(colour));
+        assert!((2e-5..9e-5).contains(&size_m), "{size_m}");
+        assert!((0.1..2.3).contains(&colour.correlation_s), "{colour:?}");
+        assert!(d.notes.iter().any(|n| n.contains("wanders by")));
     }
 }
 

@@ -10,12 +10,13 @@ use super::locate::locate;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
 use super::subject::Subject;
+use super::tolerance::{self, Built};
 use super::verdict::{fails_held_out, ids};
 use super::words::{
     How, candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
-    says_of_part,
+    says_of_part, values,
 };
-use super::{forms, law, learn, tolerance};
+use super::{NOT_NAMED, forms, law, learn};
 use crate::effects::Acting;
 use crate::model::Parameters;
 
@@ -128,7 +129,7 @@ pub(super) fn explain<S: Subject>(
     };
     let words = problem.train.words();
     let (confidence, says, next_experiment) = match &ruled.beyond {
-        Some(part) => of_part(&field, part, &train, problem),
+        Some(part) => of_part(&field, part, &train, problem, &departed),
         None => {
             remarks.extend(built.into_iter().flat_map(|b| b.remarks(augmented)));
             let held = holdout.as_ref();
@@ -203,6 +204,10 @@ fn listed<S: Subject>(
     let Some(built) = &field.built else {
         return list;
     };
+    if let Some(first) = of_what_is_off(problem, field, built, ruled) {
+        list.retain(|c| c.acting.effect.id() != first.acting.effect.id());
+        list.insert(0, first);
+    }
     for c in &mut list {
         if c.in_model {
             c.probability *= ruled.trust;
@@ -212,6 +217,33 @@ fn listed<S: Subject>(
         }
     }
     list
+}
+
+/// The cause that the part beyond its tolerance is, where it is one: first among the candidates, and not named.
+fn of_what_is_off<S: Subject>(
+    problem: &Problem<S>,
+    field: &Field,
+    built: &Built,
+    ruled: &Ruled,
+) -> Option<Candidate> {
+    let (part, plain) = (ruled.beyond.as_ref()?, &field.plain);
+    let acting = tolerance::cause_of(&built.list, &built.departed(&plain.fitted), part)?;
+    let rows = INDEPENDENT * plain.fitted.state.rows as f64;
+    let told = Fitted {
+        effects: vec![acting.clone()],
+        free: Vec::new(),
+        state: plain.fitted.state.clone(),
+    };
+    Some(Candidate {
+        probability: NOT_NAMED,
+        delta_bic: rows.ln() - part.times().powi(2),
+        mean_square: plain.mean_square,
+        holdout_mean_square: plain.holdout,
+        in_model: false,
+        values: values(problem, &told, 0, &[]),
+        says: acting.effect.says().into(),
+        acting,
+    })
 }
 
 /// Groups of ids that the recordings cannot tell apart, of which a model's causes are the first ones.
@@ -237,6 +269,7 @@ fn of_part<S: Subject>(
     part: &Departed,
     train: &Gain,
     problem: &Problem<S>,
+    departed: &[Departed],
 ) -> (f64, String, String) {
     let words = problem.train.words();
     let rows = INDEPENDENT * field.plain.fitted.state.rows as f64;
@@ -244,7 +277,13 @@ fn of_part<S: Subject>(
     let gain = 0.5 * part.times().powi(2) - 0.5 * rows.ln() + field.each;
     let odds = 1.0 / (1.0 + (-gain).exp());
     let left = format!("{}{}", in_unit(train.before_v, &words.unit), words.over);
-    (odds.max(0.5), says_of_part(part, &left), measure(part))
+    let list = problem.train.tolerances();
+    let likely = tolerance::cause_of(&list, departed, part).is_some();
+    (
+        odds.max(0.5),
+        says_of_part(part, &left, likely),
+        measure(part),
+    )
 }
 
 /// What the verdict rests on.

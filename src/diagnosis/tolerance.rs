@@ -887,7 +887,8 @@ pub(super) fn cause_of(
         _ => None,
     };
     let own = list.iter().find(|t| t.what == part.what).and_then(acting)?;
-    if own.effect.site() != Site::Motion || by_id(own.effect.id()).is_none() {
+    let is_place = own.effect.site() == Site::Motion && !own.effect.scales_made();
+    if !is_place || by_id(own.effect.id()).is_none() {
         return None;
     }
     let quantities = own.effect.parameters();

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use super::colour::{BELIEVED, Colour, TIMES_S, variances};
 use super::{Dataset, InitialState};
 
-/// Shortest rest that tells anything, s, and the longest that is needed, frames.
+/// Shortest rest that tells anything, s of captured frames, and the longest that is needed, frames.
 const SHORTEST_S: f64 = 0.35;
 const LONGEST: usize = 2000;
 /// Voltage over the largest of a recording up to which a drive has not begun: force goes with its square.
@@ -101,7 +101,8 @@ impl Rest {
         let length_s = begun_s - MARGIN_S - dataset.start_s;
         let frames = (length_s / dataset.step_s).max(0.0) as usize;
         let frames = frames.min(dataset.samples()).min(LONGEST);
-        if (frames as f64) * dataset.step_s < SHORTEST_S {
+        let captured = (0..frames).filter(|&i| dataset.captured(i)).count();
+        if captured as f64 * dataset.step_s < SHORTEST_S {
             return None;
         }
         let rest = &dataset.measured_m[..frames];

@@ -10,13 +10,12 @@ use super::locate::locate;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
 use super::subject::Subject;
-use super::tolerance::{self, Built};
 use super::verdict::{fails_held_out, ids};
 use super::words::{
     How, candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
     says_of_part, values,
 };
-use super::{NOT_NAMED, forms, law, learn};
+use super::{NOT_NAMED, forms, law, learn, tolerance};
 use crate::effects::Acting;
 use crate::model::Parameters;
 
@@ -32,6 +31,8 @@ struct Ruled {
     verdict: Verdict,
     /// The part beyond its tolerance with which alone the plain model would suffice.
     beyond: Option<Departed>,
+    /// The cause that this part is, where it is a place or an angle.
+    cause: Option<Acting>,
     /// Odds of what is named over what they are beside parts within their tolerances.
     trust: f64,
 }
@@ -51,6 +52,9 @@ fn ruled(field: &Field, choice: &Choice) -> Ruled {
     };
     let suffices = verdict == Verdict::Adequate;
     let beyond = field.beyond(plain).filter(|_| suffices);
+    let cause = (field.built.as_ref().zip(beyond.as_ref())).and_then(|(built, part)| {
+        tolerance::cause_of(&built.list, &built.departed(&plain.fitted), part)
+    });
     let named_beside = verdict == Verdict::MissingPhysics && beside.is_some();
     Ruled {
         verdict: match beyond {
@@ -58,6 +62,7 @@ fn ruled(field: &Field, choice: &Choice) -> Ruled {
             None => verdict,
         },
         beyond,
+        cause,
         trust: if named_beside { BESIDE_BEYOND } else { 1.0 },
     }
 }
@@ -129,7 +134,7 @@ pub(super) fn explain<S: Subject>(
     };
     let words = problem.train.words();
     let (confidence, says, next_experiment) = match &ruled.beyond {
-        Some(part) => of_part(&field, part, &train, problem, &departed),
+        Some(part) => of_part(&field, part, &train, problem, ruled.cause.is_some()),
         None => {
             remarks.extend(built.into_iter().flat_map(|b| b.remarks(augmented)));
             let held = holdout.as_ref();
@@ -204,7 +209,7 @@ fn listed<S: Subject>(
     let Some(built) = &field.built else {
         return list;
     };
-    if let Some(first) = of_what_is_off(problem, field, built, ruled) {
+    if let Some(first) = of_what_is_off(problem, field, ruled) {
         list.retain(|c| c.acting.effect.id() != first.acting.effect.id());
         list.insert(0, first);
     }
@@ -223,11 +228,10 @@ fn listed<S: Subject>(
 fn of_what_is_off<S: Subject>(
     problem: &Problem<S>,
     field: &Field,
-    built: &Built,
     ruled: &Ruled,
 ) -> Option<Candidate> {
     let (part, plain) = (ruled.beyond.as_ref()?, &field.plain);
-    let acting = tolerance::cause_of(&built.list, &built.departed(&plain.fitted), part)?;
+    let acting = ruled.cause.clone()?;
     let rows = INDEPENDENT * plain.fitted.state.rows as f64;
     let told = Fitted {
         effects: vec![acting.clone()],
@@ -269,7 +273,7 @@ fn of_part<S: Subject>(
     part: &Departed,
     train: &Gain,
     problem: &Problem<S>,
-    departed: &[Departed],
+    likely: bool,
 ) -> (f64, String, String) {
     let words = problem.train.words();
     let rows = INDEPENDENT * field.plain.fitted.state.rows as f64;
@@ -277,8 +281,6 @@ fn of_part<S: Subject>(
     let gain = 0.5 * part.times().powi(2) - 0.5 * rows.ln() + field.each;
     let odds = 1.0 / (1.0 + (-gain).exp());
     let left = format!("{}{}", in_unit(train.before_v, &words.unit), words.over);
-    let list = problem.train.tolerances();
-    let likely = tolerance::cause_of(&list, departed, part).is_some();
     (
         odds.max(0.5),
         says_of_part(part, &left, likely),

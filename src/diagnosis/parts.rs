@@ -9,8 +9,6 @@
 //! far beyond their tolerances cost what normal ones as far off would. Each cause costs its prior odds; one
 //! within its tolerance, one beside parts and every further one cost what chance makes of a scan besides.
 
-use std::cmp::Ordering;
-
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, form_costs};
@@ -291,9 +289,11 @@ impl<S: Subject> Search<'_, S> {
             told => {
                 let left = start.cost() / start.state.rows as f64;
                 let slowly = tell(self.causes.noises[1] * left, f64::INFINITY);
-                let cost = |t: &(Problem<S>, Built, Fitted)| (!believed(t), t.2.cost());
                 let both = told.ok().flatten().into_iter().chain(slowly.ok().flatten());
-                both.min_by(|a, b| cost(a).partial_cmp(&cost(b)).unwrap_or(Ordering::Equal))
+                both.min_by(|a, b| {
+                    let by_belief = believed(b).cmp(&believed(a));
+                    by_belief.then(a.2.cost().total_cmp(&b.2.cost()))
+                })
             }
         }
     }

@@ -291,7 +291,7 @@ fn a_marker_that_wanders_beside_a_base_that_does_not_is_told_at_rest() {
     let mut generator = ChaCha12Rng::seed_from_u64(5);
     let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
     let mut told = |size_m: f64| -> Vec<Dataset> {
-        let one = |made: &cases::CaseRecording| {
+        let mut one = |(number, made): (usize, &cases::CaseRecording)| {
             let mut parts = made.parts.clone();
             let decay = (-parts.step_s / 0.4).exp();
             let mut slow = [0; 3].map(|_| normal());
@@ -301,9 +301,13 @@ fn a_marker_that_wanders_beside_a_base_that_does_not_is_told_at_rest() {
                     p[k] += size_m * slow[k];
                 }
             }
+            if number == 0 {
+                parts.measured_m[1..60].fill([f64::NAN; 3]); // its marker was hidden at rest
+            }
             Dataset::beside(parts, &made.base_mm, 1e-3).unwrap()
         };
-        let mut all = case.train.iter().map(one).collect::<Vec<_>>();
+        let all = case.train.iter().enumerate();
+        let mut all = all.map(&mut one).collect::<Vec<_>>();
         tell_wander(&mut all);
         all
     };

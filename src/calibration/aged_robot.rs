@@ -158,7 +158,7 @@ impl SeparableResidual for Days<'_> {
 fn effect(cause: Cause, mass_kg: f64) -> Option<(&'static str, Vec<f64>, f64, f64)> {
     match cause {
         Cause::ElectrodeStiffness => Some(("electrode_stiffness", vec![0.0], 1.0, 0.0)),
-        Cause::SeriesResistance => Some(("series_resistance", vec![0.0], 1.0, 0.0)),
+        Cause::SeriesResistance => Some(("series_resistance", vec![0.0, 0.0], 1.0, 0.0)),
         Cause::ActiveArea => Some(("electrode_failure", vec![0.0, LONG_AGO_S, 0.0], -1.0, 1.0)),
         Cause::Load => {
             let values = vec![0.0, LONG_AGO_S, 0.0];

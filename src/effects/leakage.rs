@@ -126,7 +126,7 @@ impl Effect for Leakage {
         if v[2] > 0.0 {
             let first_v = own.at_rest(along, 0, phi_v[0]);
             let leak = |i: usize, phi: f64| own.grown(along, i, phi)[0];
-            charged(v[2], along, first_v, ROUNDS, leak, phi_v);
+            charged(|_| v[2], along, first_v, ROUNDS, leak, phi_v);
             return;
         }
         for (i, phi) in phi_v.iter_mut().enumerate() {

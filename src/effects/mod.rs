@@ -181,6 +181,7 @@ pub(crate) use film_law::{LinearBranch, StretchExponent};
 pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
 pub(crate) use nonlinear_flow::flow;
+pub(crate) use series_resistance::resistance_ohm;
 pub(crate) use slow_creep::creep;
 pub(crate) use thickness_error::ThicknessError;
 

@@ -212,7 +212,7 @@ fn cause(acting: &Acting) -> Cause {
     let learnt = acting.effect.learnt();
     let places = match (acting.effect.id(), learnt) {
         (_, Some(term)) => places(term),
-        ("series_resistance" | "leakage", _) => 3,
+        ("series_resistance" | "leakage", _) => 4,
         ("slew_limit" | "mullins_softening", _) => 1,
         ("dielectric_relaxation" | "x_nonlinear_flow", _) => 4,
         ("x_space_charge" | "slow_creep" | "joint_friction" | "x_backlash", _) => 2,

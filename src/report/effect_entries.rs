@@ -449,7 +449,7 @@ mod tests {
     #[test]
     fn names_words_and_vectors_become_values() {
         let a = read("id = \"series_resistance\"\nactuators = [2]\nresistance = 9.8e6\nresistance_ci95 = [9e6, 1e7]").unwrap();
-        assert_eq!((a.values, a.on), (vec![9.8e6], [false, true, false]));
+        assert_eq!((a.values, a.on), (vec![9.8e6, 0.0], [false, true, false]));
         let a = read("id = \"frame_tilt\"\nrotation = [0.0, 0.01, -0.02]").unwrap();
         assert_eq!(a.values, [0.0, 0.01, -0.02]);
         let a = read("id = \"link_length_error\"\nlink = \"q\"\nrelative_error = 0.01").unwrap();

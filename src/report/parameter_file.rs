@@ -399,6 +399,15 @@ impl ParameterFile {
                 .at_key("[[effect]] electrode_failure time")
                 .action("state time = 0.0"));
             }
+            if effect.number("stretch_exponent").is_some_and(|n| n != 0.0) {
+                return Err(Error::new(
+                    ErrorKind::BadValue,
+                    &self.path,
+                    "the wire of a hanging sample has one resistance, at any stretch",
+                )
+                .at_key("[[effect]] series_resistance stretch_exponent")
+                .action("take `stretch_exponent` out"));
+            }
             match effect.id.as_str() {
                 "electrode_stiffness" => out.modulus_pa += need("modulus")?,
                 "series_resistance" => out.resistance_ohm += need("resistance")?,

@@ -20,7 +20,7 @@ use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
 use crate::effects::learnt::{Learnt, Place};
-use crate::effects::{Acting, Along, Reading, Site, When, creep, flow, leak};
+use crate::effects::{Acting, Along, Reading, Site, When, creep, flow, leak, resistance_ohm};
 use crate::film::Film;
 use crate::kinematics::Vec3;
 use crate::model::{Parameters, Robot, others};
@@ -539,8 +539,8 @@ impl Chain<'_> {
             Memory::Charge => {
                 let phi = z[0] * NANOCOULOMB / s.capacitance_f[k];
                 let (ohm, leak) = match v {
-                    [_, _, wire] => (wire, leak(v, along, 0, phi)),
-                    _ => (&v[0], 0.0),
+                    [_, _, wire] => (*wire, leak(v, along, 0, phi)),
+                    _ => (resistance_ohm(v, along.area_stretch[0]), 0.0),
                 };
                 rate[0] = (told - phi * (1.0 + leak)) / ohm / NANOCOULOMB;
                 phi

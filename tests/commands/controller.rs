@@ -73,6 +73,7 @@ time_constant = 20.0
 id = "series_resistance"
 actuators = [1]
 resistance = 2e7
+stretch_exponent = 4.0
 [[effect]]
 id = "slew_limit"
 rate_up = 4e5

@@ -161,7 +161,7 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
             candidate(
                 "series_resistance",
                 [false, true, false],
-                &[9.8e6],
+                &[9.8e6, 0.0],
                 0.93,
                 true,
             ),

@@ -219,6 +219,30 @@ fn the_contracts_layout_is_read() {
     assert!(file.notes.is_empty());
 }
 
+/// A robot's electrodes resist more when stretched; the wire of a hanging sample has one resistance.
+#[test]
+fn a_hanging_sample_has_no_resistance_that_grows_with_stretch() {
+    let told = |exponent: &str| {
+        let line = format!("resistance = 9.8e6\nstretch_exponent = {exponent}");
+        read(&GOOD.replace("resistance = 9.8e6", &line)).unwrap()
+    };
+    assert_eq!(told("0.0").electrode().unwrap().resistance_ohm, 9.8e6);
+    let file = told("4.0");
+    assert_eq!(
+        file.acting(&|_| None).unwrap()[0].values,
+        [9.8e6, 4.0],
+        "a robot has it"
+    );
+    let error = file.electrode().unwrap_err().to_string();
+    for part in [
+        "stretch_exponent",
+        "one resistance",
+        "take `stretch_exponent` out",
+    ] {
+        assert!(error.contains(part), "{error}\nlacks {part}");
+    }
+}
+
 #[test]
 fn without_a_forearm_there_is_no_torque_and_a_note_says_so() {
     let file = read("[film]\nmu_Pa = [1.0]\nT_s = []\nJ = 1.0\n").unwrap();

@@ -128,7 +128,8 @@ fn the_inverse_model_with_the_cause_asks_for_the_voltage_that_was_given() {
     let one = [false, true, false];
     // id, values, actuators, what is allowed: 2 V, 5 V for a threshold or presliding
     let cases: &[(&str, &[f64], [bool; 3], f64)] = &[
-        ("series_resistance", &[1e7], all, 2.0),
+        ("series_resistance", &[1e7, 0.0], all, 2.0),
+        ("series_resistance", &[1e7, 5.0], all, 2.0),
         ("leakage", &[0.05, 1.5, 0.0], all, 2.0),
         ("leakage", &[0.05, 1.5, 3e6], all, 2.0),
         ("amplifier_gain", &[0.05, 60.0], all, 2.0),

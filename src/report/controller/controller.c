@@ -538,15 +538,16 @@ static double deacal_at_rest(const deacal_effect *e, const deacal_along *x, doub
 static double deacal_charged(const deacal_effect *e, double *m, const deacal_along *x, double phi,
                              double ohm, int rounds)
 {
-    double c1 = x->capacitance_f;
+    double c1 = x->capacitance_f, rate = 1.0 / (ohm * c1);
     if (x->first) {
         double first = rounds > 0 ? deacal_at_rest(e, x, phi) : phi;
         m[0] = c1 * first;
         m[1] = phi;
         m[2] = c1;
+        m[3] = rate;
         return first;
     } else {
-        double c0 = m[2], c = 2.0 / (1.0 / c0 + 1.0 / c1), at = m[0] / c0, next = 0.0, g[2];
+        double c0 = m[2], at = m[0] / c0, next = 0.0, g[2];
         int i;
         for (i = 0; i <= rounds; i++) {
             double k = 1.0, z, decay, mean;
@@ -554,7 +555,7 @@ static double deacal_charged(const deacal_effect *e, double *m, const deacal_alo
                 deacal_leak(e, x, at, g);
                 k += g[0];
             }
-            z = k * x->step_s / (ohm * c);
+            z = k * x->step_s * 0.5 * (m[3] + rate);
             decay = deacal_left(z);
             mean = deacal_mean(z);
             next = m[0] * decay + (c0 * m[1] * (mean - decay) + c1 * phi * (1.0 - mean)) / k;
@@ -563,6 +564,7 @@ static double deacal_charged(const deacal_effect *e, double *m, const deacal_alo
         m[0] = next;
         m[1] = phi;
         m[2] = c1;
+        m[3] = rate;
         return next / c1;
     }
 }
@@ -589,11 +591,12 @@ static int deacal_is_electrical(const deacal_effect *e)
 /* From the voltage before an electrical cause to the one after it. */
 static double deacal_electrical(const deacal_effect *e, double *m, const deacal_along *x, double phi)
 {
-    double sign = phi < 0.0 ? -1.0 : 1.0, size = fabs(phi), square, before, low, high, left, mean;
+    double sign = phi < 0.0 ? -1.0 : 1.0, size = fabs(phi), square, before, low, high, left, mean, ohm;
     int j;
     switch (e->kind) {
     case DEACAL_SERIES_RESISTANCE:
-        return e->p[0] > 0.0 ? deacal_charged(e, m, x, phi, e->p[0], 0) : phi;
+        ohm = e->p[0] * pow(x->area / 1.2, e->p[1]);
+        return e->p[0] > 0.0 ? deacal_charged(e, m, x, phi, ohm, 0) : phi;
     case DEACAL_LEAKAGE:
         if (e->p[0] == 0.0) {
             return phi;

@@ -390,9 +390,11 @@ function phi = at_rest(p, x, phi)
   phi = phi * y;
 end
 
-% The voltage on a film that a wire feeds; m.charge: charge, command and capacitance at the sample before.
+% The voltage on a film that a wire feeds; m.charge: charge, command, capacitance
+% and 1/(R C) at the sample before.
 function [at, m] = charged(p, m, x, phi, ohm, rounds)
   c1 = x.capacitance_f;
+  rate = 1 / (ohm * c1);
   if x.first
     at = phi;
     if rounds > 0
@@ -402,21 +404,20 @@ function [at, m] = charged(p, m, x, phi, ohm, rounds)
   else
     start = m.charge(1);
     c0 = m.charge(3);
-    c = 2 / (1 / c0 + 1 / c1);
     at = start / c0;
     for i = 0:rounds
       k = 1;
       if rounds > 0
         k = 1 + leak(p, x, at);
       end
-      z = k * x.step_s / (ohm * c);
+      z = k * x.step_s * 0.5 * (m.charge(4) + rate);
       left = exp(-z);
       far = mean_of(z);
       charge = start * left + (c0 * m.charge(2) * (far - left) + c1 * phi * (1 - far)) / k;
       at = charge / c1;
     end
   end
-  m.charge = [charge, phi, c1];
+  m.charge = [charge, phi, c1, rate];
 end
 
 function yes = is_electrical(e)
@@ -432,7 +433,7 @@ function [phi, m] = electrical(e, m, x, phi)
   switch e.kind
     case 'series_resistance'
       if p(1) > 0
-        [phi, m] = charged(p, m, x, phi, p(1), 0);
+        [phi, m] = charged(p, m, x, phi, p(1) * (x.area / 1.2) ^ p(2), 0);
       end
     case 'leakage'
       if p(1) == 0

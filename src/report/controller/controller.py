@@ -315,22 +315,22 @@ def _at_rest(p, x, phi):
 
 
 def _charged(p, m, x, phi, ohm, rounds):
-    """The voltage on a film that a wire feeds."""
+    """The voltage on a film that a wire feeds; how fast it is charged is 1/(R C)."""
     c1 = x.capacitance_f
+    rate = 1.0 / (ohm * c1)
     if x.first:
         at = _at_rest(p, x, phi) if rounds else phi
         charge = c1 * at
     else:
-        charge, before, c0 = m["charge"]
-        c = 2.0 / (1.0 / c0 + 1.0 / c1)
+        charge, before, c0, earlier = m["charge"]
         start, at = charge, charge / c0
         for _ in range(rounds + 1):
             k = 1.0 + _leak(p, x, at)[0] if rounds else 1.0
-            z = k * x.step_s / (ohm * c)
+            z = k * x.step_s * 0.5 * (earlier + rate)
             left, mean = _left(z), _mean(z)
             charge = start * left + (c0 * before * (mean - left) + c1 * phi * (1.0 - mean)) / k
             at = charge / c1
-    m["charge"] = (charge, phi, c1)
+    m["charge"] = (charge, phi, c1, rate)
     return at
 
 
@@ -355,7 +355,8 @@ def _electrical(e, m, x, phi):
     kind, p = e["kind"], e["p"]
     size = abs(phi)
     if kind == "series_resistance":
-        return _charged(p, m, x, phi, p[0], 0) if p[0] > 0.0 else phi
+        ohm = p[0] * (x.area / 1.2) ** p[1]
+        return _charged(p, m, x, phi, ohm, 0) if p[0] > 0.0 else phi
     if kind == "leakage":
         if p[0] == 0.0:
             return phi

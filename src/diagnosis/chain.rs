@@ -3,6 +3,7 @@
 //! one, begins another with them. Each step gives a value to the next: [`Ground`], [`Seen`], [`Field`],
 //! [`Choice`].
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::blocks::typical_form;
@@ -16,7 +17,9 @@ use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use super::subject::Subject;
 use super::tolerance::{self, Built, FAR};
-use super::verdict::{earns, foretells, ids, joins, leaves_too_much, never_adequate, unexplained};
+use super::verdict::{
+    earns, foretells, ids, joins, leaves_far_more, leaves_too_much, never_adequate, unexplained,
+};
 use super::words::in_unit;
 use super::{
     BASE_RATES, BASELINE, FIRST, FITTED, FITTED_IF_QUIET, LEADING, PAIR_ABOVE, POLISH, QUIET,
@@ -164,7 +167,11 @@ impl<'a, S: Subject> Case<'a, S> {
         match choice.verdict {
             Verdict::MissingPhysics => self.ask_what_matters(&field, &mut choice)?,
             Verdict::Unexplained => self.ask_what_is_left(&field, &mut choice)?,
-            Verdict::Adequate => {}
+            Verdict::Adequate => {
+                if let Some(parts) = self.a_part_as_a_cause(&field)? {
+                    return Ok(Round::again(parts));
+                }
+            }
         }
         Ok(Round::Told(Box::new((field, choice))))
     }
@@ -340,9 +347,7 @@ impl<'a, S: Subject> Case<'a, S> {
             _ => 1.0,
         };
         weigh_down(&mut singles, &plain, overstated);
-        // what foretells no better is not named
-        singles.sort_by(by_score);
-        singles.sort_by_key(|j| !foretells(&plain, j));
+        best_first(&mut singles, &plain);
         let fall = |j: &Judged| plain.fitted.cost() - j.fitted.cost();
         let mut listed: Vec<&str> = seen.groups.iter().map(|g| g.effect.id()).collect();
         listed.dedup();
@@ -403,7 +408,11 @@ impl<'a, S: Subject> Case<'a, S> {
             && (first.mean_square > PAIR_ABOVE || field.given().is_some())
         {
             partners = self.partners(field, first)?;
-            pair = self.pair(field, first, &partners)?;
+            self.lead_back(field, &partners);
+            pair = match field.singles.first() {
+                Some(first) => self.pair(field, first, &partners)?,
+                None => None,
+            };
             if let Some(alone) = pair.as_ref().and_then(|p| self.alone(field, p)) {
                 pair = None;
                 field.singles.insert(0, alone);
@@ -510,9 +519,8 @@ impl<'a, S: Subject> Case<'a, S> {
         Ok(Some(pair.clone()))
     }
 
-    /// The cause of a pair that does as well alone, where it is led from the values that it has there: a slow
-    /// creep whose time no start was near is found beside a drift.
-    fn alone(&self, field: &Field, pair: &Judged) -> Option<Judged> {
+    /// The causes of a pair, each alone, led from the values that it has there.
+    fn each_alone(&self, field: &Field, pair: &Judged) -> Vec<Judged> {
         let problem = &self.problem;
         let alone = |own: &Acting| {
             let fit = problem.fit_near(&pair.fitted, std::slice::from_ref(own), POLISH);
@@ -520,9 +528,35 @@ impl<'a, S: Subject> Case<'a, S> {
         };
         let mut each: Vec<Judged> = pair.fitted.effects.par_iter().map(alone).collect();
         field.weigh_down(&mut each);
+        each
+    }
+
+    /// The cause of a pair that does as well alone: a slow creep whose time no start was near is found beside
+    /// a drift.
+    fn alone(&self, field: &Field, pair: &Judged) -> Option<Judged> {
         let suffices = |j: &Judged| !joins(j, pair, 3.0 * field.by_chance);
-        let each = each.into_iter().filter(suffices);
+        let each = self.each_alone(field, pair).into_iter().filter(suffices);
         each.min_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    /// A cause that a film bent to it hides alone may be found beside another one: those of the best two, where
+    /// they explain far more than the first, are fitted alone from where they were found.
+    fn lead_back(&self, field: &mut Field, partners: &[Judged]) {
+        let (Some(first), Some(two)) = (field.singles.first(), partners.first()) else {
+            return;
+        };
+        if !leaves_far_more(first, two) || !earns(first, two, 3.0 * field.by_chance) {
+            return;
+        }
+        for led in self.each_alone(field, two) {
+            let own = led.fitted.effects[0].effect.id();
+            let known = field.singles.iter().filter(|s| ids(s).any(|id| id == own));
+            let best = known.map(|s| s.score).fold(f64::INFINITY, f64::min);
+            if led.score < best {
+                field.singles.push(led);
+            }
+        }
+        best_first(&mut field.singles, &field.plain);
     }
 
     /// Parts far beyond their tolerances may stand in for a second cause: they are told once more beside the
@@ -594,6 +628,35 @@ impl<'a, S: Subject> Case<'a, S> {
         let told = told.filter(|t| held(&self.problem, &self.problem.holdout, t));
         if let Some((built, _)) = &told {
             self.holdout = self.problem.holdout.take();
+            built.restore(&mut self.problem)?;
+        }
+        Ok(told)
+    }
+
+    /// A model that suffices only with a place or an angle beyond its tolerance: that is a cause then, with
+    /// odds of its own, beside the other parts.
+    fn a_part_as_a_cause(&mut self, field: &Field) -> Result<Option<Parts>, Error> {
+        let Some(built) = field.built.as_ref().filter(|b| !b.released) else {
+            return Ok(None);
+        };
+        let cause = field.beyond(&field.plain).and_then(|part| {
+            let departed = built.departed(&field.plain.fitted);
+            tolerance::cause_of(&built.list, &departed, &part)
+        });
+        let wanted = wanted(self.request, true);
+        let Some(cause) = cause.filter(|c| wanted(c.effect.id())) else {
+            return Ok(None);
+        };
+        (self.watch)("telling the other parts beside it");
+        let mut apart = self.problem.copy();
+        let told = built.released(&mut apart, &field.plain.fitted, &cause);
+        let told = told.ok().flatten().filter(|t| t.0.farthest(&t.1) < FAR);
+        let told = told.filter(|t| held(&self.problem, &self.problem.holdout, t));
+        if let Some((built, _)) = &told {
+            self.holdout = self.problem.holdout.take();
+            if let Some(holdout) = &mut self.holdout {
+                holdout.allow(&Vec::new(), &DMatrix::zeros(0, 0));
+            }
             built.restore(&mut self.problem)?;
         }
         Ok(told)
@@ -759,6 +822,13 @@ impl Field {
 /// Whether recordings that are held out, if there are, can have such parts.
 fn held<S: Subject>(problem: &Problem<S>, holdout: &Option<S>, (built, _): &Parts) -> bool {
     holdout.as_ref().is_none_or(|h| built.is_held(problem, h))
+}
+
+/// Those that foretell better than the plain model first, among them the best score: what foretells no better
+/// is not named.
+fn best_first(singles: &mut [Judged], plain: &Judged) {
+    singles.sort_by(|a, b| a.score.total_cmp(&b.score));
+    singles.sort_by_key(|j| !foretells(plain, j));
 }
 
 /// Moves scores towards that of the plain model, by as much as they overstate the evidence.

@@ -13,26 +13,26 @@ use super::subject::Subject;
 use super::verdict::{fails_held_out, ids};
 use super::words::{
     How, candidates, confidence, hidden, in_unit, measure, next_experiment, probabilities, says,
-    says_of_part, values,
+    says_of_part,
 };
-use super::{NOT_NAMED, forms, law, learn, tolerance};
+use super::{forms, law, learn, tolerance};
 use crate::effects::Acting;
 use crate::model::Parameters;
 
 /// Share of what the plain model leaves beyond noise up to which what a cause leaves is a detail.
 const DETAIL: f64 = 0.1;
 
-/// Odds of a cause beside a part beyond its tolerance, over what they are beside parts within: on seeds for
-/// development four such names of robots were all right (Laplace's rule of succession).
+/// Odds of a cause beside a part beyond its tolerance, over what they are beside parts within, and those of a
+/// cause that was such a part: on seeds for development four of either kind were all right (Laplace's rule of
+/// succession).
 const BESIDE_BEYOND: f64 = 5.0 / 6.0;
+const OF_A_PART: f64 = 5.0 / 6.0;
 
 /// What a verdict is with the parts that it goes with.
 struct Ruled {
     verdict: Verdict,
     /// The part beyond its tolerance with which alone the plain model would suffice.
     beyond: Option<Departed>,
-    /// The cause that this part is, where it is a place or an angle.
-    cause: Option<Acting>,
     /// Odds of what is named over what they are beside parts within their tolerances.
     trust: f64,
 }
@@ -52,18 +52,19 @@ fn ruled(field: &Field, choice: &Choice) -> Ruled {
     };
     let suffices = verdict == Verdict::Adequate;
     let beyond = field.beyond(plain).filter(|_| suffices);
-    let cause = (field.built.as_ref().zip(beyond.as_ref())).and_then(|(built, part)| {
-        tolerance::cause_of(&built.list, &built.departed(&plain.fitted), part)
-    });
-    let named_beside = verdict == Verdict::MissingPhysics && beside.is_some();
+    let named = verdict == Verdict::MissingPhysics;
+    let of_a_part = named && field.built.as_ref().is_some_and(|b| b.released);
     Ruled {
         verdict: match beyond {
             Some(_) => Verdict::Unexplained,
             None => verdict,
         },
         beyond,
-        cause,
-        trust: if named_beside { BESIDE_BEYOND } else { 1.0 },
+        trust: match named && beside.is_some() {
+            true => BESIDE_BEYOND,
+            false if of_a_part => OF_A_PART,
+            false => 1.0,
+        },
     }
 }
 
@@ -134,7 +135,7 @@ pub(super) fn explain<S: Subject>(
     };
     let words = problem.train.words();
     let (confidence, says, next_experiment) = match &ruled.beyond {
-        Some(part) => of_part(&field, part, &train, problem, ruled.cause.is_some()),
+        Some(part) => of_part(&field, part, &train, problem),
         None => {
             remarks.extend(built.into_iter().flat_map(|b| b.remarks(augmented)));
             let held = holdout.as_ref();
@@ -206,48 +207,19 @@ fn listed<S: Subject>(
         ruled.verdict,
         &choice.odds,
     );
-    let Some(built) = &field.built else {
+    if field.built.is_none() {
         return list;
-    };
-    if let Some(first) = of_what_is_off(problem, field, ruled) {
-        list.retain(|c| c.acting.effect.id() != first.acting.effect.id());
-        list.insert(0, first);
     }
+    let tolerances = problem.train.tolerances();
     for c in &mut list {
         if c.in_model {
             c.probability *= ruled.trust;
         }
-        if let Some(times) = tolerance::times(&built.list, &c.acting) {
+        if let Some(times) = tolerance::times(&tolerances, &c.acting) {
             c.says += &format!("; {times:.1} times its tolerance");
         }
     }
     list
-}
-
-/// The cause that the part beyond its tolerance is, where it is one: first among the candidates, and not named.
-fn of_what_is_off<S: Subject>(
-    problem: &Problem<S>,
-    field: &Field,
-    ruled: &Ruled,
-) -> Option<Candidate> {
-    let (part, plain) = (ruled.beyond.as_ref()?, &field.plain);
-    let acting = ruled.cause.clone()?;
-    let rows = INDEPENDENT * plain.fitted.state.rows as f64;
-    let told = Fitted {
-        effects: vec![acting.clone()],
-        free: Vec::new(),
-        state: plain.fitted.state.clone(),
-    };
-    Some(Candidate {
-        probability: NOT_NAMED,
-        delta_bic: rows.ln() - part.times().powi(2),
-        mean_square: plain.mean_square,
-        holdout_mean_square: plain.holdout,
-        in_model: false,
-        values: values(problem, &told, 0, &[]),
-        says: acting.effect.says().into(),
-        acting,
-    })
 }
 
 /// Groups of ids that the recordings cannot tell apart, of which a model's causes are the first ones.
@@ -273,7 +245,6 @@ fn of_part<S: Subject>(
     part: &Departed,
     train: &Gain,
     problem: &Problem<S>,
-    likely: bool,
 ) -> (f64, String, String) {
     let words = problem.train.words();
     let rows = INDEPENDENT * field.plain.fitted.state.rows as f64;
@@ -281,11 +252,7 @@ fn of_part<S: Subject>(
     let gain = 0.5 * part.times().powi(2) - 0.5 * rows.ln() + field.each;
     let odds = 1.0 / (1.0 + (-gain).exp());
     let left = format!("{}{}", in_unit(train.before_v, &words.unit), words.over);
-    (
-        odds.max(0.5),
-        says_of_part(part, &left, likely),
-        measure(part),
-    )
+    (odds.max(0.5), says_of_part(part, &left), measure(part))
 }
 
 /// What the verdict rests on.

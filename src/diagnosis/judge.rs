@@ -41,6 +41,17 @@ impl Judged {
     /// both squares counts. Where its own noise is another (a film without tension makes hardly any), a fit
     /// at the shared weights says nothing of what the cause can do at its own, and it is fitted there.
     pub fn new<S: Subject>(problem: &Problem<S>, blocks: &Blocks, fitted: Fitted) -> Self {
+        let of_a_cause = !fitted.effects.is_empty();
+        Judged::at_its_own(problem, blocks, fitted, of_a_cause)
+    }
+
+    /// The same; whether a model is held against the noise of its own too is asked for.
+    pub fn at_its_own<S: Subject>(
+        problem: &Problem<S>,
+        blocks: &Blocks,
+        fitted: Fitted,
+        own: bool,
+    ) -> Self {
         let n = fitted.state.rows as f64;
         let share = problem.independent;
         let foretell = |train: &S, fitted: &Fitted| {
@@ -53,7 +64,7 @@ impl Judged {
         // a mechanism that cannot take the poses of the recordings explains nothing, whatever a fit made of it
         let mut squares = told.as_ref().map_or(f64::INFINITY, |_| fitted.cost());
         let mut foretold = told.map_or_else(|_| blocks.untold(), |f| f.1);
-        let own = (!fitted.effects.is_empty()).then(|| problem.weighed(&fitted));
+        let own = own.then(|| problem.weighed(&fitted));
         if let Some(Ok((train, _))) = own
             && let Ok(mut own) = foretell(&train, &fitted)
         {

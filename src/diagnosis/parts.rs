@@ -32,6 +32,9 @@ const BEYOND_NOISE: f64 = 1.1;
 const BESIDE_PARTS: usize = 6;
 const RACING: usize = 3;
 const SETTLED: usize = 2;
+/// Share of what the model without a cause leaves beyond the best one, up to which what the cause leaves may
+/// be its form.
+const OF_FORM: f64 = 0.5;
 /// Sum of squares over the least, or over what noise makes, from which a cause beside parts is out of the race.
 const HOPELESS: f64 = 3.0;
 
@@ -59,7 +62,7 @@ pub(super) struct Causes<'a> {
 struct Tried {
     parts: Option<Built>,
     fitted: Fitted,
-    /// Mean square with priors; of a model with causes the larger of both of [`Judged::new`].
+    /// Mean square with priors: the larger of both of [`Judged::new`].
     square: f64,
     /// Minus the logarithm of the prior odds of its causes, and what it costs that parts are far off.
     prior: f64,
@@ -79,7 +82,8 @@ impl Tried {
     /// -ln L with so much noise, and what free values cost.
     fn told(&self, noise: f64) -> f64 {
         let rows = self.fitted.state.rows as f64;
-        let parts = self.parts.as_ref().map_or(0.0, |p| p.spread(noise));
+        let of = |p: &Built| p.spread(noise) + p.priors(&self.fitted, noise);
+        let parts = self.parts.as_ref().map_or(0.0, of);
         let free = self.fitted.free.len() as f64 * (INDEPENDENT * rows).ln();
         0.5 * (self.square * rows / noise + parts + free)
     }
@@ -120,7 +124,8 @@ fn costs(tried: &[Tried], plain: f64, alone: Option<f64>, colour: f64) -> Vec<f6
             None => plain,
         };
         let form = best + form_costs(t.square, left, plain);
-        let of_form = t.of_form && !(at == 0 && gives_way);
+        let takes = t.square - left < OF_FORM * (plain - left);
+        let of_form = t.of_form && takes && !(at == 0 && gives_way);
         t.prior + t.chance + if of_form { told.min(form) } else { *told }
     });
     each.collect()
@@ -252,11 +257,12 @@ impl<S: Subject> Search<'_, S> {
     fn entry(&self, problem: &Problem<S>, parts: Option<Built>, fitted: Fitted) -> Tried {
         let rows = fitted.state.rows as f64;
         let prior = Judged::prior_of(&fitted, rows, self.causes.each);
+        let judged = Judged::at_its_own(problem, self.blocks, fitted.clone(), true);
         let free = usize::from(parts.is_none() && !self.expected);
         Tried {
             prior: parts.as_ref().map_or(0.0, |p| p.strange(&fitted)) - prior,
             chance: self.by_chance * fitted.effects.len().saturating_sub(free) as f64,
-            square: Judged::new(problem, self.blocks, fitted.clone()).mean_square,
+            square: judged.mean_square,
             // causes as drawn that leave too much for their forms say nothing
             of_form: !fitted.effects.is_empty() && (parts.is_some() || !self.causes.unexplained),
             parts,

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::BASELINE;
 use super::outcome::Departed;
-use super::problem::{Fitted, Problem, Tangent, value_unknowns};
+use super::problem::{Fitted, Problem, Tangent, free_values, value_unknowns};
 use super::subject::Subject;
 use super::words::in_unit;
 use crate::effects::{
@@ -94,6 +94,26 @@ pub(super) struct Tolerance {
     pub known: Known,
     /// What it changes.
     pub departure: Departure,
+}
+
+impl Tolerance {
+    /// The cause that it would be, at its size, where it is one of all recordings.
+    fn acting(&self) -> Option<&Acting> {
+        match &self.departure {
+            Departure::Effect { acting, only: None } => Some(acting),
+            _ => None,
+        }
+    }
+
+    /// Whether it is of the kind of a cause: along another axis, perhaps, but of the same part.
+    fn is_of(&self, cause: &Acting) -> bool {
+        self.acting().is_some_and(|own| {
+            let worded = !cause.effect.variants().is_empty();
+            own.effect.id() == cause.effect.id()
+                && own.on == cause.on
+                && (!worded || own.values[0] == cause.values[0])
+        })
+    }
 }
 
 /// What is known of a tolerance.
@@ -396,13 +416,13 @@ impl<'a> Spread<'a> {
     }
 
     /// Directions (columns, in tolerances) that the recordings can see at a scale, each with a normal prior
-    /// of standard deviation 1; the priors' means, where those of the tolerances are `mean`; and all
-    /// eigenvalues.
+    /// of standard deviation 1; the priors' means, where those of the tolerances are `mean`; and the
+    /// eigenvalues of these, and of all.
     fn directions(
         &self,
         scales: Scales,
         mean: &DVector<f64>,
-    ) -> (DMatrix<f64>, Vec<f64>, DVector<f64>) {
+    ) -> (DMatrix<f64>, Vec<f64>, [DVector<f64>; 2]) {
         let eigen = SymmetricEigen::new(self.scaled(scales));
         let seen: Vec<usize> = (0..self.list.len())
             .filter(|&i| eigen.eigenvalues[i] > VISIBLE)
@@ -416,7 +436,9 @@ impl<'a> Spread<'a> {
             (0..d.len()).filter(|&i| d[i] > 0.0).map(along).sum()
         };
         let means = seen.iter().map(own).collect();
-        (combine, means, eigen.eigenvalues)
+        let of_seen = seen.iter().map(|&j| eigen.eigenvalues[j]);
+        let strong = DVector::from_iterator(seen.len(), of_seen);
+        (combine, means, [strong, eigen.eigenvalues])
     }
 }
 
@@ -437,12 +459,16 @@ pub(super) struct Built {
     /// Combinations of tolerances that are unknowns, and the means of their priors.
     combine: DMatrix<f64>,
     means: Vec<f64>,
+    /// What one of each makes of the sum of squares, where noise is what the weights promise.
+    strengths: DVector<f64>,
     train: DepartureTorques,
     /// The fit about which they were told.
     about: Fitted,
     /// What the mechanism has of the tolerances already, and what it does.
     base: DVector<f64>,
     acts: Vec<Acting>,
+    /// Whether a place or an angle that was a part is a cause beside them.
+    pub released: bool,
 }
 
 /// The columns of all tolerances at a fitted model.
@@ -475,7 +501,8 @@ impl Built {
     /// What the tolerances of the rig make of a plain model, in whose problem none are allowed yet:
     /// the scale that explains most, and what the problem needs to have them in its tangent. `noise` is the
     /// variance of the noise over the one that the weights promise, and that of a score over what white noise
-    /// would give it; `base` what the mechanism has of each tolerance already (none yet where it is `None`).
+    /// would give it; `base` what the mechanism has of each tolerance of `list` already (none yet where it is
+    /// `None`).
     ///
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
@@ -483,9 +510,9 @@ impl Built {
         problem: &Problem<S>,
         plain: &Fitted,
         [noise, colour]: [f64; 2],
+        list: Vec<Tolerance>,
         base: Option<(DVector<f64>, Vec<Acting>)>,
     ) -> Result<Built, Locked> {
-        let list = problem.train.tolerances();
         let (base, acts) = base.unwrap_or_else(|| (DVector::zeros(list.len()), Vec::new()));
         let tangent = Tangent::new(problem, plain)?;
         let train = columns(problem, plain, &list)?;
@@ -498,7 +525,7 @@ impl Built {
         let film_pa: f64 = film.film.mu_pa.iter().sum();
         let spread = Spread::new(&list, &rows, &tangent, cost, noise, &mean, film_pa);
         let scales = spread.best();
-        let (combine, means, mut seen) = spread.directions(scales, &mean);
+        let (combine, means, [strong, mut seen]) = spread.directions(scales, &mean);
         // What parts may do costs the same whether a cause that does the like is beside them or not.
         if !plain.free.is_empty() {
             let mut held = plain.clone();
@@ -516,11 +543,13 @@ impl Built {
             colour,
             combine,
             means,
+            strengths: noise * strong,
             train,
             about: plain.clone(),
             base,
             acts,
             list,
+            released: false,
         })
     }
 
@@ -537,10 +566,11 @@ impl Built {
         noise: [f64; 2],
         most: f64,
     ) -> Result<Option<(Built, Fitted)>, Locked> {
-        if problem.train.tolerances().is_empty() {
+        let list = problem.train.tolerances();
+        if list.is_empty() {
             return Ok(None);
         }
-        let built = Built::tell(problem, plain, noise, None)?;
+        let built = Built::tell(problem, plain, noise, list, None)?;
         if !built.worth(most) {
             return Ok(None);
         }
@@ -590,7 +620,8 @@ impl Built {
         plain: &Fitted,
         noise: [f64; 2],
     ) -> Result<f64, Locked> {
-        Ok(Built::tell(problem, plain, noise, None)?.promised)
+        let list = problem.train.tolerances();
+        Ok(Built::tell(problem, plain, noise, list, None)?.promised)
     }
 
     /// Whether recordings see parts that could leave no more than `most` of -2 ln L.
@@ -637,17 +668,61 @@ impl Built {
         fitted: &Fitted,
         share: f64,
     ) -> Result<(Built, Fitted), Locked> {
-        // what a fit leaves is the most that the noise can be; a misfit had looked like more, and more noise
-        // hides directions
-        let left = (fitted.cost() / fitted.state.rows as f64).max(1.0);
-        let noise = self.noise.min(self.colour * left);
         let base = self.settle(problem, fitted, share)?;
         let mut about = fitted.clone();
         about.state.beta.truncate(problem.linear.len());
-        let built = Built::tell(problem, &about, [noise, self.colour], Some(base))?;
+        let noise = self.noise_of(fitted);
+        let list = self.list.clone();
+        let mut built = Built::tell(problem, &about, noise, list, Some(base))?;
+        built.released = self.released;
         built.enter(problem);
         let fitted = refit(problem, &about);
         Ok((built, fitted))
+    }
+
+    /// The noise that parts are told with about a fit, and its colour. What a fit leaves is the most that the
+    /// noise can be; a misfit had looked like more, and more noise hides directions.
+    fn noise_of(&self, fitted: &Fitted) -> [f64; 2] {
+        let left = (fitted.cost() / fitted.state.rows as f64).max(1.0);
+        [self.noise.min(self.colour * left), self.colour]
+    }
+
+    /// The parts told beside a place or an angle of theirs that is a cause now: it has no tolerance any more,
+    /// and is fitted from where they had it. `None` where nothing is left of the others.
+    ///
+    /// # Errors
+    /// As [`Built::fit`].
+    pub fn released<S: Subject>(
+        &self,
+        problem: &mut Problem<S>,
+        fitted: &Fitted,
+        cause: &Acting,
+    ) -> Result<Option<(Built, Fitted)>, Locked> {
+        let found = self.found(fitted);
+        let kept = (self.list.iter().zip(found.iter())).filter(|(t, _)| !t.is_of(cause));
+        let (list, mut found): (Vec<Tolerance>, Vec<f64>) =
+            kept.map(|(t, size)| (t.clone(), *size)).unzip();
+        let acts = in_the_mechanism(&list, &mut found);
+        Built::rebuild(problem, acts.clone())?;
+        let effects = vec![cause.clone()];
+        let free: Vec<(usize, usize)> = free_values(cause).into_iter().map(|v| (0, v)).collect();
+        let mut about = fitted.clone();
+        about.state.eta.truncate(problem.nonlinear.len());
+        let own = value_unknowns(&effects, &free);
+        about.state.eta.extend(own.iter().map(|u| u.start));
+        about.state.beta.truncate(problem.linear.len());
+        let about = Fitted {
+            effects,
+            free,
+            ..about
+        };
+        let base = (DVector::from_vec(found), acts);
+        let noise = self.noise_of(fitted);
+        let mut built = Built::tell(problem, &about, noise, list, Some(base))?;
+        built.released = true;
+        built.enter(problem);
+        let fitted = refit(problem, &about);
+        built.settled(problem, &fitted)
     }
 
     /// Puts the tolerances into a problem.
@@ -720,6 +795,17 @@ impl Built {
         each.sum()
     }
 
+    /// What more the departures of a fit cost of -2 ln L than the sum of squares over this variance of the
+    /// noise has of them. A fit holds them against noise as the weights promise it, of variance 1: of what the
+    /// recordings say, c, it leaves c^2 s/(1 + s), where s is a strength, and more noise would c^2 s/(n + s).
+    pub fn priors(&self, fitted: &Fitted, noise: f64) -> f64 {
+        let beta = &fitted.state.beta;
+        let sizes = &beta[beta.len() - self.combine.ncols()..];
+        let each = sizes.iter().zip(&self.means).zip(self.strengths.iter());
+        each.map(|((size, mean), s)| prior_beside(size - mean, *s, noise))
+            .sum()
+    }
+
     /// Takes the mechanism a share of the way to what a fit makes of it, and all that was allowed out of the
     /// problem. Gives the departures that the mechanism then has.
     fn settle<S: Subject>(
@@ -729,21 +815,7 @@ impl Built {
         share: f64,
     ) -> Result<(DVector<f64>, Vec<Acting>), Locked> {
         let mut found = &self.base + share * (self.found(fitted) - &self.base);
-        let mut acts = Vec::new();
-        for (t, size) in self.list.iter().zip(found.iter_mut()) {
-            match &t.departure {
-                Departure::Effect { acting, .. } if acting.effect.site() == Site::Motion => {
-                    let mut own = acting.clone();
-                    for (v, q) in own.values.iter_mut().zip(acting.effect.parameters()) {
-                        if q.size {
-                            *v = q.off + *size * (*v - q.off);
-                        }
-                    }
-                    acts.push(own);
-                }
-                _ => *size = 0.0,
-            }
-        }
+        let acts = in_the_mechanism(&self.list, found.as_mut_slice());
         Built::rebuild(problem, acts.clone())?;
         Ok((found, acts))
     }
@@ -846,6 +918,32 @@ impl Built {
     }
 }
 
+/// [`Built::priors`] of one direction of this strength, that a fit takes so far from its drawing.
+fn prior_beside(size: f64, strength: f64, noise: f64) -> f64 {
+    let told = size * (1.0 + strength) / strength;
+    told * told * (strength / (noise + strength) - strength / (noise * (1.0 + strength)))
+}
+
+/// What departures of these sizes, in tolerances, do to the mechanism; the sizes of all others become 0.
+fn in_the_mechanism(list: &[Tolerance], sizes: &mut [f64]) -> Vec<Acting> {
+    let mut acts = Vec::new();
+    for (t, size) in list.iter().zip(sizes) {
+        match &t.departure {
+            Departure::Effect { acting, .. } if acting.effect.site() == Site::Motion => {
+                let mut own = acting.clone();
+                for (v, q) in own.values.iter_mut().zip(acting.effect.parameters()) {
+                    if q.size {
+                        *v = q.off + *size * (*v - q.off);
+                    }
+                }
+                acts.push(own);
+            }
+            _ => *size = 0.0,
+        }
+    }
+    acts
+}
+
 /// How many times its tolerance a cause is, where it is of the kind of one.
 pub(super) fn times(list: &[Tolerance], acting: &Acting) -> Option<f64> {
     let q = acting.effect.parameters();
@@ -882,11 +980,7 @@ pub(super) fn cause_of(
     departed: &[Departed],
     part: &Departed,
 ) -> Option<Acting> {
-    let acting = |t: &Tolerance| match &t.departure {
-        Departure::Effect { acting, only: None } => Some(acting.clone()),
-        _ => None,
-    };
-    let own = list.iter().find(|t| t.what == part.what).and_then(acting)?;
+    let own = list.iter().find(|t| t.what == part.what)?.acting()?;
     let is_place = own.effect.site() == Site::Motion && !own.effect.scales_made();
     if !is_place || by_id(own.effect.id()).is_none() {
         return None;
@@ -896,15 +990,11 @@ pub(super) fn cause_of(
     for (v, q) in out.values.iter_mut().zip(quantities).filter(|v| v.1.size) {
         *v = q.off;
     }
-    let worded = !own.effect.variants().is_empty();
-    for t in list {
-        let (Some(other), Some(d)) = (acting(t), departed.iter().find(|d| d.what == t.what)) else {
+    for t in list.iter().filter(|t| t.is_of(own)) {
+        let (Some(other), Some(d)) = (t.acting(), departed.iter().find(|d| d.what == t.what))
+        else {
             continue;
         };
-        let same = other.effect.id() == own.effect.id() && other.on == own.on;
-        if !same || (worded && other.values[0] != own.values[0]) {
-            continue;
-        }
         for (i, q) in quantities.iter().enumerate().filter(|q| q.1.size) {
             out.values[i] += d.found / d.tolerance * (other.values[i] - q.off);
         }
@@ -1013,6 +1103,21 @@ mod tests {
             branches: 0.2,
         };
         assert!((spread.sizes(scales).sum() - sum).abs() < 1e-9);
+    }
+
+    /// What a fit makes of one direction at noise as promised, and what it costs where noise is more.
+    #[test]
+    fn priors_count_in_full_beside_more_noise() {
+        let (strength, told, noise) = (40.0_f64, 3.0, 25.0);
+        // least of s (c - told)^2 + c^2, and of s (c - told)^2/n + c^2
+        let fitted = told * strength / (1.0 + strength);
+        let left = strength * (fitted - told).powi(2) + fitted * fitted;
+        let least = |c: f64| strength * (c - told).powi(2) / noise + c * c;
+        let at = told * strength / (noise + strength);
+        assert!(least(at) < least(at + 1e-3) && least(at) < least(at - 1e-3));
+        let more = prior_beside(fitted, strength, noise);
+        assert!((left / noise + more - least(at)).abs() < 1e-9);
+        assert_eq!(prior_beside(fitted, strength, 1.0), 0.0);
     }
 
     #[test]

@@ -85,6 +85,14 @@ pub(super) fn joins(base: &Judged, next: &Judged, chance: f64) -> bool {
     earns(base, next, chance) && next.excess() < left * base.excess()
 }
 
+/// Whether a model leaves so much more than another that it can be no form of it.
+pub(super) fn leaves_far_more(j: &Judged, other: &Judged) -> bool {
+    other.excess() < FAR_LESS * j.excess()
+}
+
+/// Share of what one cause leaves up to which another explains what it does not.
+const FAR_LESS: f64 = 0.25;
+
 /// Whether a further cause takes away more than chance does, and foretells no worse.
 pub(super) fn earns(base: &Judged, next: &Judged, chance: f64) -> bool {
     base.fitted.cost() - next.fitted.cost() > 150.0_f64.max(chance)

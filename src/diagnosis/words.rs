@@ -403,13 +403,9 @@ pub(super) fn says(
 }
 
 /// The verdict of a plain model that leaves only noise, `left`, with a part that is beyond its tolerance.
-pub(super) fn says_of_part(part: &Departed, left: &str, likely: bool) -> String {
-    let which = match likely {
-        true => "Most likely that part is off; no cause is named before it was measured.",
-        false => "That part may be off, or stand in for something else; no cause is named.",
-    };
+pub(super) fn says_of_part(part: &Departed, left: &str) -> String {
     format!(
-        "The plain model leaves what noise leaves, {left}, but only with a part farther off than tolerances make: {}. {which}",
+        "The plain model leaves what noise leaves, {left}, but only with a part farther off than tolerances make: {}. That part may be off, or stand in for something else; no cause is named.",
         part.says()
     )
 }

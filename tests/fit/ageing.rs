@@ -438,6 +438,7 @@ fn robot_days(
                     effect,
                     values: match effect.parameters().len() {
                         1 => vec![values[i]],
+                        2 => vec![values[i], 0.0],
                         _ => vec![values[i], -1e6, 0.0],
                     },
                     on: [true; 3],

@@ -539,8 +539,8 @@ impl<'a, S: Subject> Case<'a, S> {
         each.min_by(|a, b| a.score.total_cmp(&b.score))
     }
 
-    /// A cause that a film bent to it hides alone may be found beside another one: those of the best two, where
-    /// they explain far more than the first, are fitted alone from where they were found.
+    /// A cause that a film bent to it hides alone may be found beside another one: those of the best two,
+    /// where they explain far more than the first, are fitted alone from where they were found.
     fn lead_back(&self, field: &mut Field, partners: &[Judged]) {
         let (Some(first), Some(two)) = (field.singles.first(), partners.first()) else {
             return;

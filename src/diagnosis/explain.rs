@@ -25,8 +25,7 @@ const DETAIL: f64 = 0.1;
 /// Odds of a cause beside a part beyond its tolerance, over what they are beside parts within, and those of a
 /// cause that was such a part: on seeds for development four of either kind were all right (Laplace's rule of
 /// succession).
-const BESIDE_BEYOND: f64 = 5.0 / 6.0;
-const OF_A_PART: f64 = 5.0 / 6.0;
+const WITH_A_PART: f64 = 5.0 / 6.0;
 
 /// What a verdict is with the parts that it goes with.
 struct Ruled {
@@ -53,16 +52,15 @@ fn ruled(field: &Field, choice: &Choice) -> Ruled {
     let suffices = verdict == Verdict::Adequate;
     let beyond = field.beyond(plain).filter(|_| suffices);
     let named = verdict == Verdict::MissingPhysics;
-    let of_a_part = named && field.built.as_ref().is_some_and(|b| b.released);
+    let of_a_part = field.built.as_ref().is_some_and(|b| b.released);
     Ruled {
         verdict: match beyond {
             Some(_) => Verdict::Unexplained,
             None => verdict,
         },
         beyond,
-        trust: match named && beside.is_some() {
-            true => BESIDE_BEYOND,
-            false if of_a_part => OF_A_PART,
+        trust: match named && (of_a_part || beside.is_some()) {
+            true => WITH_A_PART,
             false => 1.0,
         },
     }

@@ -796,8 +796,9 @@ impl Built {
     }
 
     /// What more the departures of a fit cost of -2 ln L than the sum of squares over this variance of the
-    /// noise has of them. A fit holds them against noise as the weights promise it, of variance 1: of what the
-    /// recordings say, c, it leaves c^2 s/(1 + s), where s is a strength, and more noise would c^2 s/(n + s).
+    /// noise has of them. A fit holds them against noise as the weights promise it, of variance 1: where the
+    /// recordings say c, it leaves c^2 s/(1 + s), s a strength, and noise of variance n would leave
+    /// c^2 s/(n + s).
     pub fn priors(&self, fitted: &Fitted, noise: f64) -> f64 {
         let beta = &fitted.state.beta;
         let sizes = &beta[beta.len() - self.combine.ncols()..];

@@ -1,5 +1,6 @@
-//! Wire and electrode resistance R feed the capacitance of the film:  R d(C phi)/dt = phi_c - phi. An electrode
-//! resists the more the farther it is stretched:  R = resistance (A/1.2)^stretch_exponent at area stretch A.
+//! Wire and electrode resistance R feed the capacitance of the film:  R d(C phi)/dt = phi_c - phi. An
+//! electrode resists the more the farther it is stretched:  R = resistance (A/1.2)^stretch_exponent at area
+//! stretch A.
 
 use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, shape, size};
 
@@ -70,8 +71,8 @@ impl Effect for SeriesResistance {
 /// The voltage on a film that a wire of `wire_ohm(i)` feeds, in place of the commanded one, V, from
 /// `first_v` at the first sample; a conductance over the film takes `leak(i, phi)` times the current that phi
 /// would drive through the wire. With the charge q = C phi and k = 1 + leak,  q' = (C phi_c - k q)/(R C)  is
-/// integrated exactly for a linear C phi_c and the mean 1/(R C) of the step, so that phi is phi_c/k in the limit
-/// of no resistance; k is that of the step's end, which `rounds` steps of a fixed point close in on.
+/// integrated exactly for a linear C phi_c and the mean 1/(R C) of the step, so that phi is phi_c/k in the
+/// limit of no resistance; k is that of the step's end, which `rounds` steps of a fixed point close in on.
 pub(super) fn charged(
     wire_ohm: impl Fn(usize) -> f64,
     along: &Along,

@@ -399,7 +399,8 @@ impl ParameterFile {
                 .at_key("[[effect]] electrode_failure time")
                 .action("state time = 0.0"));
             }
-            if effect.number("stretch_exponent").is_some_and(|n| n != 0.0) {
+            let grows = effect.number("stretch_exponent").is_some_and(|n| n != 0.0);
+            if effect.id == "series_resistance" && grows {
                 return Err(Error::new(
                     ErrorKind::BadValue,
                     &self.path,

@@ -164,14 +164,17 @@ impl<'a, S: Subject> Case<'a, S> {
         if choice.verdict == Verdict::Unexplained && self.request.only.is_empty() {
             self.ask_the_rare(&mut field, &mut choice)?;
         }
+        let before = self.remarks.len();
         match choice.verdict {
             Verdict::MissingPhysics => self.ask_what_matters(&field, &mut choice)?,
             Verdict::Unexplained => self.ask_what_is_left(&field, &mut choice)?,
-            Verdict::Adequate => {
-                if let Some(parts) = self.a_part_as_a_cause(&field)? {
-                    return Ok(Round::again(parts));
-                }
-            }
+            Verdict::Adequate => {}
+        }
+        if choice.verdict == Verdict::Adequate
+            && let Some(parts) = self.a_part_as_a_cause(&field)?
+        {
+            self.remarks.truncate(before); // of a cause that this one may account for
+            return Ok(Round::again(parts));
         }
         Ok(Round::Told(Box::new((field, choice))))
     }

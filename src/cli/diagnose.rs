@@ -94,6 +94,7 @@ pub(super) fn run(
         only: a.only.clone(),
         rivals: a.rivals,
         relevant: a.relevant,
+        undated: false, // told by the recordings
         memory: lasting.memory(),
         tally: Tally::default(),
     };

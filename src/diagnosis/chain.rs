@@ -112,6 +112,9 @@ impl<'a, S: Subject> Case<'a, S> {
         request: &'a Request,
         watch: &'a (dyn Fn(&str) + Sync),
     ) -> Self {
+        let undated = request.undated;
+        problem.assumed =
+            undated.then(|| [problem.train_when.clone(), problem.holdout_when.clone()]);
         Case {
             holdout: problem.holdout.take(),
             problem,
@@ -154,6 +157,7 @@ impl<'a, S: Subject> Case<'a, S> {
         let holdout = self.holdout.take();
         self.problem.take_up(holdout, field.built.as_ref())?;
         if !adequate {
+            self.problem.date_held_out(&choice.best.fitted)?;
             choice.verdict = self.verdict(&field, &choice, supported)?;
         }
         if choice.verdict != Verdict::Adequate
@@ -280,6 +284,17 @@ impl<'a, S: Subject> Case<'a, S> {
         }
         // a leader that gains by making less of the noise must not set the weights of all
         let (least, rows) = (0.8 * ground.plain.cost(), ground.plain.state.rows as f64);
+        let drifts = |f: &&mut Fitted| f.effects.iter().any(|a| a.effect.over_series(&a.values));
+        let drift = fits.iter_mut().find(drifts).cloned();
+        if let Some(drift) = drift.filter(|f| f.cost() < least)
+            && let Some(dated) = problem.date(&drift, FIRST)
+        {
+            for f in fits.iter_mut().filter(drifts) {
+                *f = problem.fit_near(f, &f.effects, FIRST);
+            }
+            fits.push(dated);
+            fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        }
         let leads = |f: &&Fitted| {
             let judged = || Judged::new(problem, &seen.chance.blocks, (*f).clone());
             f.cost() < least && judged().mean_square * rows < least

@@ -8,7 +8,7 @@ use super::judge::{INDEPENDENT, Judged};
 use super::learn::Taught;
 use super::locate::locate;
 use super::outcome::*;
-use super::problem::{Fitted, Problem};
+use super::problem::{Fitted, Problem, over_series};
 use super::subject::Subject;
 use super::verdict::{fails_held_out, ids};
 use super::words::{
@@ -152,6 +152,14 @@ pub(super) fn explain<S: Subject>(
             )
         }
     };
+    let dated = dated(problem, augmented);
+    if !dated.is_empty() {
+        let each: Vec<String> = dated.iter().map(|d| format!("{:.0}", d.1)).collect();
+        remarks.push(format!(
+            "The drift fits best where the recordings were made {} s after the first; of those held out, their first halves say it. State `start` where it is known.",
+            each.join(", ")
+        ));
+    }
     let state = &augmented.state;
     Ok(Diagnosis {
         verdict,
@@ -181,12 +189,26 @@ pub(super) fn explain<S: Subject>(
         departed,
         beyond: ruled.beyond,
         built: built.map_or(f64::NAN, |b| b.scales.parts),
+        dated,
         remarks: std::mem::take(remarks),
         says,
         evidence: evidence(&field, &choice, case.request.false_alarm_rate),
         rivals: field.seen.rivals,
         rival_models: field.seen.rival_models,
     })
+}
+
+/// When the recordings were made by a cause over the series, where nobody states it: number in the series, and
+/// first sample after the first of all, s; in their order.
+fn dated<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Vec<(usize, f64)> {
+    if problem.assumed.is_none() || over_series(&fitted.effects).is_none() {
+        return Vec::new();
+    }
+    let all = problem.train_when.iter().chain(&problem.holdout_when);
+    let mut all: Vec<(usize, f64)> = all.map(|w| (w.recording, w.series_s)).collect();
+    all.sort_by_key(|w| w.0);
+    let first_s = all[0].1;
+    all.iter().map(|w| (w.0, w.1 - first_s)).collect()
 }
 
 /// The candidates of a choice, with the tolerances of those that are parts.

@@ -93,6 +93,7 @@ pub fn diagnose_lines(
         train: own,
         train_when: train.iter().map(|e| e.when).collect(),
         holdout_when: held_out.iter().map(|e| e.when).collect(),
+        assumed: None,
         nonlinear,
         linear,
         independent: super::judge::INDEPENDENT,

@@ -425,6 +425,9 @@ pub struct Diagnosis {
     /// What the defaults among those tolerances are multiplied by: how well this robot was built; NaN where
     /// the model as drawn suffices.
     pub built: f64,
+    /// When recordings were made about which nobody says it, where a cause over the series tells: number in
+    /// the series, and first sample in its time, s.
+    pub dated: Vec<(usize, f64)>,
     /// What weakens the verdict, in words.
     pub remarks: Vec<String>,
     /// The verdict in one or two sentences.
@@ -542,6 +545,9 @@ pub struct Request {
     /// what must be taken away is a share of the noise, or all of it beside parts that leave about as much.
     /// What nothing explains matters from as much error on, or from as much as noise makes.
     pub relevant: Option<f64>,
+    /// Whether nobody states when in the series the recordings were made: they are then dated by a cause that
+    /// acts over the series.
+    pub undated: bool,
     /// What was found before the run was stopped.
     pub memory: Memory,
     /// How much of the step under way is done, for whom it is told.
@@ -590,6 +596,7 @@ impl Default for Request {
             only: Vec::new(),
             rivals: false,
             relevant: None,
+            undated: false,
             memory: Memory::default(),
             tally: Tally::default(),
         }

@@ -150,8 +150,8 @@ struct Search<'a, S> {
 
 /// What a search for one more cause beside parts ends with.
 enum OneMore<S> {
-    /// Parts that are believed beside it.
-    Believed(Box<Tried>),
+    /// Parts that are believed beside it, of each cause with which they are.
+    Believed(Vec<Tried>),
     /// Parts that are not, in their problem, of the cause with which they leave least.
     Far(Box<(Problem<S>, Built, Fitted)>),
     Nothing,
@@ -214,8 +214,8 @@ impl Causes<'_> {
 
     /// The fits beside which parts are worth one: the causes that are named, each alone and, where they leave
     /// too much to be believed, all together; `widely`, of all others the one beside which parts promise most
-    /// in linear theory too; none with a departure within its tolerance, or with what scales all that voltages
-    /// make.
+    /// in linear theory too, and of those for which a named one may be taken; none with a departure within its
+    /// tolerance, or with what scales all that voltages make.
     fn beside<S: Subject>(
         &self,
         problem: &Problem<S>,
@@ -233,18 +233,36 @@ impl Causes<'_> {
             .filter(|a| free(a))
             .map(alone)
             .collect();
-        let others = self.singles.par_iter().map(|s| &s.fitted);
-        let others = others.filter(|f| {
-            let own = &f.effects[0];
-            widely && free(own) && !out.iter().any(|o| o.effects[0].is(own))
-        });
-        let promised = others.filter_map(|f| {
-            let promise = Built::promise(problem, f, self.noises).ok()?;
-            // less than nothing is what linear theory cannot promise
-            (promise > 0.0).then_some((promise, f))
-        });
-        let most = promised.min_by(|a, b| a.0.total_cmp(&b.0));
-        out.extend(most.map(|m| m.1.clone()));
+        let most_promising = |others: Vec<Fitted>| {
+            let promised = others.into_par_iter().filter_map(|f| {
+                let promise = Built::promise(problem, &f, self.noises).ok()?;
+                // less than nothing is what linear theory cannot promise
+                (promise > 0.0).then_some((promise, f))
+            });
+            promised.min_by(|a, b| a.0.total_cmp(&b.0)).map(|m| m.1)
+        };
+        if widely {
+            let is_new = |out: &[Fitted], own: &Acting| {
+                free(own) && !out.iter().any(|o| o.effects[0].is(own))
+            };
+            let others = self.singles.iter().map(|s| &s.fitted);
+            let others = others.filter(|f| is_new(&out, &f.effects[0])).cloned();
+            let other = most_promising(others.collect());
+            out.extend(other);
+            // of two causes that are alike a bent film may hide the one that parts would leave
+            let starts = problem.train.starts();
+            let named = named.effects.iter();
+            let like = named.flat_map(|a| a.effect.taken_for().iter().map(|id| (*id, a.on)));
+            let like = like.filter_map(|(id, on)| {
+                let (effect, values) = starts.iter().find(|(e, _)| e.id() == id)?;
+                let values = values.first()?.clone();
+                let effect = *effect;
+                Some(Acting { effect, values, on }).filter(|a| is_new(&out, a))
+            });
+            let like: Vec<Acting> = like.collect();
+            let fits = like.par_iter().map(alone).collect();
+            out.extend(most_promising(fits));
+        }
         if self.unexplained && named.effects.len() > 1 && named.effects.iter().all(free) {
             out.push(named.clone());
         }
@@ -342,7 +360,7 @@ impl<S: Subject> Search<'_, S> {
             if let OneMore::Believed(with) =
                 self.one_more(&problem, parts, &beside.fitted, &within)?
             {
-                out.push(*with);
+                out.extend(with);
             }
         }
         Ok(out)
@@ -355,7 +373,7 @@ impl<S: Subject> Search<'_, S> {
         problem: &Problem<S>,
         parts: &Built,
         fitted: &Fitted,
-    ) -> Result<Option<Tried>, Error> {
+    ) -> Result<Vec<Tried>, Error> {
         let near = |p: &Built, f: &Fitted| p.farthest(f) < FAR;
         let mut one = self.one_more(problem, parts, fitted, &near)?;
         if let (OneMore::Far(far), true) = (&one, self.causes.unexplained) {
@@ -363,8 +381,8 @@ impl<S: Subject> Search<'_, S> {
             one = self.one_more(problem, parts, fitted, &near)?;
         }
         Ok(match one {
-            OneMore::Believed(with) => Some(*with),
-            _ => None,
+            OneMore::Believed(with) => with,
+            _ => Vec::new(),
         })
     }
 
@@ -395,16 +413,14 @@ impl<S: Subject> Search<'_, S> {
         told.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
         told.truncate(SETTLED);
         let mut out = OneMore::Nothing;
+        let mut all = Vec::new();
         for (mut problem, parts, with) in told {
             let Some((parts, with)) = parts.settled(&mut problem, &with).ok().flatten() else {
                 continue;
             };
             if believed(&parts, &with) {
-                return Ok(OneMore::Believed(Box::new(self.entry(
-                    &problem,
-                    Some(parts),
-                    with,
-                ))));
+                all.push(self.entry(&problem, Some(parts), with));
+                continue;
             }
             let least = match &out {
                 OneMore::Far(far) => far.2.cost(),
@@ -414,6 +430,9 @@ impl<S: Subject> Search<'_, S> {
                 out = OneMore::Far(Box::new((problem, parts, with)));
             }
         }
-        Ok(out)
+        Ok(match all[..] {
+            [] => out,
+            _ => OneMore::Believed(all),
+        })
     }
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::outcome::Tally;
 use super::subject::Subject;
 use super::tolerance::Built;
-use crate::effects::{Acting, Site, When};
+use crate::effects::{Acting, Dated, Site, When};
 use crate::film::Locked;
 use crate::fit::memory::Memory;
 use crate::fit::separable::{Options, Prior, State, Unknown};
@@ -48,6 +48,8 @@ pub(super) struct Problem<S> {
     pub holdout: Option<S>,
     pub train_when: Vec<When>,
     pub holdout_when: Vec<When>,
+    /// The same as they were assumed, where nobody states them.
+    pub assumed: Option<[Vec<When>; 2]>,
     pub nonlinear: Vec<Unknown>,
     pub linear: Vec<Unknown>,
     /// Share of the residuals that count as independent.
@@ -182,6 +184,16 @@ pub(super) fn free_values(acting: &Acting) -> Vec<usize> {
         })
         .map(|(i, _)| i)
         .collect()
+}
+
+/// Distance of the times at which a recording that was held out is tried, s, and how many there are on either
+/// side of the one assumed.
+const DATES_S: f64 = 5.0;
+const DATES: i32 = 22;
+
+/// Place of the cause that acts over the series.
+pub(super) fn over_series(effects: &[Acting]) -> Option<usize> {
+    effects.iter().position(|a| a.effect.over_series(&a.values))
 }
 
 impl<S: Subject> Problem<S> {
@@ -363,6 +375,7 @@ impl<S: Subject> Problem<S> {
             holdout: None,
             train_when: self.train_when.clone(),
             holdout_when: Vec::new(),
+            assumed: None,
             nonlinear: self.nonlinear.clone(),
             linear: self.linear.clone(),
             independent: self.independent,
@@ -453,6 +466,111 @@ impl<S: Subject> Problem<S> {
                 .ok()?;
         let last = normal.gram.nrows() - 1;
         Some((normal.gram[(last, last)], normal.rows))
+    }
+
+    /// Dates recordings about whose time nothing is stated: they were made when a fitted cause that acts over
+    /// the series leaves least of them. The fit with these times, where it leaves less than with those that
+    /// were assumed.
+    pub fn date(&mut self, fitted: &Fitted, effort: Effort) -> Option<Fitted> {
+        let [assumed, _] = self.assumed.as_ref()?;
+        let e = over_series(&fitted.effects)?;
+        let first = self.first()?;
+        let open: Vec<usize> = (0..assumed.len())
+            .filter(|&i| assumed[i].recording != first)
+            .collect();
+        let numbers: Vec<usize> = open.iter().map(|&i| assumed[i].recording).collect();
+        let later = |i: &usize| self.train_when[*i].series_s - assumed[*i].series_s;
+        let later: Vec<f64> = open.iter().map(later).collect();
+        let own = &fitted.effects[e];
+        let mut effects = fitted.effects.clone();
+        effects[e] = Dated::beside(own, &numbers, &later);
+        let mut when = assumed.clone();
+        let as_assumed = Problem {
+            train_when: when.clone(),
+            ..self.copy()
+        };
+        let dated = as_assumed.fit_near(fitted, &effects, effort);
+        let (values, later) = dated.effects[e].values.split_at(own.values.len());
+        for (i, later_s) in open.iter().zip(later) {
+            when[*i].series_s += later_s;
+        }
+        let mut effects = dated.effects.clone();
+        effects[e] = Acting {
+            values: values.to_vec(),
+            ..own.clone()
+        };
+        let before = std::mem::replace(&mut self.train_when, when);
+        let with = self.fit_near(&dated, &effects, effort);
+        let in_order = {
+            let mut all: Vec<&When> = self.train_when.iter().collect();
+            all.sort_by_key(|w| w.recording);
+            all.windows(2).all(|w| w[0].series_s < w[1].series_s)
+        };
+        if !in_order || with.cost() >= fitted.cost() {
+            self.train_when = before;
+            return None;
+        }
+        self.train = self
+            .train
+            .with_effects(Vec::new(), Vec::new(), &self.train_when);
+        Some(with)
+    }
+
+    /// Number of the recording that was made first.
+    fn first(&self) -> Option<usize> {
+        let assumed = self.assumed.as_ref()?.iter().flatten();
+        assumed.map(|w| w.recording).min()
+    }
+
+    /// Dates recordings that were held out by the first half of each, as [`Problem::date`] does.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn date_held_out(&mut self, fitted: &Fitted) -> Result<(), Locked> {
+        let (Some(first), Some(holdout)) = (self.first(), &self.holdout) else {
+            return Ok(());
+        };
+        let (Some(eta), Some(_)) = (self.holdout_eta(fitted), over_series(&fitted.effects)) else {
+            return Ok(());
+        };
+        let Some([_, assumed]) = &self.assumed else {
+            return Ok(());
+        };
+        let noise = (fitted.cost() / fitted.state.rows as f64).max(1.0);
+        let squares = |later_s: f64| {
+            let mut when = assumed.clone();
+            for w in &mut when {
+                w.series_s += later_s;
+            }
+            let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &when);
+            let design = residual.design(&eta, &fitted.state.beta)?;
+            let left = design.column(design.ncols() - 1);
+            let mut from = 0;
+            let each = (0..when.len()).map(|number| {
+                let rows = S::CHAINS * residual.kept_times_s(number).len();
+                let half = left.rows(from, rows / 2).norm_squared();
+                from += rows;
+                half / noise + (later_s / Dated::SPREAD_S).powi(2)
+            });
+            Ok::<Vec<f64>, Locked>(each.collect())
+        };
+        let tried = (-DATES..=DATES).map(|i| f64::from(i) * DATES_S);
+        let tried: Vec<(f64, Vec<f64>)> = tried
+            .map(|later_s| Ok((later_s, squares(later_s)?)))
+            .collect::<Result<_, Locked>>()?;
+        let mut dated = assumed.clone();
+        for (number, w) in dated.iter_mut().enumerate() {
+            if w.recording == first {
+                continue;
+            }
+            let least = tried
+                .iter()
+                .min_by(|a, b| a.1[number].total_cmp(&b.1[number]));
+            w.series_s += least.map_or(0.0, |(later_s, _)| *later_s);
+        }
+        self.holdout = Some(holdout.with_effects(Vec::new(), Vec::new(), &dated));
+        self.holdout_when = dated;
+        Ok(())
     }
 
     /// Takes what capture and smoothing make of a fitted plain model's own motion out of all residuals, where

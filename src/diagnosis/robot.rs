@@ -168,6 +168,7 @@ pub(super) fn open<'a>(
             .transpose()?,
         train_when,
         holdout_when,
+        assumed: None,
         nonlinear,
         linear,
         independent: super::judge::INDEPENDENT,

@@ -807,6 +807,7 @@ impl<'a, 'b> Field<'a, 'b> {
             law,
             learnt,
             traces,
+            dated: Vec::new(),
             remarks: std::mem::take(remarks),
             says,
             evidence: self.evidence(&odds, &candidates, request.false_alarm_rate),

@@ -15,6 +15,7 @@ mod angle_error;
 mod backlash;
 mod clock_skew;
 mod command;
+mod dated;
 mod dielectric_relaxation;
 mod electrode_failure;
 mod electrode_stiffness;
@@ -45,6 +46,7 @@ mod thickness_error;
 mod time_offset;
 
 pub use command::command_for;
+pub(crate) use dated::Dated;
 
 use crate::film::Film;
 use crate::kinematics::{Lozenge, Mechanism, Vec3};

@@ -238,6 +238,10 @@ pub(crate) fn judge(
     progress: &Progress,
     search: Search,
 ) -> Result<(Diagnosis, Vec<SeriesEntry>), Failure> {
+    let request = &Request {
+        undated: series.entries.iter().any(|e| e.clock_s.is_none()),
+        ..request.clone()
+    };
     in_order(series, named, progress, |entries, train, holdout, watch| {
         let entry = |&i: &usize| Entry {
             dataset: &datasets[i],
@@ -287,11 +291,16 @@ fn in_order(
         progress.step(format!("step {n}: {what}"));
     };
     let mut diagnosis = search(&entries, &train, &holdout, &watch)?;
+    if !diagnosis.dated.is_empty() {
+        remarks.retain(|r| *r != series::assumed());
+    }
     diagnosis.remarks.extend(remarks);
-    Ok((
-        diagnosis,
-        order.iter().map(|&i| entries[i].clone()).collect(),
-    ))
+    let mut entries: Vec<SeriesEntry> = order.iter().map(|&i| entries[i].clone()).collect();
+    for entry in &mut entries {
+        let told = diagnosis.dated.iter().find(|d| d.0 == entry.number);
+        entry.begins_s = told.map_or(entry.begins_s, |d| d.1);
+    }
+    Ok((diagnosis, entries))
 }
 
 /// What is fitted and what is held out, of `order`, where the first `named` were not asked to be held out.

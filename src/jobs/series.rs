@@ -84,6 +84,13 @@ pub fn order_of(occasions: &[Occasion]) -> Result<Series, Failure> {
     arrange(&ids, starts.as_deref(), &durations)
 }
 
+/// What is said where recordings do not state when they were made.
+pub fn assumed() -> String {
+    format!(
+        "Not every recording states its `start`: they are taken to begin about {BETWEEN_S:.0} s apart, in the order of their numbers. Causes that drift over minutes depend on that."
+    )
+}
+
 fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<Series, Failure> {
     let mut remarks = Vec::new();
     let leading: Option<Vec<usize>> = ids.iter().map(|id| leading_number(id)).collect();
@@ -130,9 +137,7 @@ fn arrange(ids: &[&str], starts: Option<&[f64]>, durations_s: &[f64]) -> Result<
             };
     }
     if starts.is_none() && ids.len() > 1 {
-        remarks.push(format!(
-            "Not every recording states its `start`: they are taken to begin about {BETWEEN_S:.0} s apart, in the order of their numbers. Causes that drift over minutes depend on that."
-        ));
+        remarks.push(assumed());
     }
     let mut families: Vec<&str> = ids.iter().map(|id| family(id)).collect();
     families.sort_unstable();

@@ -399,6 +399,49 @@ fn a_cause_that_does_as_well_alone_is_named_alone() {
     assert_eq!(named, ["slow_creep"]);
 }
 
+/// Recordings that do not state when they were made are dated by a creep, of which they would not hold
+/// otherwise: they are taken for 120 s apart first.
+#[test]
+fn a_creep_dates_the_recordings() {
+    let dir = tempfile::tempdir().unwrap();
+    let made_s = [0.0, 60.0, 250.0, 400.0, 470.0];
+    let drives = [
+        "multisine:peak_V=4000,hz=0.1/0.3/0.7",
+        "sine:peak_V=4200,hz=0.5",
+        "multisine:peak_V=4000,hz=0.2/0.5",
+        "sine:peak_V=4300,hz=0.3",
+        "multisine:peak_V=4000,hz=0.15/0.4",
+    ];
+    let recording = |(i, (drive, made_s)): (usize, (&str, f64))| {
+        let (name, seed) = (format!("0{}", i + 1), (i + 1).to_string());
+        // a recording on its own begins its series: the creep went on until then
+        let since = 100.0 + made_s;
+        let creep = format!("slow_creep:modulus=5e4,time_constant=500,since_assembly={since}");
+        let drive = ["--drive", drive, "--seed", &seed, "--duration", "20"];
+        simulated(dir.path(), &name, &drive, &["--effect", &creep])
+    };
+    let all: Vec<String> = drives
+        .into_iter()
+        .zip(made_s)
+        .enumerate()
+        .map(recording)
+        .collect();
+    let train = all[..4].iter().map(String::as_str);
+    let arguments: Vec<&str> = train.chain(["--holdout", &all[4]]).collect();
+    let json = verdict(dir.path(), &arguments);
+    assert_eq!(json["candidates"][0]["effect"], "slow_creep");
+    assert_eq!(json["candidates"][0]["in_model"], true);
+    let series = json["series"].as_array().unwrap();
+    for (entry, made_s) in series.iter().zip(made_s) {
+        let told_s = entry["begins_s"].as_f64().unwrap();
+        assert!((told_s - made_s).abs() < 20.0, "{told_s} for {made_s}");
+    }
+    // what is assumed no longer is not said
+    let remarks = json["remarks"].to_string();
+    assert!(remarks.contains("The drift fits best"), "{remarks}");
+    assert!(!remarks.contains("120 s apart"), "{remarks}");
+}
+
 #[test]
 fn an_answer_is_opened_only_after_the_diagnosis() {
     // The comparison takes the finished diagnosis as a value; the diagnosis takes no answer.

@@ -1,7 +1,7 @@
 //! Weight and inertia of bicep, SAM links and lozenge: as the point mass of the balance, with the first
 //! moment S about the bicep joint:  S (q theta_b'' - g sin theta_b) on theta_b.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Memory, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ActuatorMass;
 
@@ -41,6 +41,9 @@ impl Effect for ActuatorMass {
     }
     fn brought_out_by(&self) -> &'static str {
         "poses far off the axis, with and without payload; or weighing the parts"
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::BicepRate
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         for (i, t) in torque_n_m.iter_mut().enumerate() {

@@ -1,7 +1,7 @@
 //! Below a threshold the output stays near zero, above it follows the command:  phi = phi_c s((|phi_c| -
 //! threshold)/w), s a soft step.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size, soft_step};
+use super::{Along, Effect, Exercise, Part, Quantity, Reach, Seen, Site, shape, size, soft_step};
 
 pub struct AmplifierDeadband;
 
@@ -47,6 +47,9 @@ impl Effect for AmplifierDeadband {
     }
     fn brought_out_by(&self) -> &'static str {
         "slow ramps from zero through the lowest voltages"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
     }
     fn voltage(&self, v: &[f64], _: &Along, phi_v: &mut [f64]) {
         if v[0] == 0.0 {

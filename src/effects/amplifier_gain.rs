@@ -1,7 +1,7 @@
 //! The amplifier's gain or offset is wrong:  phi = (1 + e) phi_c + offset. The offset fades out below 50 V:
 //! an amplifier that is told zero gives zero.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Exercise, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct AmplifierGain;
 
@@ -52,6 +52,9 @@ impl Effect for AmplifierGain {
     }
     fn brought_out_by(&self) -> &'static str {
         "a known payload on and off under the same voltages, and the amplifier's own monitor output"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
     }
     fn voltage(&self, v: &[f64], _: &Along, phi_v: &mut [f64]) {
         for phi in phi_v {

@@ -1,6 +1,6 @@
 //! The output does not exceed a ceiling (soft knee):  phi = phi_c - w ln(1 + exp((phi_c - ceiling)/w)).
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, soft_plus};
+use super::{Along, Effect, Exercise, Part, Quantity, Reach, Seen, Site, shape, soft_plus};
 
 pub struct AmplifierSaturation;
 
@@ -53,6 +53,9 @@ impl Effect for AmplifierSaturation {
     }
     fn brought_out_by(&self) -> &'static str {
         "a slow ramp to the highest voltage"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
     }
     fn voltage(&self, v: &[f64], _: &Along, phi_v: &mut [f64]) {
         if v[0].is_infinite() {

@@ -1,7 +1,7 @@
 //! Something elastic (a loom, a worn hinge) follows the bicep with play:  -k (s - s_0) on theta_b, where s is
 //! theta_b moved only where one end of the play pushes it, |theta_b - s| <= play, and s_0 its first value.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Memory, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct Backlash;
 
@@ -40,6 +40,9 @@ impl Effect for Backlash {
     }
     fn brought_out_by(&self) -> &'static str {
         "reversals at several amplitudes, without and with a pre-load"
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Play
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         let Some(first) = along.theta_b.first().map(|t| t[0]) else {

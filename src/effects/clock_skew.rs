@@ -1,6 +1,6 @@
 //! One clock runs fast: the command is read at (1 + skew) t, t from the first frame.
 
-use super::{Effect, Part, Quantity, Reach, Seen, Site, size};
+use super::{Effect, Exercise, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct ClockSkew;
 
@@ -37,6 +37,9 @@ impl Effect for ClockSkew {
     }
     fn brought_out_by(&self) -> &'static str {
         "a long recording with the same fast drive at its beginning and end"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Rates, Exercise::Staircase]
     }
     fn clock(&self, v: &[f64], t_s: f64) -> f64 {
         t_s + v[0] * t_s

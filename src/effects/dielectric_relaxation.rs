@@ -2,7 +2,9 @@
 //! tau_j psi_j' = phi - psi_j. Two shares, because one time leaves structure: `time_constant`, and fifteen
 //! times that.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, shape, size};
+use super::{
+    Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, decays, shape, size,
+};
 
 pub struct DielectricRelaxation;
 
@@ -58,8 +60,14 @@ impl Effect for DielectricRelaxation {
     fn brought_out_by(&self) -> &'static str {
         "voltage steps with holds of tens of seconds, and a load step under constant voltage"
     }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
+    }
     fn remembers(&self) -> bool {
         true
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Polarisation
     }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         let (x, y) = (v[0], v[2]);

@@ -1,7 +1,7 @@
 //! From a time on part of the active area has lost contact:  C, C' -> (1 - fraction) C, C' of one actuator;
 //! lasting.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct ElectrodeFailure;
 
@@ -44,6 +44,9 @@ impl Effect for ElectrodeFailure {
     }
     fn brought_out_by(&self) -> &'static str {
         "a repeat of the first recording"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
     }
     fn capacitance(&self, v: &[f64], along: &Along, half_slope: &mut [f64]) {
         for (i, half) in half_slope.iter_mut().enumerate() {

@@ -1,6 +1,6 @@
 //! Viscous torque in the bicep joints:  -c theta_b'.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, size};
+use super::{Along, Effect, Exercise, Quantity, Reach, Seen, Site, size};
 
 pub struct JointDamping;
 
@@ -38,6 +38,9 @@ impl Effect for JointDamping {
     }
     fn brought_out_by(&self) -> &'static str {
         "sines of one amplitude at rates up to above 2 Hz"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Rates, Exercise::Staircase]
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         for (i, t) in torque_n_m.iter_mut().enumerate() {

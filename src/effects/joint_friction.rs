@@ -3,7 +3,7 @@
 //! (Stribeck; Canudas de Wit 1995), torque -F z on theta_b. Increments of the angle, not the sign of a rate:
 //! the sign of a noisy rate is noise.
 
-use super::{Along, Effect, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Memory, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct JointFriction;
 
@@ -59,6 +59,12 @@ impl Effect for JointFriction {
     }
     fn brought_out_by(&self) -> &'static str {
         "slow triangles of several amplitudes"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Reversals, Exercise::Rates]
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Presliding
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         if v[0] == 0.0 {

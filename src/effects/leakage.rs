@@ -5,7 +5,7 @@
 //! obeys Ohm's law at low fields. Without a resistance the loss is at once.
 
 use super::series_resistance::charged;
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct Leakage;
 
@@ -115,8 +115,14 @@ impl Effect for Leakage {
     fn brought_out_by(&self) -> &'static str {
         "the same pose at several voltages: payload steps under held voltages"
     }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
+    }
     fn remembers(&self) -> bool {
         true
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Charge
     }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         if v[0] == 0.0 {

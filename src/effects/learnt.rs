@@ -21,7 +21,7 @@
 //! the sum is added to the square of the voltage that makes the Maxwell torque, which never falls below 0.
 
 use super::line::{Terms, View};
-use super::{Along, Effect, Part, Quantity, Reach, Site, decays};
+use super::{Along, Effect, Memory, Part, Quantity, Reach, Site, decays};
 use crate::kinematics::{Vec3, dot};
 
 /// Where a learnt term acts.
@@ -1172,6 +1172,9 @@ impl Effect for Learnt {
     }
     fn remembers(&self) -> bool {
         self.form.remembers()
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Learnt(self)
     }
     fn hears_others(&self) -> bool {
         self.form == Form::Neighbours

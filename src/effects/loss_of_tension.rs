@@ -2,7 +2,7 @@
 //! around its mean, the parts below the threshold carry it no further. Carried is  t + (p + w - t)^2/(4 w)
 //! between t - w and t + w, t below, p above.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape};
+use super::{Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, shape};
 
 pub struct LossOfTension;
 
@@ -57,6 +57,12 @@ impl Effect for LossOfTension {
     }
     fn brought_out_by(&self) -> &'static str {
         "the highest voltages in the upper poses, with and without payload"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Rest
     }
     fn needs_tension(&self) -> bool {
         true

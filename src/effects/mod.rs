@@ -32,7 +32,7 @@ pub mod line;
 mod link_length_error;
 mod loss_of_tension;
 mod marker_offset;
-pub(crate) mod mocap_lag;
+mod mocap_lag;
 mod mullins_softening;
 mod nonlinear_flow;
 mod payload_change;
@@ -150,6 +150,56 @@ pub enum Part {
     Clocks,
 }
 
+/// A kind of drive, by what it shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exercise {
+    /// All actuators together, whole raised cosines at 0.2, 0.7 and 2.2 Hz: what depends on the rate.
+    Rates,
+    /// A staircase up and down, then the same with the sign turned: what depends on the voltage, and what a
+    /// hold lets relax.
+    Staircase,
+    /// Held corners off the axis, each actuator high and low: what depends on the pose.
+    Corners,
+    /// Slow triangles with small reversals on both flanks: what depends on the direction.
+    Reversals,
+    /// A large cycle, a smaller one, a rest, the large one again: what depends on the past.
+    Again,
+}
+
+/// What a cause keeps of an actuator from one instant to the next, where a motion is run forward or worked
+/// out sample by sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Memory<'a> {
+    /// Nothing.
+    None,
+    /// The charge of a film that is fed through a wire, C: of none where the value `resistance` is 0.
+    Charge,
+    /// Two slow polarisations, V.
+    Polarisation,
+    /// What charge in the film holds off, V.
+    HeldOff,
+    /// The amplifier's output, V.
+    Output,
+    /// Presliding, -1 to 1.
+    Presliding,
+    /// theta_b behind a play, now and at the beginning, rad.
+    Play,
+    /// The largest energy density, J/m^3.
+    LargestEnergy,
+    /// ln xi_1, ln xi_2 of a slow branch.
+    Branch,
+    /// ln xi_1, ln xi_2 of a branch that flows the faster the more it carries.
+    Flow,
+    /// sigma_2 at the beginning, Pa.
+    Rest,
+    /// theta_b', rad/s, followed closely: its difference is the acceleration.
+    BicepRate,
+    /// The end effector's velocity, m/s, followed closely.
+    Velocity,
+    /// What a learnt term has, of a force axis by axis.
+    Learnt(&'a learnt::Learnt),
+}
+
 /// Which actuators a cause may sit in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
@@ -216,6 +266,12 @@ impl Quantity {
             .enumerate()
             .find_map(|(i, end)| Some((self.name.strip_suffix(end)?, Some(i))));
         found.unwrap_or((self.name, None))
+    }
+
+    /// Whether it is a size up to or from which something happens, so that the residual is in no proportion
+    /// to it.
+    pub fn is_threshold(&self) -> bool {
+        self.size && (self.off.is_infinite() || self.name == "threshold")
     }
 }
 
@@ -420,11 +476,26 @@ pub trait Effect: Sync + Send {
     }
     /// The drive that brings it out, in half a sentence.
     fn brought_out_by(&self) -> &'static str;
+    /// The kinds of drive that a robot shows it by, the most telling first; unless stated, those that go all
+    /// over its range.
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Corners, Exercise::Reversals]
+    }
 
     /// Changes lengths.
     fn geometry(&self, _v: &[f64], _on: [bool; 3], _m: &mut Mechanism, _l: &mut [Lozenge; 3]) {}
     /// Changes the measured motion back to the true one.
     fn reading(&self, _v: &[f64], _motion: &mut Reading) {}
+    /// Changes the true motion to the measured one; unless stated, by [`Effect::reading`] with the opposite
+    /// values, which undo a shift or a rotation.
+    fn captured(&self, v: &[f64], motion: &mut Reading) {
+        let back: Vec<f64> = v.iter().map(|v| -v).collect();
+        self.reading(&back, motion);
+    }
+    /// Whether what [`Effect::reading`] gives at a sample depends on later ones.
+    fn looks_ahead(&self) -> bool {
+        false
+    }
     /// Time at which the command is read, s after the first frame, for a frame at `t_s`.
     fn clock(&self, _v: &[f64], t_s: f64) -> f64 {
         t_s
@@ -434,6 +505,10 @@ pub trait Effect: Sync + Send {
     /// Whether what [`Effect::voltage`] gives at a sample depends on earlier ones.
     fn remembers(&self) -> bool {
         false
+    }
+    /// What it keeps of an actuator where it is not given all samples at once.
+    fn memory(&self) -> Memory<'_> {
+        Memory::None
     }
     /// Whether [`Effect::voltage`] looks at [`Along::others_v`].
     fn hears_others(&self) -> bool {
@@ -521,6 +596,18 @@ impl Acting {
         Acting { effect, values, on }
     }
 
+    /// The value of its parameter of this name, where it has one.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        let quantities = self.effect.parameters().iter();
+        let mut named = quantities.zip(&self.values);
+        named.find(|(q, _)| q.name == name).map(|(_, v)| *v)
+    }
+
+    /// Whether it changes what is measured of the motion, and not the robot.
+    pub fn is_of_capture(&self) -> bool {
+        self.effect.site() == Site::Motion && self.effect.part(&self.values) == Part::Marker
+    }
+
     /// Whether it is the same cause in the same actuators, whatever the values.
     pub fn is(&self, other: &Acting) -> bool {
         self.effect.id() == other.effect.id()
@@ -579,6 +666,33 @@ mod tests {
                 assert!(by_id(other).is_some(), "{}: {other}", effect.id());
             }
         }
+    }
+
+    #[test]
+    fn what_a_voltage_depends_on_is_kept() {
+        for effect in CATALOGUE {
+            let kept = effect.memory() != Memory::None;
+            let electrical = effect.site() == Site::Electrical;
+            assert!(!electrical || kept == effect.remembers(), "{}", effect.id());
+        }
+    }
+
+    #[test]
+    fn what_begins_at_a_moment_has_a_size_a_time_and_a_recording() {
+        let mut found = 0;
+        for effect in CATALOGUE {
+            let q = effect.parameters();
+            if q.iter().any(|q| q.name == "recording") {
+                let names: Vec<&str> = q[1..].iter().map(|q| q.name).collect();
+                assert!(
+                    q[0].size && names == ["time", "recording"],
+                    "{}",
+                    effect.id()
+                );
+                found += 1;
+            }
+        }
+        assert_eq!(found, 2);
     }
 
     #[test]

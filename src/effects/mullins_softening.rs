@@ -4,7 +4,7 @@
 
 use statrs::function::erf::erf;
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, shape, size};
 use crate::film::Film;
 
 pub struct MullinsSoftening;
@@ -52,6 +52,12 @@ impl Effect for MullinsSoftening {
     }
     fn brought_out_by(&self) -> &'static str {
         "a staircase of amplitudes, each repeated"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Again, Exercise::Staircase]
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::LargestEnergy
     }
     fn stress(&self, v: &[f64], along: &Along, film: &Film, factor: &mut [[f64; 2]]) {
         if v[0] == 0.0 {

@@ -3,7 +3,7 @@
 //! time at S_0. Relaxed at the first sample.
 
 use super::slow_creep::creep;
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Memory, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct NonlinearFlow;
 
@@ -63,6 +63,9 @@ impl Effect for NonlinearFlow {
     }
     fn brought_out_by(&self) -> &'static str {
         "sines of one rate at two amplitudes, and holds after small and large steps"
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Flow
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         if v[0] == 0.0 || along.samples() == 0 {

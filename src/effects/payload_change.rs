@@ -1,6 +1,6 @@
 //! A mass appears on (or leaves) the end effector:  mass (u'' + g Z) more from a time on; lasting.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct PayloadChange;
 
@@ -46,6 +46,12 @@ impl Effect for PayloadChange {
     }
     fn brought_out_by(&self) -> &'static str {
         "a scale, and a repeat of the first recording"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Again, Exercise::Staircase]
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Velocity
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         for (i, t) in torque_n_m.iter_mut().enumerate() {

@@ -1,7 +1,7 @@
 //! The permittivity falls with the area stretch a = lambda_1 lambda_2:  eps = eps(1) g(a), g = 1 - slope (a -
 //! 1). The capacitance is C g, so  d(C g)/d theta = C' (g + a g'/2), because C ~ a^2.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct PermittivityStretch;
 
@@ -46,6 +46,9 @@ impl Effect for PermittivityStretch {
     }
     fn brought_out_by(&self) -> &'static str {
         "the same pose at several voltages: payload steps under held voltages"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Staircase, Exercise::Corners]
     }
     fn capacitance(&self, v: &[f64], along: &Along, half_slope: &mut [f64]) {
         for (i, half) in half_slope.iter_mut().enumerate() {

@@ -2,7 +2,9 @@
 //! electrode resists the more the farther it is stretched:  R = resistance (A/1.2)^stretch_exponent at area
 //! stretch A.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, shape, size};
+use super::{
+    Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, decays, shape, size,
+};
 
 pub struct SeriesResistance;
 
@@ -57,8 +59,14 @@ impl Effect for SeriesResistance {
     fn brought_out_by(&self) -> &'static str {
         "steps with holds, and sines at two rates: a resistance loses amplitude at the higher one"
     }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Rates, Exercise::Staircase]
+    }
     fn remembers(&self) -> bool {
         true
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Charge
     }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         if v[0] > 0.0 {

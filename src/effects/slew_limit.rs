@@ -1,6 +1,6 @@
 //! |d phi/dt| is bounded, on the falling side possibly lower: phi follows the command at no more than `rate_up`, `rate_down`.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site};
+use super::{Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site};
 
 pub struct SlewLimit;
 
@@ -56,8 +56,14 @@ impl Effect for SlewLimit {
     fn brought_out_by(&self) -> &'static str {
         "steps up and down between far voltages"
     }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Rates, Exercise::Staircase]
+    }
     fn remembers(&self) -> bool {
         true
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Output
     }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         if v[0].is_infinite() && v[1].is_infinite() {

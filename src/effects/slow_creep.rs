@@ -2,7 +2,7 @@
 //! assembly, `since_assembly` before the first recording; between recordings the film rests in the pose of
 //! the next first sample.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Memory, Part, Quantity, Reach, Seen, Site, shape, size};
 
 pub struct SlowCreep;
 
@@ -66,6 +66,12 @@ impl Effect for SlowCreep {
     }
     fn brought_out_by(&self) -> &'static str {
         "the first recording repeated at the end, and a rest of twenty minutes"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Again, Exercise::Staircase]
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::Branch
     }
     fn torque(&self, v: &[f64], along: &Along, torque_n_m: &mut [f64]) {
         if v[0] == 0.0 {

@@ -1,7 +1,7 @@
 //! Charge creeps into the film and holds off part of the voltage:  phi = phi_c - s,  s' = (x phi_c - s)/tau,
 //! none at the first sample.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, decays, shape, size};
+use super::{Along, Effect, Memory, Part, Quantity, Reach, Seen, Site, decays, shape, size};
 
 pub struct SpaceCharge;
 
@@ -46,6 +46,9 @@ impl Effect for SpaceCharge {
     }
     fn remembers(&self) -> bool {
         true
+    }
+    fn memory(&self) -> Memory<'_> {
+        Memory::HeldOff
     }
     fn voltage(&self, v: &[f64], along: &Along, phi_v: &mut [f64]) {
         if v[0] == 0.0 {

@@ -1,7 +1,7 @@
 //! The moduli drift over minutes:  mu -> mu (1 + a (1 - e^(-t/T)) + b (1 - e^(-4 t/T))), t over the series; T
 //! stays at what warming up takes, because the data leave it open beside a and b.
 
-use super::{Along, Effect, Part, Quantity, Reach, Seen, Site, shape, size};
+use super::{Along, Effect, Exercise, Part, Quantity, Reach, Seen, Site, shape, size};
 use crate::film::Film;
 
 pub struct TemperatureDrift;
@@ -49,6 +49,9 @@ impl Effect for TemperatureDrift {
     }
     fn brought_out_by(&self) -> &'static str {
         "the first recording repeated at the end"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Again, Exercise::Staircase]
     }
     fn stress(&self, v: &[f64], along: &Along, _: &Film, factor: &mut [[f64; 2]]) {
         for (i, f) in factor.iter_mut().enumerate() {

@@ -1,6 +1,6 @@
 //! Voltage and motion clocks differ by a constant: the command is read at t + offset.
 
-use super::{Effect, Part, Quantity, Reach, Seen, Site, size};
+use super::{Effect, Exercise, Part, Quantity, Reach, Seen, Site, size};
 
 pub struct TimeOffset;
 
@@ -40,6 +40,9 @@ impl Effect for TimeOffset {
     }
     fn brought_out_by(&self) -> &'static str {
         "fast drives above 2 Hz: an offset is the same time at every rate"
+    }
+    fn exercises(&self) -> &'static [Exercise] {
+        &[Exercise::Rates, Exercise::Staircase]
     }
     fn clock(&self, v: &[f64], t_s: f64) -> f64 {
         t_s + v[0]

@@ -9,7 +9,7 @@ use std::fmt::Write;
 use super::export::{Format, head};
 use super::parameter_file::ParameterFile;
 use crate::effects::learnt::{Form, Learnt, Variable};
-use crate::effects::{Acting, Effect, Site};
+use crate::effects::{Acting, Effect, Memory, Site};
 use crate::kinematics::Chain;
 use crate::model::Robot;
 use crate::recording::Error;
@@ -175,21 +175,21 @@ fn causes(
             }
         }
         let refused = |why| Err(Refused::Cause { id, why });
-        match id {
-            "mocap_lag" => {
-                return refused(
-                    "what the capture has smoothed away is found from samples to come, so its poses have to be freed of the lag before they are fed",
-                );
-            }
-            "loss_of_tension" => {
-                return refused(
-                    "the voltage that a slack film needs depends on the voltage itself, and a prediction takes it from a recording",
-                );
-            }
-            "time_offset" | "clock_skew" => remarks.push(format!(
+        if acting.effect.looks_ahead() {
+            return refused(
+                "what the capture has smoothed away is found from samples to come, so its poses have to be freed of the lag before they are fed",
+            );
+        }
+        if acting.effect.needs_tension() {
+            return refused(
+                "the voltage that a slack film needs depends on the voltage itself, and a prediction takes it from a recording",
+            );
+        }
+        match acting.effect.site() {
+            Site::Clock => remarks.push(format!(
                 "{id} is of the recordings' clocks: a controller is fed the command of the sample's own instant."
             )),
-            "link_length_error" => acting.effect.geometry(
+            Site::Motion if !acting.is_of_capture() => acting.effect.geometry(
                 &acting.values,
                 acting.on,
                 &mut robot.mechanism,
@@ -197,7 +197,7 @@ fn causes(
             ),
             _ => out.push(cause(&acting)),
         }
-        if matches!(id, "frame_tilt" | "marker_offset") {
+        if acting.is_of_capture() {
             remarks.push(format!(
                 "{id} is of the capture: feed poses as it measures them; for planned poses take its block out."
             ));
@@ -210,13 +210,13 @@ fn cause(acting: &Acting) -> Cause {
     let bounded = |v: &f64| v.clamp(-NO_BOUND, NO_BOUND);
     let mut numbers: Vec<f64> = acting.values.iter().map(bounded).collect();
     let learnt = acting.effect.learnt();
-    let places = match (acting.effect.id(), learnt) {
-        (_, Some(term)) => places(term),
-        ("series_resistance" | "leakage", _) => 4,
-        ("slew_limit" | "mullins_softening", _) => 1,
-        ("dielectric_relaxation" | "x_nonlinear_flow", _) => 4,
-        ("x_space_charge" | "slow_creep" | "joint_friction" | "x_backlash", _) => 2,
-        _ => 0,
+    let places = match acting.effect.memory() {
+        Memory::Learnt(term) => places(term),
+        Memory::Charge | Memory::Polarisation | Memory::Flow => 4,
+        Memory::HeldOff | Memory::Branch | Memory::Presliding | Memory::Play => 2,
+        Memory::Output | Memory::LargestEnergy => 1,
+        // of a slack film there is no controller, and rates are given
+        Memory::Rest | Memory::BicepRate | Memory::Velocity | Memory::None => 0,
     };
     let term = learnt.map(|term| {
         let (of, by) = match &term.form {

@@ -20,7 +20,9 @@ use super::addition::{Action, Addition, Situation};
 use super::robot::{Motion, Options, motion_as_far};
 use super::voltage::{Side, Voltage};
 use crate::effects::learnt::{Learnt, Place};
-use crate::effects::{Acting, Along, Reading, Site, When, creep, flow, leak, resistance_ohm};
+use crate::effects::{
+    self, Acting, Along, Memory, Reading, Site, When, creep, flow, leak, resistance_ohm,
+};
 use crate::film::Film;
 use crate::kinematics::Vec3;
 use crate::model::{Parameters, Robot, others};
@@ -39,84 +41,36 @@ const SLOWER: f64 = 15.0;
 /// Steps in which a slow branch is followed from the assembly to the first sample, s.
 const REST_STEP_S: f64 = 5.0;
 
-/// What an addition remembers, chain by chain.
-#[derive(Clone, Copy)]
-enum Memory {
-    /// Nothing.
-    None,
-    /// The charge of the film, nC.
-    Charge,
-    /// Two slow polarisations, V.
-    Polarisation,
-    /// The amplifier's output, V.
-    Output,
-    /// Presliding, -1 to 1.
-    Presliding,
-    /// The largest energy density, J/m^3.
-    LargestEnergy,
-    /// ln xi_1, ln xi_2 of a slow branch.
-    Branch,
-    /// sigma_2 at the beginning, Pa.
-    Rest,
-    /// ln xi_1, ln xi_2 of a branch that flows the faster the more it carries.
-    Flow,
-    /// What charge in the film holds off, V.
-    HeldOff,
-    /// theta_b behind a play, now and at the beginning, rad.
-    Play,
-    /// theta_b', followed closely: its difference is the acceleration.
-    BicepRate,
-    /// The end effector's velocity, followed closely.
-    Velocity,
-    /// What a learnt term has, of a force axis by axis.
-    Learnt(&'static Learnt),
+/// What an addition remembers of a cause.
+fn memory(acting: &Acting) -> Memory<'static> {
+    match acting.effect.memory() {
+        // without a wire the film is charged at once
+        Memory::Charge if acting.value("resistance").is_none_or(|r| r <= 0.0) => Memory::None,
+        memory => memory,
+    }
 }
 
-impl Memory {
-    fn of(acting: &Acting) -> Self {
-        if let Some(learnt) = acting.effect.learnt() {
-            return Memory::Learnt(learnt);
-        }
-        match acting.effect.id() {
-            "series_resistance" => Memory::Charge,
-            "leakage" if acting.values[2] > 0.0 => Memory::Charge,
-            "dielectric_relaxation" => Memory::Polarisation,
-            "slew_limit" => Memory::Output,
-            "joint_friction" => Memory::Presliding,
-            "mullins_softening" => Memory::LargestEnergy,
-            "slow_creep" => Memory::Branch,
-            "loss_of_tension" => Memory::Rest,
-            "actuator_mass" => Memory::BicepRate,
-            "payload_change" => Memory::Velocity,
-            "x_space_charge" => Memory::HeldOff,
-            "x_nonlinear_flow" => Memory::Flow,
-            "x_backlash" => Memory::Play,
-            _ => Memory::None,
-        }
-    }
-
-    /// Typical sizes of the states of a chain.
-    fn sizes(self) -> Vec<f64> {
-        match self {
-            Memory::None => Vec::new(),
-            Memory::Charge => vec![3000.0],
-            Memory::Polarisation => vec![1000.0; 2],
-            Memory::Output => vec![1000.0],
-            Memory::Presliding => vec![1.0],
-            Memory::LargestEnergy => vec![1e5],
-            Memory::Branch | Memory::Flow | Memory::Play => vec![1.0; 2],
-            Memory::HeldOff => vec![100.0],
-            Memory::Rest => vec![1e6],
-            Memory::BicepRate | Memory::Velocity => vec![1.0],
-            Memory::Learnt(learnt) => learnt.form.state_sizes(),
-        }
+/// Typical sizes of the states of a chain.
+fn sizes(memory: Memory) -> Vec<f64> {
+    match memory {
+        Memory::None => Vec::new(),
+        Memory::Charge => vec![3000.0],
+        Memory::Polarisation => vec![1000.0; 2],
+        Memory::Output => vec![1000.0],
+        Memory::Presliding => vec![1.0],
+        Memory::LargestEnergy => vec![1e5],
+        Memory::Branch | Memory::Flow | Memory::Play => vec![1.0; 2],
+        Memory::HeldOff => vec![100.0],
+        Memory::Rest => vec![1e6],
+        Memory::BicepRate | Memory::Velocity => vec![1.0],
+        Memory::Learnt(learnt) => learnt.form.state_sizes(),
     }
 }
 
 /// A cause at work in forward dynamics.
 struct Part {
     acting: Acting,
-    memory: Memory,
+    memory: Memory<'static>,
     /// Typical sizes of the states of a chain.
     sizes: Vec<f64>,
     /// Every size at its off value.
@@ -126,15 +80,11 @@ struct Part {
 impl Part {
     fn new(acting: &Acting) -> Self {
         let off = is_off(acting);
-        let memory = if off {
-            Memory::None
-        } else {
-            Memory::of(acting)
-        };
+        let memory = if off { Memory::None } else { memory(acting) };
         Part {
             acting: acting.clone(),
             memory,
-            sizes: memory.sizes(),
+            sizes: sizes(memory),
             off,
         }
     }
@@ -163,11 +113,11 @@ pub fn effect_addition(
 ) -> Result<Box<dyn Addition>, String> {
     let id = acting.effect.id();
     match acting.effect.site() {
-        Site::Motion if id == "link_length_error" => Err(format!(
-            "{id} changes the robot, not what acts on it: see effect_robot"
+        Site::Motion if acting.is_of_capture() => Err(format!(
+            "{id} changes what is read of the motion, not the motion: see effect_reading"
         )),
         Site::Motion => Err(format!(
-            "{id} changes what is read of the motion, not the motion: see effect_reading"
+            "{id} changes the robot, not what acts on it: see effect_robot"
         )),
         Site::Clock => Err(format!(
             "{id} changes the clock of the drive: see EffectClock"
@@ -246,14 +196,8 @@ pub fn effect_robot(acting: &Acting, robot: &Robot) -> Robot {
 /// back. `pivot_m` is the point about which the capture's axes turn.
 pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion {
     let mut out = motion.clone();
-    if acting.effect.id() == "mocap_lag" {
-        lagged(&acting.values, &mut out);
-        return out;
-    }
-    // A shift and a rotation are undone by their opposites.
-    let back: Vec<f64> = acting.values.iter().map(|v| -v).collect();
-    acting.effect.reading(
-        &back,
+    acting.effect.captured(
+        &acting.values,
         &mut Reading {
             step_s: motion.step_s,
             pivot_m,
@@ -263,61 +207,6 @@ pub fn effect_reading(acting: &Acting, motion: &Motion, pivot_m: Vec3) -> Motion
         },
     );
     out
-}
-
-/// u_m + 1.4 tau u_m' + tau^2 u_m'' = u, from rest at the first position, then read rho tau earlier; u is a
-/// straight line between samples, and the step is split until tau is many of them.
-fn lagged(values: &[f64], motion: &mut Motion) {
-    if values[0] == 0.0 {
-        return;
-    }
-    let tau = crate::effects::mocap_lag::tau_s(values);
-    let (delay_s, square) = (1.4 * tau, tau * tau);
-    let parts = (40.0 * motion.step_s / delay_s).ceil().max(4.0);
-    let h = motion.step_s / parts;
-    for axis in 0..3 {
-        let truth: Vec<f64> = motion.position_m.iter().map(|u| u[axis]).collect();
-        let mut state = [truth[0], 0.0];
-        let rates = |s: [f64; 2], u: f64| [s[1], (u - s[0] - delay_s * s[1]) / square];
-        for i in 0..truth.len() {
-            if i > 0 {
-                let (a, b) = (truth[i - 1], truth[i]);
-                for p in 0..parts as usize {
-                    let u = |x: f64| a + (b - a) * (p as f64 + x) / parts;
-                    let add = |s: [f64; 2], k: [f64; 2], x: f64| [s[0] + x * k[0], s[1] + x * k[1]];
-                    let k1 = rates(state, u(0.0));
-                    let k2 = rates(add(state, k1, 0.5 * h), u(0.5));
-                    let k3 = rates(add(state, k2, 0.5 * h), u(0.5));
-                    let k4 = rates(add(state, k3, h), u(1.0));
-                    for c in 0..2 {
-                        state[c] += h / 6.0 * (k1[c] + 2.0 * k2[c] + 2.0 * k3[c] + k4[c]);
-                    }
-                }
-            }
-            motion.position_m[i][axis] = state[0];
-            motion.velocity_m_s[i][axis] = state[1];
-            motion.acceleration_m_s2[i][axis] = rates(state, truth[i])[1];
-        }
-    }
-    let by = values[1] * tau / motion.step_s;
-    if by == 0.0 {
-        return;
-    }
-    let n = motion.position_m.len();
-    for series in [
-        &mut motion.position_m,
-        &mut motion.velocity_m_s,
-        &mut motion.acceleration_m_s2,
-    ] {
-        let old = series.clone();
-        for (i, x) in series.iter_mut().enumerate() {
-            let place = (i as f64 - by).max(0.0);
-            let a = (place as usize).min(n - 1);
-            let b = (a + 1).min(n - 1);
-            let s = place - a as f64;
-            *x = [0, 1, 2].map(|k| old[a][k] + s * (old[b][k] - old[a][k]));
-        }
-    }
 }
 
 /// The drive that the robot really gets when `logged` is what the log says and causes on the clock are at
@@ -586,7 +475,7 @@ impl Chain<'_> {
         match part.memory {
             Memory::Presliding => {
                 let omega = s.theta_b_rate_rad_s[k];
-                let level = crate::effects::friction_level(v[2], omega);
+                let level = effects::friction_level(v[2], omega);
                 rate[0] = (omega - z[0] * omega.abs() / level) / v[1];
                 action.torque_b_n_m[k] -= v[0] * z[0];
             }
@@ -644,19 +533,19 @@ impl Chain<'_> {
     /// The torque of the catalogue's own formula.
     fn without_memory(&self, part: &Part, action: &mut Action) {
         let (s, k) = (self.s, self.k);
-        let effect = part.acting.effect;
+        let (v, effect) = (&part.acting.values, part.acting.effect);
+        let on_bicep = effect.part(v) == effects::Part::BicepJoint;
         let mut made = [0.0];
-        // The lever is 1 here: what asks for the rate of the lozenge is given that one.
+        // The lever is 1 here: what turns the lozenge is given the rate of that one.
         let rate = [[s.theta_b_rad[k], s.theta_dea_rate_rad_s[k], 0.0]];
-        let along = match effect.id() {
-            "x_electrode_viscosity" => Along {
+        let along = match on_bicep {
+            true => self.along,
+            false => Along {
                 theta_b: &rate,
                 ..self.along
             },
-            _ => self.along,
         };
-        effect.torque(&part.acting.values, &along, &mut made);
-        let on_bicep = matches!(effect.id(), "joint_damping" | "end_stop");
+        effect.torque(v, &along, &mut made);
         self.turn(on_bicep, made[0], action);
     }
 }
@@ -754,12 +643,7 @@ impl Addition for EffectAddition {
 
     fn next_break_s(&self, t_s: f64) -> f64 {
         let moment = |part: &Part| {
-            let quantities = part.acting.effect.parameters();
-            let at = |name: &str| {
-                let place = quantities.iter().position(|q| q.name == name)?;
-                Some(part.acting.values[place])
-            };
-            let (time, number) = (at("time")?, at("recording")?);
+            let (time, number) = (part.acting.value("time")?, part.acting.value("recording")?);
             (number == self.when.recording as f64 && time > t_s).then_some(time)
         };
         let moments = self.parts.iter().filter_map(moment);

@@ -1,7 +1,8 @@
 //! The next drive: what would bring out, or tell apart, the effects that a diagnosis leaves open. Made of
-//! blocks, each of which brings out one kind of effect; every block begins and ends at 0 V.
+//! exercises, each of which brings out one kind of effect; every one begins and ends at 0 V.
 
 use super::{Diagnosis, Verdict};
+use crate::effects::{Effect, Exercise, by_id};
 
 /// Distance of the samples, s.
 pub const STEP_S: f64 = 0.01;
@@ -9,44 +10,6 @@ pub const STEP_S: f64 = 0.01;
 const SHARE: f64 = 0.97;
 /// Length of a ramp between levels, s.
 const RAMP_S: f64 = 0.4;
-
-/// A part of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Block {
-    /// All actuators together, whole raised cosines at 0.2, 0.7 and 2.2 Hz: what depends on the rate.
-    Rates,
-    /// A staircase up and down, then the same with the sign turned: what depends on the voltage, and what a
-    /// hold lets relax.
-    Staircase,
-    /// Held corners off the axis, each actuator high and low: what depends on the pose.
-    Corners,
-    /// Slow triangles with small reversals on both flanks: what depends on the direction.
-    Reversals,
-    /// A large cycle, a smaller one, a rest, the large one again: what depends on the past.
-    Again,
-}
-
-/// The blocks that bring out an effect.
-fn blocks(id: &str) -> &'static [Block] {
-    use Block::*;
-    match id {
-        "series_resistance" | "slew_limit" | "time_offset" | "clock_skew" | "mocap_lag"
-        | "joint_damping" => &[Rates, Staircase],
-        "leakage"
-        | "amplifier_gain"
-        | "amplifier_deadband"
-        | "amplifier_saturation"
-        | "permittivity_stretch"
-        | "dielectric_relaxation"
-        | "electrode_failure"
-        | "loss_of_tension" => &[Staircase, Corners],
-        "joint_friction" => &[Reversals, Rates],
-        "mullins_softening" | "slow_creep" | "temperature_drift" | "payload_change" => {
-            &[Again, Staircase]
-        }
-        _ => &[Corners, Reversals],
-    }
-}
 
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
@@ -66,10 +29,10 @@ fn levels(out: &mut Vec<[f64; 3]>, list: &[[f64; 3]], hold_s: f64) {
     }
 }
 
-fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
+fn append(block: Exercise, peak_v: f64, out: &mut Vec<[f64; 3]>) {
     let turn = std::f64::consts::TAU;
     match block {
-        Block::Rates => {
+        Exercise::Rates => {
             for (rate_hz, cycles, share) in [(0.2, 2.0, 1.0), (0.7, 5.0, 1.0), (2.2, 12.0, 0.85)] {
                 let count = (cycles / rate_hz / STEP_S).round() as usize;
                 for i in 0..count {
@@ -79,7 +42,7 @@ fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
                 out.push([0.0; 3]);
             }
         }
-        Block::Staircase => {
+        Exercise::Staircase => {
             for sign in [1.0, -1.0] {
                 let steps: Vec<[f64; 3]> = [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
                     .map(|s| [sign * s * peak_v; 3])
@@ -87,7 +50,7 @@ fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
                 levels(out, &steps, 1.6);
             }
         }
-        Block::Corners => {
+        Exercise::Corners => {
             let corner = |high: [bool; 3]| high.map(|h| peak_v * if h { 0.88 } else { 0.4 });
             let mut list: Vec<[f64; 3]> = Vec::new();
             for k in 0..3 {
@@ -98,7 +61,7 @@ fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
             list.push([0.0; 3]);
             levels(out, &list, 2.6);
         }
-        Block::Reversals => {
+        Exercise::Reversals => {
             let mut list: Vec<[f64; 3]> = Vec::new();
             for s in [
                 0.3, 0.6, 0.45, 0.75, 0.6, 1.0, 0.7, 0.85, 0.5, 0.65, 0.3, 0.0,
@@ -107,7 +70,7 @@ fn append(block: Block, peak_v: f64, out: &mut Vec<[f64; 3]>) {
             }
             levels(out, &list, 1.8);
         }
-        Block::Again => {
+        Exercise::Again => {
             let list = [1.0, 0.0, 0.7, 0.0, 0.7, 0.0, 0.0, 0.0, 1.0, 0.0].map(|s| [s * peak_v; 3]);
             levels(out, &list, 2.5);
         }
@@ -122,24 +85,24 @@ pub fn next_drive(d: &Diagnosis) -> Vec<[f64; 3]> {
         .iter()
         .flat_map(|t| t.command_v.iter().flatten())
         .fold(0.0_f64, |a, v| a.max(v.abs()));
-    let ids: Vec<&str> = match (d.verdict, d.groups.first()) {
-        (Verdict::MissingPhysics, Some(g)) => g.iter().take(3).copied().collect(),
+    let effects: Vec<&dyn Effect> = match (d.verdict, d.groups.first()) {
+        (Verdict::MissingPhysics, Some(g)) => g.iter().take(3).filter_map(|id| by_id(id)).collect(),
         (Verdict::MissingPhysics, None) => d
             .candidates
             .iter()
             .take(2)
-            .map(|c| c.acting.effect.id())
+            .map(|c| c.acting.effect)
             .collect(),
         _ => Vec::new(),
     };
-    let mut wanted: Vec<Block> = Vec::new();
-    for block in ids.iter().flat_map(|id| blocks(id)) {
+    let mut wanted: Vec<Exercise> = Vec::new();
+    for block in effects.iter().flat_map(|e| e.exercises()) {
         if !wanted.contains(block) {
             wanted.push(*block);
         }
     }
     if wanted.is_empty() {
-        use Block::*;
+        use Exercise::*;
         wanted = vec![Rates, Staircase, Corners, Reversals, Again];
     }
     let rest = vec![[0.0; 3]; (0.5 / STEP_S) as usize];
@@ -157,7 +120,7 @@ mod tests {
 
     #[test]
     fn every_block_begins_and_ends_at_rest_and_stays_below_its_peak() {
-        use Block::*;
+        use Exercise::*;
         for block in [Rates, Staircase, Corners, Reversals, Again] {
             let mut out = Vec::new();
             append(block, 5000.0, &mut out);

@@ -121,8 +121,7 @@ pub(super) fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitte
     let mut starts = vec![fitted.effects.clone()];
     for (e, a) in fitted.effects.iter().enumerate() {
         for (v, q) in a.effect.parameters().iter().enumerate() {
-            let threshold = q.size && (q.off.is_infinite() || q.name == "threshold");
-            if threshold && q.name != "rate_down" {
+            if q.is_threshold() && q.name != "rate_down" {
                 for factor in [0.87, 1.13] {
                     let mut other = fitted.effects.clone();
                     let near = other[e].values[v];

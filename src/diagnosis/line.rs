@@ -249,8 +249,8 @@ impl Subject for LineResidual<'_> {
             .collect()
     }
 
-    fn moments(&self) -> &'static [&'static str] {
-        &[]
+    fn moments(&self) -> Vec<&'static dyn Effect> {
+        Vec::new()
     }
 
     fn words(&self) -> Words {

@@ -293,14 +293,7 @@ type Inside = Box<dyn Fn(&Spot) -> bool>;
 fn own_places(acting: &Acting, entries: &[Whereabouts], spots: &[Spot]) -> Vec<(Place, Inside)> {
     let mut out: Vec<(Place, Inside)> = Vec::new();
     let id = acting.effect.id();
-    let value = |name: &str| {
-        acting
-            .effect
-            .parameters()
-            .iter()
-            .position(|q| q.name == name)
-            .map(|i| acting.values[i])
-    };
+    let value = |name: &str| acting.value(name);
     let on = acting.on;
     let blank = |dimension, range, unit: &str, says: String| Place {
         dimension,
@@ -372,7 +365,11 @@ fn own_places(acting: &Acting, entries: &[Whereabouts], spots: &[Spot]) -> Vec<(
             Box::new(move |s| s.at[0] >= c),
         ));
     }
-    if let (Some(t), "amplifier_deadband") = (value("threshold"), id) {
+    let quantities = acting.effect.parameters().iter();
+    let mut volts = quantities
+        .zip(&acting.values)
+        .filter(|(q, _)| q.unit == "V");
+    if let Some((_, &t)) = volts.find(|(q, _)| q.name == "threshold") {
         out.push((
             blank(
                 "voltage",

@@ -244,8 +244,9 @@ impl Subject for RobotResidual<'_> {
             .collect()
     }
 
-    fn moments(&self) -> &'static [&'static str] {
-        &["electrode_failure", "payload_change"]
+    fn moments(&self) -> Vec<&'static dyn Effect> {
+        let begins = |e: &&dyn Effect| e.parameters().iter().any(|q| q.name == "recording");
+        CATALOGUE.iter().copied().filter(begins).collect()
     }
 
     fn words(&self) -> Words {

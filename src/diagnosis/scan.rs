@@ -7,8 +7,11 @@ use rayon::prelude::*;
 
 use super::problem::{Fitted, Problem, Tangent};
 use super::subject::Subject;
-use crate::effects::{Acting, Effect, Reach, Site};
+use crate::effects::{Acting, Effect, Quantity, Reach, Site};
 use crate::film::Locked;
+
+/// How many times smaller than what is met the change is by whose column one at a moment is scanned.
+const SMALL: f64 = 20.0;
 
 /// A hypothesis that was scanned: an effect with values near those that the data ask for.
 #[derive(Debug, Clone)]
@@ -183,8 +186,7 @@ fn solve(
             })
             .unwrap_or(0)
     };
-    let threshold =
-        q.iter().any(|q| q.size && q.off.is_infinite()) || (effect.id() == "amplifier_deadband");
+    let threshold = q.iter().any(Quantity::is_threshold);
     let range: Vec<[f64; 2]> = values
         .iter()
         .map(|v| {
@@ -276,39 +278,35 @@ pub(super) fn units<S: Subject>(
     problem: &Problem<S>,
     fitted: &Fitted,
 ) -> Result<Vec<Unit>, Locked> {
-    if problem.train.moments().is_empty() {
+    let moments = problem.train.moments();
+    if moments.is_empty() {
         return Ok(Vec::new());
     }
     let residual = problem.residual(fitted);
     let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
-    let failure = crate::effects::by_id("electrode_failure").expect("in the catalogue");
-    let payload = crate::effects::by_id("payload_change").expect("in the catalogue");
-    let always = [-1e6, -1.0];
     let mut out = Vec::new();
-    let whole =
-        residual.fingerprint_by_actuator(eta, beta, failure, &[0.01, always[0], always[1]])?;
-    for (k, column) in whole.into_iter().enumerate() {
-        let acting = Acting {
-            effect: failure,
-            values: vec![0.0, 0.0, 0.0],
-            on: [0, 1, 2].map(|j| j == k),
+    for effect in moments {
+        let size = effect.parameters()[0].spread / SMALL;
+        let acting = |on: [bool; 3]| Acting {
+            effect,
+            values: vec![size, -1e6, -1.0],
+            on,
         };
-        out.push(Unit {
-            acting,
-            size: 0.01,
+        let all = acting([true; 3]);
+        let columns = match effect.reach() {
+            Reach::All => vec![(all.on, residual.fingerprint(eta, beta, &all)?)],
+            _ => {
+                let each = residual.fingerprint_by_actuator(eta, beta, effect, &all.values)?;
+                let one = |(k, column)| ([0, 1, 2].map(|j| j == k), column);
+                each.into_iter().enumerate().map(one).collect()
+            }
+        };
+        out.extend(columns.into_iter().map(|(on, column)| Unit {
+            acting: acting(on),
+            size,
             column,
-        });
+        }));
     }
-    let acting = Acting {
-        effect: payload,
-        values: vec![1e-4, always[0], always[1]],
-        on: [true; 3],
-    };
-    out.push(Unit {
-        column: residual.fingerprint(eta, beta, &acting)?,
-        acting,
-        size: 1e-4,
-    });
     Ok(out)
 }
 

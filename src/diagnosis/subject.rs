@@ -83,8 +83,9 @@ pub(super) trait Subject: SeparableResidual<Error = Locked> + Sync + Send + Size
 
     /// The effects that make sense here, and where a scan looks for each: values near off, one group a start.
     fn starts(&self) -> Vec<(&'static dyn Effect, Vec<Vec<f64>>)>;
-    /// Ids of those among them that begin at a moment, which a search over all moments finds.
-    fn moments(&self) -> &'static [&'static str];
+    /// The effects that begin at a moment, which a search over all moments finds: their values are a size,
+    /// the time and the number of the recording.
+    fn moments(&self) -> Vec<&'static dyn Effect>;
     /// Its kind.
     fn rig(&self) -> RigKind;
     /// The words of the kind.

@@ -232,8 +232,7 @@ pub(super) fn hidden<S: Subject>(
             effects.push(effect);
         }
     }
-    let moments = problem.train.moments().iter();
-    for effect in moments.filter_map(|id| crate::effects::by_id(id)) {
+    for effect in problem.train.moments() {
         if effects.iter().all(|e| e.id() != effect.id()) {
             effects.push(effect);
         }

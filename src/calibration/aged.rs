@@ -4,6 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::Error;
+use crate::effects::{
+    Effect, ElectrodeFailure, ElectrodeStiffness, PayloadChange, SeriesResistance,
+};
 use crate::film::Film;
 use crate::model::{Electrode, ForearmTorque};
 
@@ -31,6 +34,29 @@ impl Cause {
         Cause::FilmModulus,
         Cause::Load,
     ];
+
+    /// The effect of the catalogue that it is, of which it moves the first value; none for a factor on the
+    /// film.
+    #[must_use]
+    pub fn effect(self) -> Option<&'static dyn Effect> {
+        match self {
+            Cause::ElectrodeStiffness => Some(&ElectrodeStiffness),
+            Cause::SeriesResistance => Some(&SeriesResistance),
+            Cause::ActiveArea => Some(&ElectrodeFailure),
+            Cause::FilmModulus => None,
+            Cause::Load => Some(&PayloadChange),
+        }
+    }
+
+    /// The first value of [`Cause::effect`], as factor times the cause plus a number; `mass_kg` as stated.
+    #[must_use]
+    pub fn first_value(self, mass_kg: f64) -> [f64; 2] {
+        match self {
+            Cause::ActiveArea => [-1.0, 1.0],
+            Cause::Load => [mass_kg, -mass_kg],
+            Cause::ElectrodeStiffness | Cause::SeriesResistance | Cause::FilmModulus => [1.0, 0.0],
+        }
+    }
 
     /// The value that changes nothing.
     #[must_use]

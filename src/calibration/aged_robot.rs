@@ -22,7 +22,7 @@ use super::aged::{Aged, Cause, LevelModel, Minimum, Normal, Place, Slot};
 use super::robot::{Request, Stage, open, parameters, starts, unknown};
 use super::sample::noise_of;
 use crate::dataset::{Dataset, OffsetSource};
-use crate::effects::{Acting, When, by_id};
+use crate::effects::{Acting, Quantity, When};
 use crate::film::{Film, Locked};
 use crate::fit::memory::Memory;
 use crate::fit::separable::{Options, State, Unknown};
@@ -153,19 +153,15 @@ impl SeparableResidual for Days<'_> {
     }
 }
 
-/// A cause as an effect of the catalogue: id, values, the place of the value that it moves, and that value as
-/// factor times the cause plus a number. A factor on the film is none.
-fn effect(cause: Cause, mass_kg: f64) -> Option<(&'static str, Vec<f64>, f64, f64)> {
-    match cause {
-        Cause::ElectrodeStiffness => Some(("electrode_stiffness", vec![0.0], 1.0, 0.0)),
-        Cause::SeriesResistance => Some(("series_resistance", vec![0.0, 0.0], 1.0, 0.0)),
-        Cause::ActiveArea => Some(("electrode_failure", vec![0.0, LONG_AGO_S, 0.0], -1.0, 1.0)),
-        Cause::Load => {
-            let values = vec![0.0, LONG_AGO_S, 0.0];
-            Some(("payload_change", values, mass_kg, -mass_kg))
-        }
-        Cause::FilmModulus => None,
-    }
+/// A cause as an effect of the catalogue that lasts, at 0. A factor on the film is none.
+fn acting(cause: Cause) -> Option<Acting> {
+    let effect = cause.effect()?;
+    let value = |q: &Quantity| if q.name == "time" { LONG_AGO_S } else { 0.0 };
+    Some(Acting {
+        effect,
+        values: effect.parameters().iter().map(value).collect(),
+        on: [true; 3],
+    })
 }
 
 impl<'a> AgedRobot<'a> {
@@ -311,28 +307,23 @@ impl<'a> AgedRobot<'a> {
                 .collect();
             offsets[number..number + free].iter().for_each(|s| add(*s));
             number += free;
-            let mut acting = Vec::new();
+            let mut at_work = Vec::new();
             let mut values = Vec::new();
             for cause in Cause::ALL {
                 let own = if causes.contains(&cause) { level } else { 0 };
-                let (Some(j), Some((id, at, by, plus))) =
-                    (place(Slot::Cause(cause, own)), effect(cause, self.mass_kg))
+                let (Some(j), Some(acting)) = (place(Slot::Cause(cause, own)), acting(cause))
                 else {
                     continue;
                 };
-                let effect = by_id(id).expect("the catalogue has it");
-                let spread = effect.parameters()[0].spread;
+                let spread = acting.effect.parameters()[0].spread;
+                let [by, plus] = cause.first_value(self.mass_kg);
                 eta.push((j, by / spread, plus / spread));
-                values.push((acting.len(), 0));
-                acting.push(Acting {
-                    effect,
-                    values: at,
-                    on: [true; 3],
-                });
+                values.push((at_work.len(), 0));
+                at_work.push(acting);
             }
             let when: Vec<When> = plain.series();
             Day {
-                residual: plain.with_effects(acting, values, &when),
+                residual: plain.with_effects(at_work, values, &when),
                 eta,
                 factor: place(Slot::Cause(Cause::FilmModulus, level)),
             }

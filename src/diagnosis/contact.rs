@@ -16,14 +16,12 @@ use super::robot::{open, with_datasets};
 use super::tolerance::Built;
 use super::verdict::ids;
 use crate::dataset::Dataset;
-use crate::effects::{Acting, by_id};
+use crate::effects::{Acting, Effect, EndStop};
 use crate::fit::profile::TWO_SIDED_95;
 use crate::fit::separable::Unknown;
 use crate::model::Robot;
 use crate::residual::RobotResidual;
 
-/// The cause that is looked for.
-const STOP: &str = "end_stop";
 /// Depths of the edge that are tried, rad: what a stop gives under the film's pull, and what tolerances make
 /// of its angle over the workspace.
 const EDGES_RAD: [f64; 2] = [0.006, 0.015];
@@ -84,7 +82,7 @@ pub(super) fn rests<'a>(
     choice: &Choice,
 ) -> Result<Option<Rests<'a>>, Error> {
     let only = &case.request.only;
-    let asked = only.is_empty() || only.iter().any(|o| o == STOP);
+    let asked = only.is_empty() || only.iter().any(|o| o == EndStop.id());
     if choice.verdict != Verdict::Unexplained || !asked {
         return Ok(None);
     }
@@ -298,7 +296,7 @@ fn with_stop(
 
 /// One stop where these biceps touch, as they do on average.
 fn stop(found: &[(usize, Touch)]) -> Acting {
-    let effect = by_id(STOP).expect("in the catalogue");
+    let effect = &EndStop;
     let mean = |of: &dyn Fn(&Touch) -> f64| {
         found.iter().map(|(_, t)| of(t)).sum::<f64>() / found.len() as f64
     };
@@ -334,7 +332,7 @@ impl<'a> Rests<'a> {
         let both = SURE * self.away.odds;
         let odds = Odds::told(vec![
             (Vec::new(), 1.0 - SURE),
-            (vec![STOP], SURE - both),
+            (vec![EndStop.id()], SURE - both),
             (ids(&best).collect(), both),
         ]);
         let choice = Choice {
@@ -353,7 +351,7 @@ impl<'a> Rests<'a> {
 pub(super) fn widen(candidates: &mut [Candidate]) {
     let stops = candidates
         .iter_mut()
-        .filter(|c| c.acting.effect.id() == STOP && c.in_model);
+        .filter(|c| c.acting.effect.id() == EndStop.id() && c.in_model);
     for angle in stops.flat_map(|c| c.values.first_mut()) {
         // f64::max takes the number where the other is none
         let own = angle.std_error.max(0.0);

@@ -29,7 +29,8 @@ use super::problem::{Fitted, Problem, Tangent, free_values, value_unknowns};
 use super::subject::Subject;
 use super::words::in_unit;
 use crate::effects::{
-    Acting, AngleError, Effect, LinearBranch, Site, StretchExponent, ThicknessError, by_id,
+    Acting, AmplifierGain, AngleError, Effect, FrameTilt, LinearBranch, LinkLengthError,
+    MarkerOffset, PayloadChange, Site, StretchExponent, ThicknessError, TimeOffset, by_id,
 };
 use crate::film::Locked;
 use crate::fit::separable::{Prior, Unknown};
@@ -163,26 +164,15 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
             });
         }
     };
-    let effect = |id: &str, values: Vec<f64>, on: [bool; 3]| Departure::Effect {
-        acting: Acting {
-            effect: by_id(id).expect("in the catalogue"),
-            values,
-            on,
-        },
+    let effect = |effect, values: Vec<f64>, on: [bool; 3]| Departure::Effect {
+        acting: Acting { effect, values, on },
         only: None,
     };
     for k in 0..3 {
         let on = [0, 1, 2].map(|j| j == k);
         let of_actuator = |what: &str| format!("{what} of actuator {}", k + 1);
         let film = share("L3_mm", FILM);
-        let thickness = Departure::Effect {
-            acting: Acting {
-                effect: &ThicknessError,
-                values: vec![1.0 + film.0],
-                on,
-            },
-            only: None,
-        };
+        let thickness = effect(&ThicknessError, vec![1.0 + film.0], on);
         add(of_actuator("film thickness"), film, "1", thickness);
         let modulus = of("film_modulus", FILM);
         for spring in 0..=super::problem::BRANCHES {
@@ -197,12 +187,13 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
             };
             add(name, modulus, "1", departure);
         }
-        let gain = of("amplifier_gain", GAIN);
+        // the rig's key is the cause's id
+        let gain = of(AmplifierGain.id(), GAIN);
         add(
             of_actuator("amplifier gain"),
             gain,
             "1",
-            effect("amplifier_gain", vec![gain.0, 0.0], on),
+            effect(&AmplifierGain, vec![gain.0, 0.0], on),
         );
         for (number, (name, key)) in LINKS.iter().enumerate() {
             let link = share(key, LINK);
@@ -210,7 +201,7 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
                 of_actuator(&format!("link {name}")),
                 link,
                 "1",
-                effect("link_length_error", vec![number as f64, link.0], on),
+                effect(&LinkLengthError, vec![number as f64, link.0], on),
             );
         }
         let (omega, alpha) = (of("omega_deg", ANGLE_DEG), of("alpha_deg", 0.0));
@@ -220,15 +211,13 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
             ("angle dea_offset", of("dea_offset_deg", ANGLE_DEG)),
         ];
         for (number, (name, angle)) in angles.into_iter().enumerate() {
-            let departure = Departure::Effect {
-                acting: Acting {
-                    effect: &AngleError,
-                    values: vec![number as f64, angle.0.to_radians()],
-                    on,
-                },
-                only: None,
-            };
-            add(of_actuator(name), angle, "deg", departure);
+            let values = vec![number as f64, angle.0.to_radians()];
+            add(
+                of_actuator(name),
+                angle,
+                "deg",
+                effect(&AngleError, values, on),
+            );
         }
     }
     let all = [true; 3];
@@ -237,11 +226,7 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
         "mass of the end effector".into(),
         mass,
         "1",
-        effect(
-            "payload_change",
-            vec![mass.0 * effector_kg, -1e6, -1.0],
-            all,
-        ),
+        effect(&PayloadChange, vec![mass.0 * effector_kg, -1e6, -1.0], all),
     );
     let tilt = of("frame_tilt_deg", TILT_DEG);
     let marker = of("marker_mm", MARKER_MM);
@@ -255,20 +240,20 @@ pub(super) fn of_robot(stated: &[Stated], effector_kg: f64, recordings: usize) -
             format!("capture axes, rotation about {axis}"),
             tilt,
             "deg",
-            effect("frame_tilt", along(tilt.0.to_radians()), all),
+            effect(&FrameTilt, along(tilt.0.to_radians()), all),
         );
         add(
             format!("end-effector marker, {axis}"),
             marker,
             "mm",
-            effect("marker_offset", along(marker.0 * 1e-3), all),
+            effect(&MarkerOffset, along(marker.0 * 1e-3), all),
         );
     }
     let clock = of("clock_ms", CLOCK_MS);
     for recording in 0..recordings {
         let departure = Departure::Effect {
             acting: Acting {
-                effect: by_id("time_offset").expect("in the catalogue"),
+                effect: &TimeOffset,
                 values: vec![clock.0 * 1e-3],
                 on: all,
             },
@@ -957,7 +942,7 @@ pub(super) fn times(list: &[Tolerance], acting: &Acting) -> Option<f64> {
         let same = own.effect.id() == acting.effect.id()
             && (0..3).all(|k| !own.on[k] || acting.on[k])
             && word.is_none_or(|w| own.values[0] == w);
-        if !same || own.effect.id() == "payload_change" {
+        if !same || own.effect.id() == PayloadChange.id() {
             continue;
         }
         let by: f64 = (0..q.len())

@@ -228,14 +228,24 @@ impl Reach {
     }
 }
 
+// Those of which a room needs just this one.
+pub(crate) use amplifier_gain::AmplifierGain;
 pub(crate) use angle_error::AngleError;
+pub(crate) use electrode_failure::ElectrodeFailure;
+pub(crate) use electrode_stiffness::ElectrodeStiffness;
+pub(crate) use end_stop::EndStop;
 pub(crate) use film_law::{LinearBranch, StretchExponent};
+pub(crate) use frame_tilt::FrameTilt;
 pub(crate) use joint_friction::level as friction_level;
 pub(crate) use leakage::leak;
+pub(crate) use link_length_error::LinkLengthError;
+pub(crate) use marker_offset::MarkerOffset;
 pub(crate) use nonlinear_flow::flow;
-pub(crate) use series_resistance::resistance_ohm;
+pub(crate) use payload_change::PayloadChange;
+pub(crate) use series_resistance::{SeriesResistance, resistance_ohm};
 pub(crate) use slow_creep::creep;
 pub(crate) use thickness_error::ThicknessError;
+pub(crate) use time_offset::TimeOffset;
 
 /// One parameter of a cause.
 #[derive(Debug, Clone, Copy, PartialEq)]

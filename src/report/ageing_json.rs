@@ -242,16 +242,17 @@ pub fn effect(
     v: &Value,
     mass_kg: f64,
 ) -> (&'static str, &'static str, &'static str, Value) {
-    let scaled = |by: f64, plus: f64| Value {
+    let [by, plus] = cause.first_value(mass_kg);
+    let value = Value {
         value: plus + by * v.value,
         std_error: by.abs() * v.std_error,
     };
-    match cause {
-        Cause::ElectrodeStiffness => ("electrode_stiffness", "modulus", "Pa", *v),
-        Cause::SeriesResistance => ("series_resistance", "resistance", "ohm", *v),
-        Cause::ActiveArea => ("electrode_failure", "fraction", "1", scaled(-1.0, 1.0)),
-        Cause::FilmModulus => ("x_film_modulus", "factor", "1", *v),
-        Cause::Load => ("payload_change", "mass", "kg", scaled(mass_kg, -mass_kg)),
+    match cause.effect() {
+        Some(effect) => {
+            let first = &effect.parameters()[0];
+            (effect.id(), first.name, first.unit, value)
+        }
+        None => ("x_film_modulus", "factor", "1", value),
     }
 }
 
@@ -426,7 +427,7 @@ fn confused(joint: &Joint) -> Vec<[String; 2]> {
         .iter()
         .any(|c| c.in_model && c.cause == Cause::ActiveArea)
     {
-        out.push(["electrode_failure".into(), "x_permittivity".into()]);
+        out.push([id(Cause::ActiveArea).into(), "x_permittivity".into()]);
     }
     out
 }

@@ -26,6 +26,9 @@ use crate::calibration::{
     CouponOutcome, Estimate, Joint, LONG_AGO_S, LineOutcome, Outcome, SampleOutcome,
 };
 use crate::diagnosis::{Diagnosis, RigKind};
+use crate::effects::{
+    self, Effect as _, ElectrodeFailure, ElectrodeStiffness, PayloadChange, SeriesResistance,
+};
 use crate::film::Film;
 use crate::model::{Electrode, ForearmTorque, Parameters};
 use crate::recording::keys::{Document, Keys, Value, describe};
@@ -390,39 +393,46 @@ impl ParameterFile {
                     .action(format!("add `{name} = ...`"))
                 })
             };
-            if effect.id == "electrode_failure" && effect.number("time").is_some_and(|t| t > 0.0) {
+            let is = |cause: &dyn effects::Effect| effect.id == cause.id();
+            if is(&ElectrodeFailure) && effect.number("time").is_some_and(|t| t > 0.0) {
                 return Err(Error::new(
                     ErrorKind::BadValue,
                     &self.path,
                     "the electrode of a hanging sample fails before its first sample, not during a recording",
                 )
-                .at_key("[[effect]] electrode_failure time")
+                .at_key(format!("[[effect]] {} time", effect.id))
                 .action("state time = 0.0"));
             }
             let grows = effect.number("stretch_exponent").is_some_and(|n| n != 0.0);
-            if effect.id == "series_resistance" && grows {
+            if is(&SeriesResistance) && grows {
                 return Err(Error::new(
                     ErrorKind::BadValue,
                     &self.path,
                     "the wire of a hanging sample has one resistance, at any stretch",
                 )
-                .at_key("[[effect]] series_resistance stretch_exponent")
+                .at_key(format!("[[effect]] {} stretch_exponent", effect.id))
                 .action("take `stretch_exponent` out"));
             }
-            match effect.id.as_str() {
-                "electrode_stiffness" => out.modulus_pa += need("modulus")?,
-                "series_resistance" => out.resistance_ohm += need("resistance")?,
-                "electrode_failure" => out.active_fraction *= 1.0 - need("fraction")?,
-                other => {
-                    return Err(Error::new(
-                        ErrorKind::BadValue,
-                        &self.path,
-                        format!("effect `{other}` cannot act on a hanging sample"),
-                    )
-                    .at_key("[[effect]] id")
-                    .expected("electrode_stiffness, series_resistance or electrode_failure")
-                    .action("take the block out, or name a file of a sample"));
-                }
+            if is(&ElectrodeStiffness) {
+                out.modulus_pa += need("modulus")?;
+            } else if is(&SeriesResistance) {
+                out.resistance_ohm += need("resistance")?;
+            } else if is(&ElectrodeFailure) {
+                out.active_fraction *= 1.0 - need("fraction")?;
+            } else {
+                let [a, b, c] = [
+                    ElectrodeStiffness.id(),
+                    SeriesResistance.id(),
+                    ElectrodeFailure.id(),
+                ];
+                return Err(Error::new(
+                    ErrorKind::BadValue,
+                    &self.path,
+                    format!("effect `{}` cannot act on a hanging sample", effect.id),
+                )
+                .at_key("[[effect]] id")
+                .expected(format!("{a}, {b} or {c}"))
+                .action("take the block out, or name a file of a sample"));
             }
         }
         Ok(out)
@@ -653,10 +663,10 @@ pub struct NotFinite {
 }
 
 /// A block with its own values on `actuators`.
-fn block(id: &str, actuators: &[usize], values: &[(&str, f64)]) -> Effect {
+fn block(cause: &dyn effects::Effect, actuators: &[usize], values: &[(&str, f64)]) -> Effect {
     let values = values.iter();
     Effect {
-        id: id.to_owned(),
+        id: cause.id().to_owned(),
         actuators: actuators.to_vec(),
         values: values
             .map(|(n, v)| ((*n).to_owned(), toml::Value::Float(*v)))
@@ -671,16 +681,16 @@ fn electrode_effects(electrode: &Electrode, actuators: &[usize], since_s: f64) -
     let mut out = Vec::new();
     if electrode.modulus_pa != ideal.modulus_pa {
         let values = [("modulus", electrode.modulus_pa)];
-        out.push(block("electrode_stiffness", actuators, &values));
+        out.push(block(&ElectrodeStiffness, actuators, &values));
     }
     if electrode.resistance_ohm != ideal.resistance_ohm {
         let values = [("resistance", electrode.resistance_ohm)];
-        out.push(block("series_resistance", actuators, &values));
+        out.push(block(&SeriesResistance, actuators, &values));
     }
     if electrode.active_fraction != ideal.active_fraction {
         let lost = 1.0 - electrode.active_fraction;
         let values = [("fraction", lost), ("time", since_s)];
-        out.push(block("electrode_failure", actuators, &values));
+        out.push(block(&ElectrodeFailure, actuators, &values));
     }
     out
 }
@@ -698,7 +708,7 @@ pub fn ageing_effects(joint: &Joint, level: usize) -> Vec<Effect> {
     let heavier = own.mass_kg - joint.levels[0].mass_kg;
     if heavier != 0.0 {
         let values = [("mass", heavier), ("time", LONG_AGO_S)];
-        out.push(block("payload_change", &all, &values));
+        out.push(block(&PayloadChange, &all, &values));
     }
     out
 }

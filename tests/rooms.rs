@@ -5,8 +5,13 @@
 //! room, wherever they stand (`use` lines, types, expressions, test modules), and knows comments and strings
 //! from code. `ARCHITECTURE.md` says why the rooms are what they are. A room that needs one more is a
 //! decision: change the table, and the reason there.
+//!
+//! A cause is one file: what depends on a cause is asked of it, so no room but `effects` (and `cases`, whose
+//! forms are their own) writes a cause's id.
 
 use std::path::{Path, PathBuf};
+
+use deacal::effects::{CATALOGUE, line};
 
 /// What a room may use.
 enum May {
@@ -248,6 +253,16 @@ const HANDED_ON: &[(&str, &str, &str)] = &[
     ("model", "dataset", "Track"),
 ];
 
+/// Rooms that write ids of causes.
+const ID_WRITERS: &[&str] = &["effects", "cases"];
+
+/// What is written like the id of a cause, and is none: (file, word, what it is).
+const NAMESAKES: &[(&str, &str, &str)] = &[(
+    "src/recording/described.rs",
+    "amplifier_gain",
+    "a key of rig.toml: by how much a gain may be off",
+)];
+
 /// Crates, and associated functions, that open files.
 const OPENERS: &[&str] = &["tempfile", "memmap2", "argmin_checkpointing_file"];
 const OPENING: &[&str] = &["from_path"];
@@ -255,15 +270,9 @@ const OPENING: &[&str] = &["from_path"];
 #[test]
 fn rooms_stay_apart() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut files = Vec::new();
-    rust_files(&root.join("src"), &mut files);
-    files.sort();
-    assert!(files.len() > 30, "the walk found {} files", files.len());
     let mut complaints = Vec::new();
-    for file in &files {
-        let name = file.strip_prefix(root).unwrap().to_string_lossy();
-        let name = name.replace('\\', "/");
-        complaints.extend(complain(&name, &std::fs::read_to_string(file).unwrap()));
+    for (name, text) in sources() {
+        complaints.extend(complain(&name, &text));
     }
     for (room, ..) in ROOMS {
         let there = |p: &str| root.join("src").join(p).exists();
@@ -272,6 +281,62 @@ fn rooms_stay_apart() {
         }
     }
     assert!(complaints.is_empty(), "\n{}\n", complaints.join("\n"));
+}
+
+#[test]
+fn a_cause_is_one_file() {
+    let files = sources();
+    let every = files.iter().flat_map(|(name, text)| ids(name, text));
+    let (known, unknown): (Vec<_>, Vec<_>) = every.partition(|(file, _, id)| {
+        let same = |n: &&(&str, &str, &str)| n.0 == file && n.1 == id;
+        NAMESAKES.iter().find(same).is_some()
+    });
+    let complaints: Vec<String> = (unknown.iter())
+        .map(|(file, line, id)| {
+            format!(
+                "{file}:{line}: \"{id}\" is a cause's id: ask the cause for what depends on it (a method of \
+                 `Effect`), or take the one that is meant by its type"
+            )
+        })
+        .collect();
+    assert!(complaints.is_empty(), "\n{}\n", complaints.join("\n"));
+    for (file, word, what) in NAMESAKES {
+        let there = known.iter().any(|(f, _, id)| f == file && id == word);
+        assert!(there, "{file} has no \"{word}\" ({what}) any more");
+    }
+}
+
+/// Ids of causes as strings in a file where they may not stand, outside test modules: file, line, id.
+fn ids(file: &str, text: &str) -> Vec<(String, usize, String)> {
+    let room = file.strip_prefix("src/").unwrap().split('/').next();
+    if ID_WRITERS.iter().any(|r| Some(*r) == room) || file.ends_with("/tests.rs") {
+        return Vec::new();
+    }
+    let robots = CATALOGUE.iter().map(|e| e.id());
+    let every: Vec<&str> = robots.chain(line::every().map(|e| e.id())).collect();
+    let tokens = tokens(text);
+    let tested = tested(&tokens);
+    let outside = tokens.iter().zip(tested).filter(|(_, tested)| !tested);
+    outside
+        .filter_map(|((line, token), _)| Some((*line, token.strip_prefix('"')?)))
+        .filter(|(_, word)| every.contains(word))
+        .map(|(line, word)| (file.to_owned(), line, word.to_owned()))
+        .collect()
+}
+
+/// Every file of `src/`: its name from the root, and its text.
+fn sources() -> Vec<(String, String)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut files = Vec::new();
+    rust_files(&root.join("src"), &mut files);
+    files.sort();
+    assert!(files.len() > 30, "the walk found {} files", files.len());
+    let read = |file: PathBuf| {
+        let name = file.strip_prefix(root).unwrap().to_string_lossy();
+        let text = std::fs::read_to_string(&file).unwrap();
+        (name.replace('\\', "/"), text)
+    };
+    files.into_iter().map(read).collect()
 }
 
 fn rust_files(folder: &Path, out: &mut Vec<PathBuf>) {
@@ -419,36 +484,21 @@ fn paths(tokens: &[(usize, String)], file_depth: usize) -> Vec<Found> {
     let at = |i: usize| tokens.get(i).map_or("", |t| t.1.as_str());
     let before = |i: usize, n: usize| i.checked_sub(n).map_or("", at);
     let mut out = Vec::new();
-    // Open braces: (is a module, is a test module).
-    let mut braces: Vec<(bool, bool)> = Vec::new();
-    let mut test_follows = false;
+    let tested = tested(tokens);
+    // Open braces: whether of a module.
+    let mut braces: Vec<bool> = Vec::new();
     let mut i = 0;
     while i < tokens.len() {
         match at(i) {
-            "#" if (1..7)
-                .map(|n| at(i + n))
-                .eq(["[", "cfg", "(", "test", ")", "]"]) =>
-            {
-                test_follows = true;
-                i += 7;
-                continue;
-            }
-            "{" => {
-                let module = before(i, 2) == "mod";
-                braces.push((module, test_follows));
-                test_follows = false;
-            }
+            "{" => braces.push(before(i, 2) == "mod"),
             "}" => {
                 braces.pop();
             }
-            // `mod tests;` and single items under cfg(test)
-            ";" => test_follows = false,
             word if is_word(word) && at(i + 1) == "::" && before(i, 1) != "::" => {
                 let used = before(i, 1) == "use" || (before(i, 1) == "::" && before(i, 2) == "use");
                 let used_at = i.saturating_sub(1);
                 let handed_on = used && (before(used_at, 1) == "pub" || before(used_at, 1) == ")");
-                let in_test = test_follows || braces.iter().any(|b| b.1);
-                let depth = file_depth + braces.iter().filter(|b| b.0).count();
+                let depth = file_depth + braces.iter().filter(|b| **b).count();
                 let mut found = Vec::new();
                 let end = tree(tokens, i, &mut Vec::new(), &mut found);
                 for (line, mut segments) in found {
@@ -466,7 +516,7 @@ fn paths(tokens: &[(usize, String)], file_depth: usize) -> Vec<Found> {
                         line,
                         segments,
                         handed_on,
-                        in_test,
+                        in_test: tested[i],
                     });
                 }
                 i = end;
@@ -477,6 +527,28 @@ fn paths(tokens: &[(usize, String)], file_depth: usize) -> Vec<Found> {
         i += 1;
     }
     out
+}
+
+/// Of each token whether it stands in a test module, or in an item under `#[cfg(test)]`.
+fn tested(tokens: &[(usize, String)]) -> Vec<bool> {
+    let at = |i: usize| tokens.get(i).map_or("", |t| t.1.as_str());
+    let mut braces: Vec<bool> = Vec::new();
+    let mut follows = false;
+    let of = |i: usize| {
+        let cfg = (1..7).map(|n| at(i + n));
+        match at(i) {
+            "#" if cfg.eq(["[", "cfg", "(", "test", ")", "]"]) => follows = true,
+            "{" => braces.push(std::mem::take(&mut follows)),
+            "}" => {
+                braces.pop();
+            }
+            // `mod tests;` and single items under cfg(test)
+            ";" => follows = false,
+            _ => {}
+        }
+        follows || braces.contains(&true)
+    };
+    (0..tokens.len()).map(of).collect()
 }
 
 /// One path from token `i` on, its groups taken apart; returns the token after it.
@@ -536,7 +608,8 @@ fn is_word(token: &str) -> bool {
         .is_some_and(|c| c.is_alphabetic() || c == '_')
 }
 
-/// (line, token): words, `::` and single characters. Comments, strings and characters in quotes are left out.
+/// (line, token): words, `::`, single characters, and strings, which begin with a quote and end without one.
+/// Comments and characters in quotes are left out.
 fn tokens(text: &str) -> Vec<(usize, String)> {
     let c: Vec<char> = text.chars().collect();
     let at = |i: usize| c.get(i).copied().unwrap_or('\0');
@@ -572,6 +645,7 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
                 }
             }
             '"' => {
+                let (from, first) = (i, line);
                 i += 1;
                 while i < c.len() && c[i] != '"' {
                     if c[i] == '\\' {
@@ -580,6 +654,7 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
                     line += usize::from(at(i) == '\n');
                     i += 1;
                 }
+                out.push((first, c[from..i.min(c.len())].iter().collect()));
                 i += 1;
             }
             // 'x' and '\n' are characters, 'a is a lifetime
@@ -608,10 +683,12 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
                 if matches!(word.as_str(), "r" | "br") && at(i + hashes) == '"' {
                     // r#"..."#
                     i += hashes + 1;
+                    let (from, first) = (i - 1, line);
                     while i < c.len() && !(c[i] == '"' && (1..=hashes).all(|n| at(i + n) == '#')) {
                         line += usize::from(c[i] == '\n');
                         i += 1;
                     }
+                    out.push((first, c[from..i.min(c.len())].iter().collect()));
                     i += hashes + 1;
                 } else if word == "r" && hashes == 1 {
                     i += 1; // r#word
@@ -713,4 +790,33 @@ fn files_reports_and_names_handed_on_are_seen() {
     assert!(complaint("src/residual/mod.rs", "pub use crate::model::Robot;").contains("hands"));
     let lib = complain("src/lib.rs", "pub mod fit;\npub use crate::fit::State;");
     assert!(lib[0].contains("src/lib.rs:2: room `lib`"), "{lib:?}");
+}
+
+#[test]
+fn an_id_of_a_cause_is_seen_wherever_it_is_written() {
+    for text in [
+        "fn f(id: &str) { match id { \"leakage\" => 1, _ => 0 }; }",
+        "const A: &[&str] = &[\n\"leakage\"];",
+        "const A: &str = r#\"leakage\"#;",
+        "#[cfg(test)] mod tests { fn f() {} }\nconst A: &str = \"leakage\";",
+        "const A: &str = \"x_drive_lag\";",
+    ] {
+        assert_eq!(ids("src/report/json.rs", text).len(), 1, "{text}");
+        assert_eq!(ids("src/effects/leakage.rs", text), [], "{text}");
+        assert_eq!(ids("src/cases/electrical.rs", text), [], "{text}");
+    }
+    for text in [
+        "// \"leakage\"",
+        "const A: &str = \"the leakage\";",
+        "const A: &str = Leakage.id();",
+        "#[cfg(test)]\nmod tests { const A: &str = \"leakage\"; }",
+        "const A: &str = \"learnt\";",
+    ] {
+        assert_eq!(ids("src/report/json.rs", text), [], "{text}");
+    }
+    let line = ids(
+        "src/report/json.rs",
+        "\nconst A: [&str; 2] = [\"\n\",\n\"leakage\"];",
+    );
+    assert_eq!(line[0].1, 4);
 }

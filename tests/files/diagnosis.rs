@@ -226,6 +226,7 @@ fn diagnosis(verdict: Verdict) -> Diagnosis {
             holdout: Some(Gain { after_v: 61.0, ..gain }),
         }],
         traces: vec![trace("a/01-symmetric", false), trace(HOSTILE, true)],
+        dated: Vec::new(),
         remarks: vec!["Not every recording states its `start`.".into()],
         says: "The plain model leaves ten times the noise. A series resistance in actuator 2 accounts for 97 % of it.".into(),
         probabilities: [0.01, 0.97, 0.02],

@@ -12,7 +12,7 @@ use nalgebra::{Rotation3, Vector3};
 use super::linear::{Columns, about_mean};
 use crate::dataset::{Track, Voltage};
 use crate::film::InitialState;
-use crate::kinematics::Vec3;
+use crate::kinematics::{Lozenge, Vec3};
 use crate::model::{Mechanics, Robot};
 use crate::recording::{Kind, NumberOrEstimate, Recording, Rig};
 
@@ -21,6 +21,10 @@ pub(super) const STEP_S: f64 = 0.05;
 const MOST: usize = 1600;
 /// Times at which the creep of the film is looked at, s.
 const CREEP_S: [f64; 4] = [0.15, 1.0, 8.0, 60.0];
+/// A robot rests while no voltage is above this, V, for so many means, and moves by no more than this, m.
+const REST_V: f64 = 300.0;
+const REST_MEANS: usize = 3;
+const REST_M: f64 = 1e-3;
 /// Where the moduli of chains 2 and 3 beside that of chain 1 stand among the coefficients.
 const OWN: usize = 3 + CREEP_S.len();
 /// Of what is looked at so much has to be within reach.
@@ -249,6 +253,37 @@ impl Glance {
         }
     }
 
+    /// The balance at the pose in which the robot rests before anything drives it; `None` where it moves from
+    /// the first sample on, or cannot be there.
+    pub fn at_rest(&self) -> Option<Mechanics> {
+        let (squared, logged) = self.squared_v2(self.offset_s.unwrap_or(0.0), 1.0);
+        let still = |i: &usize| logged[*i] && squared.iter().all(|v| v[*i] < REST_V * REST_V);
+        let rest: Vec<Vec3> = (0..self.len())
+            .take_while(still)
+            .map(|i| self.from_base_m[i])
+            .filter(|p| p.iter().all(|v| v.is_finite()))
+            .collect();
+        // the last mean may be half of a drive
+        let rest = &rest[..rest.len().checked_sub(1).filter(|n| *n >= REST_MEANS)?];
+        let mut place = [0.0; 3];
+        for k in 0..3 {
+            let along = || rest.iter().map(|p| p[k]);
+            let (low, high) = (
+                along().fold(f64::MAX, f64::min),
+                along().fold(f64::MIN, f64::max),
+            );
+            if high - low > REST_M {
+                return None;
+            }
+            place[k] = along().sum::<f64>() / rest.len() as f64 + self.origin_m[k];
+        }
+        let track = Track {
+            payload_kg: vec![*self.payload_kg.first()?],
+            ..self.track(vec![place])
+        };
+        Mechanics::new(&self.robot, &track).ok()
+    }
+
     /// As [`Glance::poses`] of another robot.
     pub fn poses_of(&self, robot: &Robot, position_m: &[Vec3], ties: Ties) -> Option<Poses> {
         let n = position_m.len();
@@ -293,6 +328,14 @@ impl Glance {
     }
 }
 
+/// Torque of a neo-Hookean spring on a lozenge over its modulus, m^3.
+pub(super) fn spring_m3(lozenge: &Lozenge, theta_dea_rad: f64) -> f64 {
+    let [a, b] = lozenge.stretches(theta_dea_rad);
+    let [da, db] = lozenge.log_stretch_slopes(theta_dea_rad);
+    let across = (a * b).powi(-2);
+    lozenge.volume_m3() * (da * (a * a - across) + db * (b * b - across))
+}
+
 /// Columns of the springs, of their creep at each rate and of the passive joints, then each actuator's own;
 /// rows that are not usable are 0.
 fn columns_of(robot: &Robot, mechanics: &Mechanics, usable: &[bool], ties: Ties) -> Vec<Vec<f64>> {
@@ -307,12 +350,7 @@ fn columns_of(robot: &Robot, mechanics: &Mechanics, usable: &[bool], ties: Ties)
         let spring: Vec<f64> = chain
             .theta_dea_rad
             .iter()
-            .map(|&theta| {
-                let [a, b] = lozenge.stretches(theta);
-                let [da, db] = lozenge.log_stretch_slopes(theta);
-                let across = (a * b).powi(-2);
-                lozenge.volume_m3() * (da * (a * a - across) + db * (b * b - across))
-            })
+            .map(|&theta| spring_m3(lozenge, theta))
             .collect();
         let mut slow: Vec<f64> = vec![spring[0]; CREEP_S.len()];
         for i in 0..n {

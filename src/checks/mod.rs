@@ -16,6 +16,7 @@ mod clock;
 mod coupon;
 mod dead_channel;
 mod exchanged;
+mod film_sides;
 mod frozen;
 mod glance;
 mod leap;
@@ -148,6 +149,7 @@ const CHECKS: &[Check] = &[
     axis::check,
     bench::check,
     coupon::check,
+    film_sides::check,
 ];
 
 /// What is wrong with a recording, worst first.

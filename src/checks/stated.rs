@@ -14,7 +14,9 @@ use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 const LINK_MM: [f64; 2] = [0.5, 3000.0];
 const SIDE_MM: [f64; 2] = [1.0, 2000.0];
 const THICKNESS_MM: [f64; 2] = [0.5e-3, 5.0];
-const PERMITTIVITY: [f64; 2] = [1.0, 100.0];
+pub(super) const PERMITTIVITY: [f64; 2] = [1.0, 100.0];
+/// Films in parallel in a lozenge, or hanging beside one another.
+const FILMS: [f64; 2] = [1.0, 100.0];
 /// Masses that move, g.
 const MASS_G: [f64; 2] = [0.05, 5000.0];
 /// Tension of a hanging film, nominal, Pa: below, it hangs slack or the mass is in kg; above, it tears.
@@ -167,6 +169,7 @@ fn robot(view: &View<'_>, s: &mut Stated<'_>) {
     s.within("L1_mm", f.L1_mm, SIDE_MM, "mm", "the side of a film");
     s.within("L2_mm", f.L2_mm, SIDE_MM, "mm", "the side of a film");
     thickness(f.L3_mm, f.L1_mm.min(f.L2_mm), s);
+    films(rig.actuator.films, s);
     if let Some(eps) = f.eps_r {
         s.within(
             "eps_r",
@@ -194,6 +197,16 @@ fn robot(view: &View<'_>, s: &mut Stated<'_>) {
     }
     field(view, f.L3_mm, s);
     carried(view, s);
+}
+
+fn films(films: u32, s: &mut Stated<'_>) {
+    s.within(
+        "films",
+        f64::from(films),
+        FILMS,
+        "films",
+        "the number of films in parallel",
+    );
 }
 
 fn thickness(l3_mm: f64, side_mm: f64, s: &mut Stated<'_>) {
@@ -303,6 +316,7 @@ fn sample(view: &View<'_>, s: &mut Stated<'_>) {
         "the side of a film",
     );
     thickness(rig.L3_mm, rig.width_mm.min(rig.length_mm), s);
+    films(rig.films, s);
     if let Some(eps) = rig.eps_r {
         s.within(
             "eps_r",

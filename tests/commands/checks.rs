@@ -568,6 +568,30 @@ fn mistakes() -> Vec<Mistake> {
             rig(circle(), "L3_mm = 0.085", "L3_mm = 85.0"),
         ),
         (
+            "long side of the film short",
+            &["stated_value"],
+            "both sides",
+            rig(all(), "L1_mm = 62.9", "L1_mm = 40.0"),
+        ),
+        (
+            "short side of the film long",
+            &["stated_value"],
+            "both sides",
+            rig(circle(), "L2_mm = 40.65", "L2_mm = 62.9"),
+        ),
+        (
+            "sides of the lozenge halved",
+            &["stated_value"],
+            "l_dea_mm",
+            rig(one(), "l_dea_mm = 50.0", "l_dea_mm = 25.0"),
+        ),
+        (
+            "films in thousands",
+            &["stated_value"],
+            "films",
+            rig(circle(), "films = 2 ", "films = 2000 "),
+        ),
+        (
             "angles in radians",
             &["stated_value"],
             "degrees",

@@ -14,12 +14,15 @@ use crate::jobs::fit::{Fitted, of_robot};
 use crate::model::Robot;
 use crate::recording::{Kind, Recording};
 use crate::report::answer::Answer;
-use crate::report::html;
+use crate::report::html::{self, Run};
 use crate::report::json::{FitJson, ModelValidation, ValidationJson, results_to_text};
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::provenance::{FileSum, Provenance};
 use crate::validation::validate;
+
+/// The page that leads to all that the demo leaves.
+const INDEX: &str = "index.html";
 
 pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     let here = Path::new("datasets");
@@ -28,25 +31,26 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
         .into_iter()
         .find(|d| d.join("twin2026_delta").is_dir())
         .ok_or("the folder `datasets` that comes with the source is not here: run the demo from the project's folder")?;
-    let demo = Demo {
+    let mut demo = Demo {
         output,
         talk,
         progress: Progress::new(talk),
+        runs: Vec::new(),
     };
     demo.coupon(base.join("miles2015_vhb4910"))?;
 
     let twin = base.join("twin2026_delta");
-    let recordings = |names: &[&str]| {
+    let recordings = |demo: &Demo<'_>, names: &[&str]| {
         let folders: Vec<_> = names.iter().map(|n| twin.join(n)).collect();
         load::recordings(&folders, None, Kind::Robot, &demo.progress)
     };
-    let mut all = recordings(&["symmetric", "single-1", "single-2", "single-3"])?;
+    let mut all = recordings(&demo, &["symmetric", "single-1", "single-2", "single-3"])?;
     let robot = load::robot(load::rig(&all)?, None)?;
     let mut datasets = load::datasets(&all, None, &demo.progress)?;
     let joint = demo.fits(&robot, &all, &datasets)?;
 
     talk.say("\nHeld against a circle that was not fitted");
-    let held = recordings(&["circle-3s"])?;
+    let held = recordings(&demo, &["circle-3s"])?;
     let circle = load::datasets(&held, None, &demo.progress)?;
     let json = demo.validation(&robot, &circle[0], &joint, &held)?;
 
@@ -55,10 +59,10 @@ pub(super) fn run(output: &Path, talk: Talk) -> Result<(), Failure> {
     all.extend(held);
     datasets.extend(circle);
     demo.diagnosis(&robot, &datasets, named, &all)?;
+    demo.index()?;
     drop(demo);
     talk.result(&json);
-    talk.say("");
-    talk.report(output);
+    talk.say(&format!("\nAll reports: {}", output.join(INDEX).display()));
     Ok(())
 }
 
@@ -67,16 +71,40 @@ struct Demo<'a> {
     output: &'a Path,
     talk: Talk,
     progress: Progress,
+    runs: Vec<Run>,
 }
 
 impl Demo<'_> {
-    /// A sentence of the program, set in.
-    fn tell(&self, says: &str) {
+    /// What came out of a run that is in a folder of the results: said, set in, and kept for the page.
+    fn tell(&mut self, folder: &str, what: &str, says: &str) {
         self.talk.tell(&format!("  {says}"));
+        self.keep(folder, what, says);
+    }
+
+    /// Keeps a run for the page.
+    fn keep(&mut self, folder: &str, what: &str, says: &str) {
+        self.runs.push(Run {
+            folder: folder.to_owned(),
+            what: what.to_owned(),
+            says: says.to_owned(),
+        });
+    }
+
+    /// The page that leads to all runs.
+    fn index(&self) -> Result<(), Failure> {
+        let headline = "A film coupon was fitted; then a robot: its film, its forearms and both together, which \
+                        was held against a recording that was not fitted and asked for physics left out.";
+        let mut set = OutputSet::new(self.output, self.talk.overwrite())?;
+        set.write(
+            INDEX,
+            html::render_index("What the demo left", headline, &self.runs),
+        )?;
+        set.commit()?;
+        Ok(())
     }
 
     /// The film of a coupon.
-    fn coupon(&self, folder: PathBuf) -> Result<(), Failure> {
+    fn coupon(&mut self, folder: PathBuf) -> Result<(), Failure> {
         self.talk.say("A real film coupon: 3M VHB 4910, pulled to 5.4 times its length and back (Miles et al. 2015)");
         let recordings = load::recordings(&[folder], None, Kind::FilmCoupon, &self.progress)?;
         let coupon = Coupon::from_recording(&recordings[0])?;
@@ -98,13 +126,14 @@ impl Demo<'_> {
             ParameterFile::of_coupons(&outcome, provenance).to_toml()?,
         )?;
         set.commit()?;
-        self.tell(&Answer::of_coupons(&outcome).says);
+        let says = Answer::of_coupons(&outcome).says;
+        self.tell("coupon", "A film coupon", &says);
         Ok(())
     }
 
     /// Film, forearms, and both jointly, each from the one before.
     fn fits(
-        &self,
+        &mut self,
         robot: &Robot,
         recordings: &[Recording],
         datasets: &[Dataset],
@@ -112,7 +141,7 @@ impl Demo<'_> {
         self.talk.say("\nThe film, from the symmetric drive");
         let request = Request::new(Stage::Film);
         let (film, answer) = self.fit(robot, &datasets[..1], &request)?;
-        self.tell(&answer.says);
+        self.tell("film", "The robot's film", &answer.says);
         self.write(&self.output.join("film"), &film, answer, &recordings[..1])?;
 
         self.talk.say(
@@ -125,7 +154,7 @@ impl Demo<'_> {
             ..Request::new(Stage::Forearm)
         };
         let (forearm, answer) = self.fit(robot, &datasets[1..], &request)?;
-        self.tell(&answer.says);
+        self.tell("forearm", "Its forearms", &answer.says);
         let folder = self.output.join("forearm");
         self.write(&folder, &forearm, answer, &recordings[1..])?;
 
@@ -137,6 +166,7 @@ impl Demo<'_> {
         };
         let (joint, answer) = self.fit(robot, datasets, &request)?;
         let fitted = self.write(self.output, &joint, answer, recordings)?;
+        self.keep("", "Both jointly", &fitted.answer.says);
         say_fit(&fitted.answer, &fitted.fit, &fitted.remarks, self.talk);
         Ok(joint)
     }
@@ -172,7 +202,7 @@ impl Demo<'_> {
 
     /// The parameters held against a recording that was not fitted.
     fn validation(
-        &self,
+        &mut self,
         robot: &Robot,
         dataset: &Dataset,
         joint: &Outcome,
@@ -180,7 +210,7 @@ impl Demo<'_> {
     ) -> Result<ValidationJson, Failure> {
         let validation = validate(robot, &[dataset], &joint.parameters, None, (&[], &[]))?;
         let answer = Answer::of_robot(&validation.outcome, robot);
-        self.tell(&answer.says);
+        self.tell("validation", "Held against a circle", &answer.says);
         for line in html::validation_words(&validation) {
             self.talk.say(&format!("  {line}"));
         }
@@ -213,7 +243,7 @@ impl Demo<'_> {
 
     /// What the first `named` recordings leave out, judged on the others.
     fn diagnosis(
-        &self,
+        &mut self,
         robot: &Robot,
         datasets: &[Dataset],
         named: usize,
@@ -235,7 +265,8 @@ impl Demo<'_> {
         let (_, files) = diagnose::files(&diagnosis, series, &[], provenance)?;
         let set = files.stage(&self.output.join("diagnosis"), self.talk.overwrite())?;
         set.commit()?;
-        self.tell(&Answer::of_diagnosis(&diagnosis).says);
+        let says = Answer::of_diagnosis(&diagnosis).says;
+        self.tell("diagnosis", "Whether physics was left out", &says);
         Ok(())
     }
 }

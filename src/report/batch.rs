@@ -661,7 +661,10 @@ impl BatchJson {
                 Some(format!("{name} {value} ({low} to {high}) {}", p.unit))
             });
             table.row(vec![
-                Cell::text(&s.name),
+                match s.failure {
+                    None => Cell::link(&s.name, &format!("{}/report.html", s.name)),
+                    Some(_) => Cell::text(&s.name),
+                },
                 Cell::text(s.batch.clone().unwrap_or_default()),
                 Cell::number(s.day.map_or(String::new(), |d| d.to_string())),
                 Cell::text(&s.fit),
@@ -671,7 +674,8 @@ impl BatchJson {
                 Cell::of("quiet", values.collect::<Vec<_>>().join("; ")),
             ]);
         }
-        let text = "Each has a folder of its name with the report of its fit.";
+        let text =
+            "Each has a folder of its name with its files, and leads to the report of its fit.";
         Section::table("sets", "Every set", text, table)
     }
 }

@@ -418,6 +418,30 @@ fn the_augmented_model_reads_back_to_the_causes_that_it_holds() {
 }
 
 #[test]
+fn the_page_of_several_runs_leads_to_each() {
+    use deacal::report::html::{Run, render_index};
+    let run = |folder: &str, what: &str| Run {
+        folder: folder.into(),
+        what: what.into(),
+        says: format!("{what} came out <well>."),
+    };
+    let html = render_index(
+        "Two runs",
+        "All is done.",
+        &[run("a film", "Film"), run("", "Both")],
+    );
+    for part in [
+        "<a href=\"a%20film&#x2f;report.html\">Film</a>",
+        "<a href=\"report.html\">Both</a>",
+        "Film came out &lt;well&gt;.",
+        "parameters.toml",
+        "All is done.",
+    ] {
+        assert!(html.contains(part), "{part} is not in the page");
+    }
+}
+
+#[test]
 fn the_report_answers_in_words_first() {
     for verdict in [
         Verdict::Adequate,

@@ -210,6 +210,8 @@ pub struct Cell {
     pub text: String,
     /// Classes of the style sheet: `number`, `badge good`, `quiet`, `file`; may be empty.
     pub class: String,
+    /// Where it leads, as seen from the page; may be empty.
+    pub href: String,
 }
 
 impl Cell {
@@ -217,7 +219,16 @@ impl Cell {
     pub fn text(text: impl Into<String>) -> Self {
         Cell {
             text: text.into(),
-            class: String::new(),
+            ..Cell::default()
+        }
+    }
+
+    /// Text that leads to a file.
+    pub fn link(text: impl Into<String>, path: &str) -> Self {
+        Cell {
+            text: text.into(),
+            href: path.replace(' ', "%20"),
+            ..Cell::default()
         }
     }
 
@@ -231,12 +242,15 @@ impl Cell {
         Cell {
             text: text.into(),
             class: class.into(),
+            ..Cell::default()
         }
     }
 }
 
 fn cell_contexts(cells: &[Cell]) -> Vec<Value> {
-    let cell = |c: &Cell| context! { text => c.text.clone(), class => c.class.clone() };
+    let cell = |c: &Cell| {
+        context! { text => c.text.clone(), class => c.class.clone(), href => c.href.clone() }
+    };
     cells.iter().map(cell).collect()
 }
 

@@ -3,11 +3,15 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+
 use super::{Failure, Talk, Unsaid, load};
 use crate::recording::Rig;
 use crate::report::controller::controller;
 use crate::report::export::{Format, export};
 use crate::report::output::write_atomic;
+use crate::report::parameter_file::ParameterFile;
+use crate::report::survey::count;
 
 /// What to export, and to what.
 #[derive(clap::Args)]
@@ -25,9 +29,18 @@ pub(super) struct Arguments {
     /// The robot's rig.toml, for --controller
     #[arg(long, requires = "controller")]
     rig: Option<PathBuf>,
-    /// File to write (default: standard output)
+    /// File to write; left out, the text goes to standard output, and with --json it is in the result
     #[arg(short, long)]
     output: Option<PathBuf>,
+}
+
+/// For `--json`.
+#[derive(Serialize)]
+struct Exported {
+    format: &'static str,
+    file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    text: Option<String>,
 }
 
 /// What a MATLAB function is called where no file names it.
@@ -43,6 +56,7 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
             &[format.extension(), format.name()],
         )?;
     }
+    let mut remarks = Vec::new();
     let text = match &a.rig {
         Some(rig) => {
             let path = a.output.as_deref().unwrap_or(Path::new(NAME));
@@ -56,27 +70,55 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
             };
             let robot = load::robot(&robot, Some(&file))?;
             let made = controller(&file, &robot, format, &name)?;
-            for remark in &made.remarks {
-                match a.output {
-                    Some(_) => talk.say(remark),
-                    None => eprintln!("deacal: {}", super::plain(remark)),
-                }
-            }
+            remarks = made.remarks;
             made.text
         }
         None => export(&file, format),
     };
+    let mut exported = Exported {
+        format: format.name(),
+        file: None,
+        text: None,
+    };
     match &a.output {
         Some(path) => {
             write_atomic(path, talk.overwrite(), text)?;
-            talk.say(&format!("Written: {}", path.display()));
+            talk.answer(&what_is_in(&file));
+            talk.say(&format!("Written to {}", path.display()));
+            remarks.iter().for_each(|r| talk.say(r));
+            exported.file = Some(path.display().to_string());
         }
+        None if talk.json => exported.text = Some(text),
         None => {
+            let says = remarks.iter().map(|r| super::plain(r));
+            says.for_each(|r| eprintln!("deacal: {r}"));
             let mut out = std::io::stdout();
             out.write_all(text.as_bytes())
                 .and_then(|()| out.flush())
                 .map_err(Unsaid::failure)?;
         }
     }
+    talk.result(&exported);
     Ok(())
+}
+
+/// What a parameter file holds, in one line.
+fn what_is_in(file: &ParameterFile) -> String {
+    let film = file.film.as_ref().map(|f| count(f.mu_pa.len(), "spring"));
+    let forearm = file
+        .forearm
+        .as_ref()
+        .map(|f| count(f.nodes_deg.len(), "angle"));
+    let axis = Some(file.axis.len()).filter(|n| *n > 0);
+    let parts: Vec<String> = [
+        film.map(|n| format!("the film ({n})")),
+        forearm.map(|n| format!("the forearms' torque ({n})")),
+        axis.map(|n| count(n, "value") + " of an axis"),
+        Some(count(file.effects.len(), "cause")),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let (last, first) = parts.split_last().map_or(("", &[][..]), |(l, f)| (l, f));
+    format!("Exported: {} and {last}", first.join(", "))
 }

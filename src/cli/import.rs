@@ -96,7 +96,15 @@ pub(super) fn run(a: &Arguments, command: &str, talk: Talk) -> Result<(), Failur
     }
     drop(progress);
     talk.result(&json);
-    lines.iter().for_each(|line| talk.say(line));
+    if a.paths.len() > 1 {
+        lines.insert(0, summary(&json, &surveys));
+    }
+    for (i, line) in lines.iter().enumerate() {
+        match i {
+            0 => talk.headline(line),
+            _ => talk.say(line),
+        }
+    }
     talk.say(&format!("Written to {}", a.output.display()));
     Ok(())
 }
@@ -181,7 +189,8 @@ fn one(
     lines: &mut Vec<String>,
 ) -> Result<ImportRecording, Failure> {
     let id = recording.manifest.id.clone();
-    let first = lines.len();
+    let findings = check(recording);
+    lines.extend(findings.iter().map(|f| format!("  {}", finding_line(f))));
     lines.extend(
         recording
             .notes
@@ -189,8 +198,6 @@ fn one(
             .filter(|n| n.level == Level::Warning)
             .map(|n| format!("  ! {}", n.text)),
     );
-    let findings = check(recording);
-    lines.extend(findings.iter().map(|f| format!("  {}", finding_line(f))));
     let wrong = findings.iter().any(|f| f.grade == Grade::Wrong);
     let described = |dataset: Option<&Dataset>| ImportRecording {
         findings: FindingJson::of(&findings),
@@ -198,7 +205,7 @@ fn one(
     };
     if recording.manifest.kind != Kind::Robot {
         let json = described(None);
-        lines.splice(first..first, terminal::columns(&columns(&json)));
+        lines.extend(terminal::columns(&columns(&json)));
         return Ok(json);
     }
     progress.step(format!("smoothing and aligning {id}"));
@@ -219,7 +226,7 @@ fn one(
     {
         (dataset, error_s, fitted) = free_offset(recording, dataset, rig, progress, lines)?;
     }
-    lines.splice(first..first, terminal::columns(&pictures(&dataset)));
+    lines.extend(terminal::columns(&pictures(&dataset)));
     let noise = dataset
         .noise_m()
         .map(|s| format!("{:.3}", s * 1e3))
@@ -321,13 +328,44 @@ fn headline(json: &ImportRecording) -> String {
         (_, _, Some(t)) => format!("{} rows", t.rows),
         _ => String::new(),
     };
-    let warnings = json.notes.iter().filter(|n| n.level == "warning").count();
-    let doubts = match json.findings.len() + warnings {
-        0 => "nothing looks wrong".to_owned(),
-        1 => "one thing to look at".to_owned(),
-        n => format!("{n} things to look at"),
+    format!(
+        "{}: {}, {length}; {}",
+        json.id,
+        json.kind,
+        survey::looks(things(json))
+    )
+}
+
+/// How many things in a recording look wrong.
+fn things(json: &ImportRecording) -> usize {
+    json.findings.len() + json.notes.iter().filter(|n| n.level == "warning").count()
+}
+
+/// Which of several recordings and files have to be looked at, in one line.
+fn summary(json: &ImportJson, surveys: &[(&PathBuf, Survey)]) -> String {
+    let recordings = json.recordings.iter().map(|r| (r.id.clone(), things(r)));
+    let files = surveys
+        .iter()
+        .map(|(path, s)| (path.display().to_string(), survey::things(s)));
+    let all: Vec<(String, usize)> = recordings.chain(files).collect();
+    let odd: Vec<String> = all
+        .iter()
+        .filter(|(_, things)| *things > 0)
+        .map(|(name, things)| format!("{name} ({things})"))
+        .collect();
+    let what = match (json.recordings.len(), surveys.len()) {
+        (n, 0) => survey::count(n, "recording"),
+        (0, n) => survey::count(n, "file"),
+        (n, m) => format!(
+            "{} and {}",
+            survey::count(n, "recording"),
+            survey::count(m, "file")
+        ),
     };
-    format!("{}: {}, {length}; {doubts}", json.id, json.kind)
+    match odd.len() {
+        0 => format!("{what}: nothing looks wrong"),
+        _ => format!("{what}: look at {}", odd.join(", ")),
+    }
 }
 
 /// Motion and voltages of a robot on one clock, one row each: name, range, curve.

@@ -119,11 +119,15 @@ impl Talk {
 
     /// The answer of a job: what stands out where somebody looks.
     fn answer(self, sentence: &str) {
-        let text = number::words(sentence);
+        self.headline(&number::words(sentence));
+    }
+
+    /// An answer that begins with a name or a path, which stays as it is.
+    fn headline(self, text: &str) {
         if self.json || self.quiet || !coloured() {
-            return self.say(&text);
+            return self.say(text);
         }
-        let text = plain(&text).replace(['\u{202f}', '\u{2009}'], " ");
+        let text = plain(text).replace(['\u{202f}', '\u{2009}'], " ");
         print(&format!("\u{1b}[1m{}\u{1b}[0m", fitted(&text, width())));
     }
 

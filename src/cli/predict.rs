@@ -1,6 +1,6 @@
 //! `predict voltage|force|motion`.
 
-use std::io::Write;
+use std::io::{IsTerminal as _, Write};
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 use super::progress::Progress;
 use super::{Failure, Talk, Unsaid, load};
 use crate::jobs::predict::{Prediction, What, predict};
+use crate::report::html::number;
 use crate::report::json::PredictionJson;
 use crate::report::terminal;
 
@@ -43,8 +44,8 @@ pub(super) struct Arguments {
     /// plan.toml of an earlier run, to make the same choices again
     #[arg(long)]
     plan: Option<PathBuf>,
-    /// File to write (default: standard output). Voltages as .mcap, .mat (MATLAB) or .npz (NumPy) come with
-    /// the aligned recording and the residual
+    /// File to write; left out, the table goes to standard output, and with --json it is in the result.
+    /// Voltages as .mcap, .mat (MATLAB) or .npz (NumPy) come with the aligned recording and the residual
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// The aligned recording and the residual in the CSV too, every digit
@@ -89,25 +90,50 @@ pub(super) fn run(asked: &Predict, command: &str, talk: Talk) -> Result<(), Fail
         }
     }
     let json = PredictionJson::new(&found.id, a.output.as_deref(), &found.flags);
+    let json = match a.output {
+        Some(_) => json,
+        None => json.with_columns(&found.columns()),
+    };
     talk.result(&json.with_remarks(&found.remarks));
-    if a.output.is_some() {
-        if !found.says.is_empty() {
-            talk.answer(&found.says);
+    match &a.output {
+        Some(path) => {
+            if !found.says.is_empty() {
+                talk.answer(&found.says);
+            }
+            say_courses(&found, talk);
+            talk.say(&format!("Written to {}", path.display()));
         }
-        say_courses(&found, talk);
+        None if std::io::stdout().is_terminal() => {
+            let mut says = vec![number::words(&found.says)];
+            says.retain(|s| !s.is_empty());
+            says.push("-o FILE writes this table to a file".into());
+            remark(a, talk, &says);
+        }
+        None => {}
     }
     remark(a, talk, &found.remarks);
     Ok(())
 }
 
+/// Share of the largest value below which one is rounding.
+const ROUNDING: f64 = 1e-9;
+
 /// What was predicted, one line a channel: its range and its course.
 fn say_courses(found: &Prediction, talk: Talk) {
+    let sizes = found.courses.iter().flat_map(|(_, values)| values);
+    let largest = sizes.fold(0.0_f64, |m, v| m.max(v.abs()));
     let row = |(name, values): &(String, Vec<f64>)| {
+        // what only rounding makes is nothing
+        let nothing = |v: &f64| v.abs() < ROUNDING * largest;
+        let values: Vec<f64> = values
+            .iter()
+            .map(|v| if nothing(v) { 0.0 } else { *v })
+            .collect();
         let range = terminal::range(values.iter().copied(), found.unit);
         [
             name.clone(),
             range,
-            terminal::curve(values, terminal::WIDTH),
+            terminal::curve(&values, terminal::WIDTH),
         ]
     };
     let rows: Vec<[String; 3]> = found.courses.iter().map(row).collect();

@@ -7,7 +7,7 @@ use crate::jobs::simulate::{
     Course, DriveText, PayloadText, Simulated, Simulation, Stated, at_least_zero as not_below_zero,
     effect, number, positive as above_zero, simulate,
 };
-use crate::recording::is_id;
+use crate::recording::{DAY, is_id};
 use crate::report::json::SimulationJson;
 use crate::report::output::OutputSet;
 use crate::report::parameter_file::Effect;
@@ -108,7 +108,12 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     batch: Option<String>,
     /// Day of the recording, as `deacal ageing` orders them
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        allow_negative_numbers = true,
+        value_parser = clap::value_parser!(i64).range(DAY[0] as i64..=DAY[1] as i64)
+    )]
     day: Option<i64>,
     /// Folder of the recording
     #[arg(short, long, default_value = "out/simulate")]
@@ -207,7 +212,7 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
 /// Says what was simulated and written.
 fn say(made: &Simulated, result: &SimulationJson, talk: Talk) {
     talk.result(result);
-    talk.say(&format!(
+    talk.headline(&format!(
         "{}: {} frames, {:.2} s; stroke {:.2} mm, at most {:.0} V",
         result.id, result.n_frames, result.duration_s, result.stroke_mm, result.largest_voltage_v
     ));

@@ -1732,12 +1732,13 @@ pub struct ImportJson {
     pub provenance: Provenance,
 }
 
-/// What a prediction gave, for `--json` of the predicting commands: the values themselves are in the CSV.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+/// What a prediction gave, for `--json` of the predicting commands: the values themselves are in the file, or
+/// in `columns` where none was named.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PredictionJson {
     /// Recording.
     pub id: String,
-    /// The CSV; null where it went to standard output.
+    /// The file; null where none was named.
     pub file: Option<String>,
     /// Rows, one a capture sample.
     pub rows: usize,
@@ -1748,6 +1749,10 @@ pub struct PredictionJson {
     /// What a reader should know: causes that were not applied, learnt terms outside their ranges.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
+    /// The columns of the table by name, null where nothing could be predicted; nothing where they are in a
+    /// file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub columns: Option<Named<Vec<Option<f64>>>>,
 }
 
 impl PredictionJson {
@@ -1767,7 +1772,19 @@ impl PredictionJson {
             predicted: flags.iter().filter(|f| f.is_none()).count(),
             flagged,
             remarks: Vec::new(),
+            columns: None,
         }
+    }
+
+    /// The same with the table itself.
+    #[must_use]
+    pub fn with_columns(mut self, columns: &[super::csv::Column<'_>]) -> Self {
+        let values = |c: &super::csv::Column<'_>| {
+            let value = |row| Some(c.value(row)).filter(|v| v.is_finite());
+            (c.name().to_owned(), (0..self.rows).map(value).collect())
+        };
+        self.columns = Some(Named(columns.iter().map(values).collect()));
+        self
     }
 
     /// The same with what a reader should know.

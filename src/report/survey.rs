@@ -3,26 +3,39 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use crate::recording::{ColumnRef, DoubtKind, Level, MarkerSurvey, SectionSurvey, Survey};
+use crate::recording::{ColumnRef, DoubtKind, Level, MarkerSurvey, Note, SectionSurvey, Survey};
 use crate::units::{Dimension, TimeScale, Unit};
 
 /// Lines shown of what there may be many of; `import.json` has all.
 const SHOWN: usize = 30;
 
-/// What is in a file, line by line, for a terminal.
+/// How much looks wrong, in words.
 #[must_use]
-pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
-    let warnings = survey.notes.iter().filter(|n| n.level == Level::Warning);
-    let looks = match survey.doubts.len() + warnings.count() {
+pub fn looks(things: usize) -> String {
+    match things {
         0 => "nothing looks wrong".to_owned(),
         1 => "one thing to look at".to_owned(),
         n => format!("{n} things to look at"),
-    };
-    let mut out = vec![format!("{}: {}; {looks}", path.display(), survey.format)];
-    for s in &survey.sections {
-        section(s, &mut out);
     }
-    for note in survey.notes.iter().filter(|n| n.level == Level::Warning) {
+}
+
+/// What looks wrong in a file.
+fn warnings(survey: &Survey) -> impl Iterator<Item = &Note> {
+    survey.notes.iter().filter(|n| n.level == Level::Warning)
+}
+
+/// How many things in a file look wrong.
+#[must_use]
+pub fn things(survey: &Survey) -> usize {
+    survey.doubts.len() + warnings(survey).count()
+}
+
+/// What is in a file, line by line, for a terminal: first what looks wrong.
+#[must_use]
+pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
+    let looks = looks(things(survey));
+    let mut out = vec![format!("{}: {}; {looks}", path.display(), survey.format)];
+    for note in warnings(survey) {
         let line = note.line.map_or(String::new(), |l| format!("line {l}: "));
         out.push(format!("  ! {line}{}", note.text));
     }
@@ -56,6 +69,9 @@ pub fn lines(path: &Path, survey: &Survey) -> Vec<String> {
                 if more > 12 { ", ..." } else { "" }
             ));
         }
+    }
+    for s in &survey.sections {
+        section(s, &mut out);
     }
     out
 }

@@ -1,6 +1,7 @@
 //! Numbers of a parameter file that cannot be: MPa for Pa, a film that locks at once. (The file itself
 //! refuses what is below zero.)
 
+use super::stated::PERMITTIVITY;
 use super::view::short;
 use super::{Finding, Grade};
 use crate::model::Parameters;
@@ -14,9 +15,9 @@ const LOCKING: f64 = 0.1;
 /// Largest torque of a forearm's hinges, N m: five orders above those of the robots that this is for.
 const TORQUE_N_M: f64 = 100.0;
 
-/// What cannot be about the numbers of film and forearm; `name` is the file's.
+/// What cannot be about the numbers of film and forearm, and the film's permittivity; `name` is the file's.
 #[must_use]
-pub fn check_parameters(name: &str, parameters: &Parameters) -> Vec<Finding> {
+pub fn check_parameters(name: &str, parameters: &Parameters, eps_r: Option<f64>) -> Vec<Finding> {
     let film = &parameters.film;
     let mut out = Vec::new();
     let mut add = |says: String, remedy: &str| {
@@ -33,11 +34,24 @@ pub fn check_parameters(name: &str, parameters: &Parameters) -> Vec<Finding> {
     if !(MODULUS_PA[0]..=MODULUS_PA[1]).contains(&sum) {
         add(
             format!(
-                "{name}: the moduli mu_Pa add up to {} Pa, which no elastomer film has (1 kPa to 100 MPa){}",
-                short(sum),
-                if sum < 1e3 { ": MPa?" } else { "" }
+                "{name}: the moduli mu_Pa add up to {} Pa, which no elastomer film has (1 kPa to 100 MPa)",
+                short(sum)
             ),
-            "state them in Pa",
+            if sum < 1e3 {
+                "state them in Pa and not in MPa"
+            } else {
+                "state them in Pa"
+            },
+        );
+    }
+    if let Some(eps_r) = eps_r.filter(|e| !(PERMITTIVITY[0]..=PERMITTIVITY[1]).contains(e)) {
+        let [low, high] = PERMITTIVITY;
+        add(
+            format!(
+                "{name}: eps_r = {} is no permittivity of a film relative to vacuum, {low} to {high}",
+                short(eps_r)
+            ),
+            "state the relative permittivity, about 3 for silicone and 5 for acrylic",
         );
     }
     if film.locking < LOCKING {
@@ -65,7 +79,7 @@ pub fn check_parameters(name: &str, parameters: &Parameters) -> Vec<Finding> {
     for (i, t) in film.relaxation_time_s.iter().enumerate() {
         if *t <= 0.0 || *t > 1e9 {
             add(
-                format!("{name}: relaxation time {} of T_s is {t}", i + 1),
+                format!("{name}: relaxation time {} of T_s is {}", i + 1, short(*t)),
                 "state them in s, above zero",
             );
         }

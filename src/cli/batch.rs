@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 use super::progress::Progress;
 use super::resume::Run;
 use super::shard::{CAMPAIGN, Campaign, Part, Shard};
-use super::{Cli, Command, Failure, Talk, diagnose, fit, folders, merge, stop};
-use crate::recording::{Kind, Manifest, sha256, sha256_of};
+use super::{Cli, Command, Failure, Talk, diagnose, fit, folders, load, merge, stop};
+use crate::recording::keys::{BATCH, Document};
+use crate::recording::{DAY, Manifest, sha256, sha256_of};
 use crate::report::batch::{BatchJson, SetDiagnosis, SetJson};
 use crate::report::json::to_text;
 use crate::report::library::is_of_library;
@@ -70,8 +71,19 @@ struct SetFile {
     rig: Option<PathBuf>,
     #[serde(default)]
     batch: Option<String>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "day")]
     day: Option<f64>,
+}
+
+/// A day, as a manifest may have it.
+fn day<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let day = f64::deserialize(from)?;
+    let [first, last] = DAY;
+    if (first..=last).contains(&day) {
+        return Ok(Some(day));
+    }
+    let says = format!("found day = {day}, expected a number from {first} to {last}");
+    Err(serde::de::Error::custom(says))
 }
 
 /// Whether to diagnose, or with which options.
@@ -406,8 +418,9 @@ fn sets(a: &Arguments) -> Result<Vec<Set>, Failure> {
     let (dir, plan) = match a.plan.is_dir() {
         true => (Path::new(""), of_folder(a)?),
         false => {
-            let text = std::fs::read_to_string(&a.plan)
-                .map_err(|e| format!("{}: {e}: name a PLAN.toml or a folder", a.plan.display()))?;
+            let document = Document::read(&a.plan, &BATCH)?;
+            document.parse()?;
+            let text = document.text;
             let plan = toml::from_str(&text).map_err(|e| not_a_plan(&a.plan, &text, &e))?;
             (a.plan.parent().unwrap_or(Path::new("")), plan)
         }
@@ -510,13 +523,7 @@ fn set(s: &SetFile, plan: &PlanFile, dir: &Path, diagnose: bool) -> Result<Set, 
         first.get_or_insert(manifest);
     }
     let first = first.ok_or_else(|| bad("has no recordings"))?;
-    let job = match first.kind {
-        Kind::Robot => "robot",
-        Kind::FilmSample => "sample",
-        Kind::FilmCoupon => "coupon",
-        Kind::HingeBench => "hinge",
-        Kind::Axis => "axis",
-    };
+    let job = load::fit_of(first.kind);
     let words = |text: &str| {
         text.split_whitespace()
             .map(str::to_owned)

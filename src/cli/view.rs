@@ -131,7 +131,10 @@ pub(super) fn run(a: &Arguments, talk: Talk) -> Result<(), Failure> {
 
 /// The folder as it is on the disk, and the pages in it: what it leads to by name.
 fn pages_of(dir: &Path) -> Result<(Option<PathBuf>, Vec<Link>), Failure> {
-    let root = (dir.canonicalize()).map_err(|e| format!("{}: {e}", dir.display()))?;
+    let root = (dir.canonicalize()).map_err(|e| {
+        let at = dir.display();
+        format!("{at}: {e}: name a recording, or a folder of results")
+    })?;
     let mut found = Vec::new();
     walk(&root, DEEP, &mut found);
     found.sort_by_key(|p| (p.components().count(), p.clone()));

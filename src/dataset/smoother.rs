@@ -505,7 +505,7 @@ pub fn smooth_axis(
     let count = observed.iter().filter(|o| **o).count();
     if count < 16 {
         return Err(format!(
-            "{count} samples are too few to smooth a motion: 16 are needed"
+            "its motion has {count} captured frame(s), too few to smooth: 16 are needed, record longer"
         ));
     }
     let orders: Vec<usize> = order.map_or(ORDERS.to_vec(), |m| vec![m]);

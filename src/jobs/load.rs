@@ -58,6 +58,17 @@ pub fn opened(
     Ok(all)
 }
 
+/// Which `deacal fit` is that of a kind of recording.
+pub(crate) fn fit_of(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Robot => "robot",
+        Kind::FilmSample => "sample",
+        Kind::FilmCoupon => "coupon",
+        Kind::HingeBench => "hinge",
+        Kind::Axis => "axis",
+    }
+}
+
 /// Refuses recordings that are not of one kind among `kinds`, or of which two have one id.
 ///
 /// # Errors
@@ -70,8 +81,9 @@ pub fn of_one_kind(all: &[Recording], kinds: &[Kind]) -> Result<(), Failure> {
             let (found, wanted) = (kind.name(), names.join("\" or \""));
             let path = r.path.display();
             return Err(format!(
-                "{path}: recording `{}` is of kind \"{found}\", this command works on \"{wanted}\"",
-                r.manifest.id
+                "{path}: recording `{}` is of kind \"{found}\", this command works on \"{wanted}\": `deacal fit {}` fits it",
+                r.manifest.id,
+                fit_of(kind)
             )
             .into());
         }
@@ -347,8 +359,10 @@ pub fn parameters_of_text(path: &Path, text: &str) -> Result<ParameterFile, Fail
 }
 
 fn sound(path: &Path, file: ParameterFile) -> Result<ParameterFile, Failure> {
+    file.known_causes()?;
     if let Ok(parameters) = file.parameters()
-        && let Some(wrong) = check_parameters(&path.display().to_string(), &parameters).first()
+        && let Some(wrong) =
+            check_parameters(&path.display().to_string(), &parameters, file.eps_r()).first()
     {
         return Err(wrong.line().into());
     }
@@ -451,9 +465,9 @@ fn log(
 }
 
 /// Endings by which other programs open a file.
-const ENDINGS: [&str; 19] = [
+const ENDINGS: [&str; 20] = [
     "csv", "json", "m", "py", "c", "h", "mat", "npz", "npy", "mcap", "xlsx", "xls", "ods", "html",
-    "pdf", "h5", "parquet", "c3d", "tdms",
+    "pdf", "h5", "parquet", "c3d", "tdms", "toml",
 ];
 
 /// Refuses a file to be written whose ending says that it is of another kind than those that `what` is

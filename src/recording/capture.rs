@@ -672,22 +672,24 @@ pub fn importer_for(path: &Path, format: Option<&str>) -> Result<&'static dyn Im
                 .action(suggestion(format, &names))
             });
     }
-    importers()
-        .iter()
-        .copied()
-        .find(|i| i.recognises(&head, path))
-        .ok_or_else(|| {
-            let hint = HINTS.iter().find(|(mark, _)| head.starts_with(mark));
-            Error::new(ErrorKind::UnknownFormat, path, "the format is not known").action(
-                hint.map_or_else(
-                    || format!("formats that are read: {}", names.join(", ")),
-                    |(_, hint)| (*hint).to_owned(),
-                ),
-            )
-        })
+    recognised(&head, path).ok_or_else(|| {
+        let hint = HINTS.iter().find(|(mark, _)| head.starts_with(mark));
+        Error::new(ErrorKind::UnknownFormat, path, "the format is not known").action(
+            hint.map_or_else(
+                || format!("formats that are read: {}", names.join(", ")),
+                |(_, hint)| (*hint).to_owned(),
+            ),
+        )
+    })
 }
 
-const HEAD_BYTES: usize = 64 * 1024;
+/// The importer that recognises a file by how it begins.
+pub(super) fn recognised(head: &[u8], path: &Path) -> Option<&'static dyn Importer> {
+    let mut all = importers().iter().copied();
+    all.find(|i| i.recognises(head, path))
+}
+
+pub(super) const HEAD_BYTES: usize = 64 * 1024;
 
 /// The beginning of a file, without a byte-order mark, UTF-16 made UTF-8.
 fn head(path: &Path) -> Result<Vec<u8>, Error> {

@@ -24,6 +24,8 @@ enum Is {
     Number,
     Above0,
     NotBelow0,
+    /// A number from one to another.
+    Between([f64; 2]),
     /// A whole number from 1 on.
     Count,
     /// Number, not below so much, that may carry its tolerance.
@@ -108,6 +110,13 @@ const SCALE: Key = may(
     "volts at the film per volt of the file: 1000 for a monitor of 1 V per kV",
 );
 
+/// Days since electrodes were made that there can be: a century.
+pub const DAY: [f64; 2] = [0.0, 36525.0];
+/// Temperature of a room or a chamber, degrees Celsius; one in kelvin lies above.
+pub(super) const ROOM_C: [f64; 2] = [-100.0, 200.0];
+/// Relative humidity, per cent.
+pub(super) const HUMIDITY_PERCENT: [f64; 2] = [0.0, 100.0];
+
 #[rustfmt::skip]
 pub(super) const RECORDING: [Key; 12] = [
     need("id", Is::Text, "its name; output files are named after it, and its last number orders a series"),
@@ -119,11 +128,11 @@ pub(super) const RECORDING: [Key; 12] = [
         "of the film at the first sample: relaxed at rest, or stretched just now"),
     may("batch", Is::Text, "film batch; ageing and `batch` compare by it"),
     may("electrode", Is::Text, "kind of electrode; ageing compares by it"),
-    may("day", Is::Number, "days since the electrodes were made"),
+    may("day", Is::Between(DAY), "days since the electrodes were made"),
     may("series", Is::Text, "recordings with the same word were taken one after the other"),
     may("start", Is::Moment, "when it began; orders a series"),
-    may("temperature_C", Is::Number, "of the room"),
-    may("humidity_percent", Is::Number, "of the room, 0 to 100"),
+    may("temperature_C", Is::Between(ROOM_C), "of the room"),
+    may("humidity_percent", Is::Between(HUMIDITY_PERCENT), "of the room"),
 ];
 
 #[rustfmt::skip]
@@ -487,6 +496,9 @@ impl Is {
             Is::Number => number,
             Is::Above0 => json!({ "type": "number", "exclusiveMinimum": 0 }),
             Is::NotBelow0 => json!({ "type": "number", "minimum": 0 }),
+            Is::Between([low, high]) => {
+                json!({ "type": "number", "minimum": low, "maximum": high })
+            }
             Is::Count => json!({ "type": "integer", "minimum": 1 }),
             Is::Toleranced(least) => {
                 let mut value = number;
@@ -524,6 +536,7 @@ impl Is {
             Is::Number => "number".to_owned(),
             Is::Above0 => "number above 0".to_owned(),
             Is::NotBelow0 => "number from 0 on".to_owned(),
+            Is::Between([low, high]) => format!("number from {low} to {high}"),
             Is::Count => "whole number from 1 on".to_owned(),
             Is::Toleranced(_) => "number, or `{ value, tolerance }`".to_owned(),
             Is::OrEstimate => "number, or `\"estimate\"`".to_owned(),

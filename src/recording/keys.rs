@@ -1,32 +1,75 @@
 //! Typed access to the keys of a `.toml` file: every error names the file, the line, the key, and the nearest
 //! known one.
 
-use std::io::Read;
+use std::io::{self, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::capture::ColumnRef;
+use super::capture::{ColumnRef, HEAD_BYTES, is_foreign, recognised};
 use super::error::{Error, ErrorKind, nearest, quote};
 
 /// No manifest is larger than this, bytes.
 const MAX_TOML_BYTES: u64 = 1 << 20;
 
-/// A `.toml` file: its path and its text.
+/// A `recording.toml`.
+pub(crate) const RECORDING: Wanted = Wanted {
+    what: "a recording.toml",
+    name: "name the folder of a recording, or its recording.toml",
+};
+/// A rig file.
+pub(crate) const RIG: Wanted = Wanted {
+    what: "a rig file",
+    name: "name the rig.toml, which begins with [rig]",
+};
+/// A parameter file.
+pub(crate) const PARAMETERS: Wanted = Wanted {
+    what: "a parameter file",
+    name: "name the parameters.toml that `deacal fit` or `deacal diagnose` left",
+};
+/// A `plan.toml`.
+pub(crate) const PLAN: Wanted = Wanted {
+    what: "a plan.toml",
+    name: "name the plan.toml that an earlier run left",
+};
+
+/// The plan of a batch.
+pub(crate) const BATCH: Wanted = Wanted {
+    what: "the plan of a batch",
+    name: "name a plan with a [[set]] for each recording set, or a folder of them",
+};
+
+/// What a `.toml` file is asked to be.
+pub(crate) struct Wanted {
+    /// `a rig file`.
+    pub what: &'static str,
+    /// What to name instead of a file that is something else.
+    pub name: &'static str,
+}
+
+/// A `.toml` file: its path, its text, and what it is asked to be.
 pub(crate) struct Document {
     pub path: PathBuf,
     pub text: String,
+    wanted: &'static Wanted,
 }
 
 impl Document {
     /// Reads a file of at most a mebibyte.
-    pub fn read(path: &Path) -> Result<Self, Error> {
+    pub fn read(path: &Path, wanted: &'static Wanted) -> Result<Self, Error> {
         let mut bytes = Vec::new();
         super::opened::open(path)
             .and_then(|f| f.take(MAX_TOML_BYTES + 1).read_to_end(&mut bytes))
-            .map_err(|e| Error::io(path, e))?;
+            .map_err(|e| match e.kind() {
+                io::ErrorKind::IsADirectory => other(path, "is a folder".into(), wanted),
+                _ => Error::io(path, e),
+            })?;
+        let odd = bytes.len() as u64 > MAX_TOML_BYTES || str::from_utf8(&bytes).is_err();
+        if odd && let Some(what) = no_toml(&bytes, path) {
+            return Err(other(path, what, wanted));
+        }
         if bytes.len() as u64 > MAX_TOML_BYTES {
             return Err(
                 Error::new(ErrorKind::Toml, path, "the file is larger than a mebibyte")
@@ -41,10 +84,10 @@ impl Document {
                 .at_line(line)
                 .action("save the file as UTF-8")
         })?;
-        Ok(Document::new(path, text))
+        Ok(Document::new(path, text, wanted))
     }
 
-    pub fn new(path: &Path, text: String) -> Self {
+    pub fn new(path: &Path, text: String, wanted: &'static Wanted) -> Self {
         let text = match text.strip_prefix('\u{feff}') {
             Some(rest) => rest.to_owned(),
             None => text,
@@ -52,24 +95,84 @@ impl Document {
         Document {
             path: path.to_owned(),
             text,
+            wanted,
         }
     }
 
     /// The tables of the file.
     pub fn parse(&self) -> Result<Spanned<DeTable<'_>>, Error> {
-        DeTable::parse(&self.text).map_err(|e| {
+        if self.text.trim().is_empty() {
+            return Err(other(&self.path, "the file is empty".into(), self.wanted));
+        }
+        let root = DeTable::parse(&self.text).map_err(|e| {
+            if let Some(what) = no_toml(self.text.as_bytes(), &self.path) {
+                return other(&self.path, what, self.wanted);
+            }
             let line = e.span().map_or(1, |s| self.line(s));
             let message = e.message().trim().replace('\n', ", ");
             Error::new(ErrorKind::Toml, &self.path, message)
                 .at_line(line)
                 .action("correct the TOML")
-        })
+        })?;
+        match kind(root.get_ref()) {
+            Some((what, span)) if what != self.wanted.what => {
+                let found = format!("this is {what}");
+                Err(other(&self.path, found, self.wanted).at_line(self.line(span)))
+            }
+            _ => Ok(root),
+        }
     }
 
     fn line(&self, span: Range<usize>) -> u64 {
         let before = self.text.get(..span.start).unwrap_or(&self.text);
         1 + before.bytes().filter(|b| *b == b'\n').count() as u64
     }
+}
+
+/// The error for a file that is something else.
+fn other(path: &Path, found: String, wanted: &Wanted) -> Error {
+    Error::new(ErrorKind::Toml, path, found)
+        .expected(wanted.what)
+        .action(wanted.name)
+}
+
+/// What a file is that is no TOML, as it begins; nothing where it may be TOML with a mistake.
+fn no_toml(bytes: &[u8], path: &Path) -> Option<String> {
+    let head = &bytes[..bytes.len().min(HEAD_BYTES)];
+    let begins = head.trim_ascii_start();
+    if begins.starts_with(b"{") {
+        return Some("this is JSON".to_owned());
+    }
+    let first = begins.split(|b| *b == b'\n').next().unwrap_or_default();
+    if first.starts_with(b"[") || first.starts_with(b"#") || first.contains(&b'=') {
+        return None;
+    }
+    match recognised(head, path) {
+        Some(importer) => Some(format!("these are data ({})", importer.name())),
+        None if is_foreign(head) => Some("these are data".to_owned()),
+        None => None,
+    }
+}
+
+/// Which of the program's files this is, and where that is seen.
+fn kind(root: &DeTable<'_>) -> Option<(&'static str, Range<usize>)> {
+    let of = |name: &str| root.iter().find(|(key, _)| key.get_ref() == name);
+    let table = |name: &str| of(name).filter(|(_, v)| v.get_ref().is_table());
+    let film = table("film").filter(|(_, v)| {
+        let keys = v.get_ref().as_table();
+        keys.is_some_and(|t| t.keys().any(|key| key.get_ref() == "mu_Pa"))
+    });
+    let list = |name: &str| of(name).filter(|(_, v)| v.get_ref().is_array());
+    let found = [
+        (table("recording"), RECORDING.what),
+        (table("rig"), RIG.what),
+        (table("provenance").or(film), PARAMETERS.what),
+        (list("recording"), PLAN.what),
+        (list("set"), BATCH.what),
+    ];
+    found
+        .into_iter()
+        .find_map(|(found, what)| Some((what, found?.0.span())))
 }
 
 /// A value that a key can have.
@@ -306,7 +409,10 @@ impl<'a> Keys<'a> {
                 .map(|v| Some((self.document.line(v.span()), v.get_ref().as_table()?)))
                 .collect()
         });
-        tables.ok_or_else(|| self.wrong_type(key, line, value, "a list of tables"))
+        tables.ok_or_else(|| {
+            self.wrong_type(key, line, value, "a list of tables")
+                .action(format!("begin each with [[{key}]], in two brackets"))
+        })
     }
 
     fn inner(
@@ -420,6 +526,22 @@ impl<'a> Keys<'a> {
     pub fn need_positive(&self, key: &'static str) -> Result<f64, Error> {
         self.positive(key)?
             .ok_or_else(|| self.missing(key, &format!("add `{key} = ...` (a number above 0)")))
+    }
+
+    /// A number from one to another.
+    pub fn between(
+        &self,
+        key: &'static str,
+        [low, high]: [f64; 2],
+        action: &str,
+    ) -> Result<Option<f64>, Error> {
+        match self.get::<f64>(key)? {
+            Some(value) if !(low..=high).contains(&value) => Err(self
+                .bad(key, format!("found {value}"))
+                .expected(format!("a number from {low} to {high}"))
+                .action(action)),
+            other => Ok(other),
+        }
     }
 
     /// A number not below zero that has to be there.

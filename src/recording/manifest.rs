@@ -7,9 +7,9 @@ use toml::de::DeValue;
 use toml::value::Datetime;
 
 use super::capture::{ColumnRef, importers};
-use super::described::{self, names};
+use super::described::{self, DAY, HUMIDITY_PERCENT, ROOM_C, names};
 use super::error::{Error, ErrorKind, quote, suggestion};
-use super::keys::{Document, Keys, Value, numbers};
+use super::keys::{Document, Keys, RECORDING, Value, numbers};
 use crate::units::{Dimension, Unit};
 
 /// What was recorded.
@@ -475,7 +475,7 @@ impl Manifest {
     /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type, cannot
     /// be, or does not go with the kind.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::from_document(&Document::read(path)?)
+        Self::from_document(&Document::read(path, &RECORDING)?)
     }
 
     /// Reads the text of a `recording.toml`; `path` is for messages.
@@ -483,7 +483,7 @@ impl Manifest {
     /// # Errors
     /// As [`Manifest::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
-        Self::from_document(&Document::new(path, text.to_owned()))
+        Self::from_document(&Document::new(path, text.to_owned(), &RECORDING))
     }
 
     fn from_document(document: &Document) -> Result<Self, Error> {
@@ -539,7 +539,7 @@ impl Manifest {
                 "add `kind = \"robot\"` (or film-sample, film-coupon, hinge-bench, axis)",
             )
         })?;
-        let manifest = Manifest {
+        Ok(Manifest {
             id: id(t)?,
             kind,
             rig: t.get::<String>("rig")?.map(PathBuf::from),
@@ -555,11 +555,23 @@ impl Manifest {
             )?,
             batch: t.get("batch")?,
             electrode: t.get("electrode")?,
-            day: t.get("day")?,
+            day: t.between(
+                "day",
+                DAY,
+                "count the days since the electrodes were made: 0 or 1 is the first",
+            )?,
             series: t.get("series")?,
             start: t.get("start")?,
-            temperature_c: t.get("temperature_C")?,
-            humidity_percent: t.get("humidity_percent")?,
+            temperature_c: t.between(
+                "temperature_C",
+                ROOM_C,
+                "give that of the room in degrees Celsius",
+            )?,
+            humidity_percent: t.between(
+                "humidity_percent",
+                HUMIDITY_PERCENT,
+                "give the relative humidity of the room in per cent",
+            )?,
             offset_s: NumberOrEstimate::Number(0.0),
             events: Vec::new(),
             shared: None,
@@ -569,15 +581,7 @@ impl Manifest {
             coupon: None,
             bench: None,
             axis: None,
-        };
-        if let Some(h) = manifest.humidity_percent
-            && !(0.0..=100.0).contains(&h)
-        {
-            return Err(t
-                .bad("humidity_percent", format!("found {h}"))
-                .expected("0 to 100"));
-        }
-        Ok(manifest)
+        })
     }
 
     /// The tables of a robot or a hanging sample.

@@ -51,7 +51,7 @@ pub use capture::{
     Section, Sink, importer_for, importers, read_file, read_file_as,
 };
 pub use delimited::Delimited;
-pub use described::{recording_schema, reference, rig_schema};
+pub use described::{DAY, recording_schema, reference, rig_schema};
 pub use error::{Error, ErrorKind, nearest, suggestion};
 pub use lvm::Lvm;
 pub use manifest::{

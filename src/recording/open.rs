@@ -124,9 +124,28 @@ fn manifest_path(path: &Path) -> Result<PathBuf, Error> {
             path,
             "the folder has no recording.toml",
         )
-        .action("name a folder with a recording.toml, or the file itself"));
+        .action(match inside_of(path).as_slice() {
+            [] => "name a folder with a recording.toml, or the file itself".to_owned(),
+            names => format!("name the recordings in it: {}", names.join(", ")),
+        }));
     }
     Ok(inside)
+}
+
+/// The first recordings in a folder.
+fn inside_of(folder: &Path) -> Vec<String> {
+    const MOST: usize = 6;
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let manifests = entries
+        .map(|e| e.path())
+        .filter(|p| p.join("recording.toml").is_file());
+    let mut names: Vec<String> = manifests.map(|p| p.display().to_string()).collect();
+    names.sort();
+    if names.len() > MOST {
+        names.truncate(MOST);
+        names.push("...".to_owned());
+    }
+    names
 }
 
 impl Recording {

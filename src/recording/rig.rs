@@ -6,7 +6,7 @@ use toml::de::DeValue;
 
 use super::described::{self, names};
 use super::error::Error;
-use super::keys::{Document, Keys, Value as _};
+use super::keys::{Document, Keys, RIG, Value as _};
 
 /// A rig file.
 #[derive(Debug, Clone, PartialEq)]
@@ -146,7 +146,7 @@ impl Rig {
     /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type or cannot
     /// be.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::from_document(&Document::read(path)?)
+        Self::from_document(&Document::read(path, &RIG)?)
     }
 
     /// Reads the text of a rig file; `path` is for messages.
@@ -154,7 +154,7 @@ impl Rig {
     /// # Errors
     /// As [`Rig::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
-        Self::from_document(&Document::new(path, text.to_owned()))
+        Self::from_document(&Document::new(path, text.to_owned(), &RIG))
     }
 
     fn from_document(document: &Document) -> Result<Self, Error> {

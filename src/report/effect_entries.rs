@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::learnt_entry;
-use super::parameter_file::{Effect, FilmEntry, ParameterFile, SeriesEntry, Values};
+use super::parameter_file::{Effect, FilmEntry, Lines, ParameterFile, SeriesEntry, Values};
 use crate::calibration::{AxisCause, LineModel};
 use crate::diagnosis::{Candidate, Value};
 use crate::effects::{Acting, CATALOGUE, Quantity, Reach, by_id, learnt, line};
@@ -137,6 +137,7 @@ impl std::str::FromStr for Effect {
             id: id.trim().to_owned(),
             actuators,
             values,
+            lines: Lines::default(),
         })
     }
 }
@@ -201,6 +202,7 @@ impl Effect {
             id: candidate.acting.effect.id().into(),
             actuators: actuators(candidate.acting.on),
             values,
+            lines: Lines::default(),
         }
     }
 
@@ -222,6 +224,7 @@ impl Effect {
             id: cause.acting.effect.id().into(),
             actuators: actuators(cause.acting.on),
             values,
+            lines: Lines::default(),
         }
     }
 
@@ -267,7 +270,25 @@ impl ParameterFile {
             };
             learnt_entry::acting(e, &self.path, &name, along_coordinate)
         };
-        self.effects.iter().map(&mut one).collect()
+        let mut acting = |e: &Effect| one(e).map_err(|error| e.at_line(error));
+        self.effects.iter().map(&mut acting).collect()
+    }
+
+    /// Whether every cause of the file is one of a robot or of a single coordinate, or a user's own, whose id
+    /// begins with `x_`.
+    ///
+    /// # Errors
+    /// The first that is not, with its line and the nearest.
+    pub fn known_causes(&self) -> Result<(), Error> {
+        let mut known: Vec<&'static dyn crate::effects::Effect> = CATALOGUE.to_vec();
+        let both = |e: &&dyn crate::effects::Effect| by_id(e.id()).is_some();
+        known.extend(along_coordinate().filter(|e| !both(e)));
+        let own = |e: &&Effect| e.id != learnt::ID && !e.id.starts_with("x_");
+        let mut entries = self.effects.iter().filter(own);
+        entries.try_for_each(|e| {
+            let found = known_effect(e, &self.path, &known);
+            found.map(drop).map_err(|error| e.at_line(error))
+        })
     }
 
     /// The model of a single coordinate: constants, film, curve, and its causes in the units of the
@@ -277,9 +298,7 @@ impl ParameterFile {
     /// An id or a name that the catalogue of single coordinates does not have (the nearest is named), or a
     /// value that cannot be.
     pub fn line_model(&self) -> Result<LineModel, Error> {
-        let known: Vec<&'static dyn crate::effects::Effect> = line::every()
-            .map(|e| e as &'static dyn crate::effects::Effect)
-            .collect();
+        let known: Vec<_> = along_coordinate().collect();
         let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
         Ok(LineModel {
             values: self
@@ -297,6 +316,11 @@ impl ParameterFile {
             when: Vec::new(),
         })
     }
+}
+
+/// The causes of a single coordinate.
+fn along_coordinate() -> impl Iterator<Item = &'static dyn crate::effects::Effect> {
+    line::every().map(|e| e as &'static dyn crate::effects::Effect)
 }
 
 /// The cause of an entry among those that are known; `path` is for messages.
@@ -359,6 +383,11 @@ fn acting(
             acting.values[at] = in_range(number, &quantities[at], &wrong)?;
         }
     }
+    if entry.values.is_empty() {
+        let found = "found none of its values, and without it does nothing";
+        return Err(bad(path, format!("[[effect]] {}", entry.id), found)
+            .action(format!("state {}", names.join(", "))));
+    }
     Ok(acting)
 }
 
@@ -408,7 +437,7 @@ fn number(
                 as f64
         }
         other => {
-            return Err(wrong(format!("found {other}")).expected(format!("a number in {}", q.unit)));
+            return Err(wrong(format!("found {other}")).expected(a_number(q)));
         }
     })
 }
@@ -428,7 +457,15 @@ fn in_range(number: f64, q: &Quantity, wrong: &dyn Fn(String) -> Error) -> Resul
         "finite"
     };
     let to = if high { ", at most 1" } else { "" };
-    Err(wrong(format!("found {number}")).expected(format!("a number in {}, {from}{to}", q.unit)))
+    Err(wrong(format!("found {number}")).expected(format!("{}, {from}{to}", a_number(q))))
+}
+
+/// What a value has to be.
+fn a_number(q: &Quantity) -> String {
+    match q.unit {
+        "1" => "a number".to_owned(),
+        unit => format!("a number in {unit}"),
+    }
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ use nalgebra::{DMatrix, SymmetricEigen};
 use toml::Value;
 
 use super::effect_entries::actuators;
-use super::parameter_file::{Effect, Values};
+use super::parameter_file::{Effect, Lines, Values};
 use crate::effects::Acting;
 use crate::effects::learnt::{Form, ID, Learnt, Place, Variable};
 use crate::recording::{Error, ErrorKind, suggestion};
@@ -94,6 +94,7 @@ impl Effect {
             id: ID.into(),
             actuators: actuators(acting.on),
             values,
+            lines: Lines::default(),
         })
     }
 }

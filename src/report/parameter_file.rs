@@ -31,7 +31,7 @@ use crate::effects::{
 };
 use crate::film::Film;
 use crate::model::{Electrode, ForearmTorque, Parameters};
-use crate::recording::keys::{Document, Keys, Value, describe};
+use crate::recording::keys::{Document, Keys, PARAMETERS, Value, describe};
 use crate::recording::{Error, ErrorKind, Note};
 
 /// A value with its standard error and its 95 % interval, both NaN where there is none.
@@ -136,6 +136,19 @@ pub struct Effect {
     pub actuators: Vec<usize>,
     /// Its numbers (and words), in the units of the effect.
     pub values: Values,
+    /// Where it stands in the file.
+    pub lines: Lines,
+}
+
+/// The lines of a file on which keys stand; none where there is no file. What a block says is the same
+/// wherever it stands.
+#[derive(Debug, Clone, Default)]
+pub struct Lines(Vec<(String, u64)>);
+
+impl PartialEq for Lines {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 impl Effect {
@@ -148,6 +161,15 @@ impl Effect {
             toml::Value::Integer(v) => Some(v as f64),
             _ => None,
         }
+    }
+
+    /// An error about a key of the block, with the line of the key; with that of the block where it has none.
+    pub(super) fn at_line(&self, error: Error) -> Error {
+        let key = error.key().rsplit(' ').next().unwrap_or_default();
+        let Lines(lines) = &self.lines;
+        let line = lines.iter().find(|(name, _)| name == key).or(lines.first());
+        let line = line.map_or(0, |(_, line)| *line);
+        error.at_line(line)
     }
 }
 
@@ -382,60 +404,67 @@ impl ParameterFile {
     pub fn electrode(&self) -> Result<Electrode, Error> {
         let mut out = Electrode::IDEAL;
         for effect in &self.effects {
-            let need = |name: &str| {
-                effect.number(name).ok_or_else(|| {
-                    Error::new(
-                        ErrorKind::MissingKey,
-                        &self.path,
-                        format!("effect `{}` has no `{name}`", effect.id),
-                    )
-                    .at_key("[[effect]]")
-                    .action(format!("add `{name} = ...`"))
-                })
-            };
-            let is = |cause: &dyn effects::Effect| effect.id == cause.id();
-            if is(&ElectrodeFailure) && effect.number("time").is_some_and(|t| t > 0.0) {
-                return Err(Error::new(
-                    ErrorKind::BadValue,
-                    &self.path,
-                    "the electrode of a hanging sample fails before its first sample, not during a recording",
-                )
-                .at_key(format!("[[effect]] {} time", effect.id))
-                .action("state time = 0.0"));
-            }
-            let grows = effect.number("stretch_exponent").is_some_and(|n| n != 0.0);
-            if is(&SeriesResistance) && grows {
-                return Err(Error::new(
-                    ErrorKind::BadValue,
-                    &self.path,
-                    "the wire of a hanging sample has one resistance, at any stretch",
-                )
-                .at_key(format!("[[effect]] {} stretch_exponent", effect.id))
-                .action("take `stretch_exponent` out"));
-            }
-            if is(&ElectrodeStiffness) {
-                out.modulus_pa += need("modulus")?;
-            } else if is(&SeriesResistance) {
-                out.resistance_ohm += need("resistance")?;
-            } else if is(&ElectrodeFailure) {
-                out.active_fraction *= 1.0 - need("fraction")?;
-            } else {
-                let [a, b, c] = [
-                    ElectrodeStiffness.id(),
-                    SeriesResistance.id(),
-                    ElectrodeFailure.id(),
-                ];
-                return Err(Error::new(
-                    ErrorKind::BadValue,
-                    &self.path,
-                    format!("effect `{}` cannot act on a hanging sample", effect.id),
-                )
-                .at_key("[[effect]] id")
-                .expected(format!("{a}, {b} or {c}"))
-                .action("take the block out, or name a file of a sample"));
-            }
+            self.add_to(&mut out, effect)
+                .map_err(|e| effect.at_line(e))?;
         }
         Ok(out)
+    }
+
+    /// Adds what an effect does to an electrode.
+    fn add_to(&self, out: &mut Electrode, effect: &Effect) -> Result<(), Error> {
+        let need = |name: &str| {
+            effect.number(name).ok_or_else(|| {
+                Error::new(
+                    ErrorKind::MissingKey,
+                    &self.path,
+                    format!("effect `{}` has no `{name}`", effect.id),
+                )
+                .at_key("[[effect]]")
+                .action(format!("add `{name} = ...`"))
+            })
+        };
+        let is = |cause: &dyn effects::Effect| effect.id == cause.id();
+        if is(&ElectrodeFailure) && effect.number("time").is_some_and(|t| t > 0.0) {
+            return Err(Error::new(
+                ErrorKind::BadValue,
+                &self.path,
+                "the electrode of a hanging sample fails before its first sample, not during a recording",
+            )
+            .at_key(format!("[[effect]] {} time", effect.id))
+            .action("state time = 0.0"));
+        }
+        let grows = effect.number("stretch_exponent").is_some_and(|n| n != 0.0);
+        if is(&SeriesResistance) && grows {
+            return Err(Error::new(
+                ErrorKind::BadValue,
+                &self.path,
+                "the wire of a hanging sample has one resistance, at any stretch",
+            )
+            .at_key(format!("[[effect]] {} stretch_exponent", effect.id))
+            .action("take `stretch_exponent` out"));
+        }
+        if is(&ElectrodeStiffness) {
+            out.modulus_pa += need("modulus")?;
+        } else if is(&SeriesResistance) {
+            out.resistance_ohm += need("resistance")?;
+        } else if is(&ElectrodeFailure) {
+            out.active_fraction *= 1.0 - need("fraction")?;
+        } else {
+            let [a, b, c] = [
+                ElectrodeStiffness.id(),
+                SeriesResistance.id(),
+                ElectrodeFailure.id(),
+            ];
+            return Err(Error::new(
+                ErrorKind::BadValue,
+                &self.path,
+                format!("effect `{}` cannot act on a hanging sample", effect.id),
+            )
+            .at_key("[[effect]] id")
+            .expected(format!("{a}, {b} or {c}"))
+            .action("take the block out, or name a file of a sample"));
+        }
+        Ok(())
     }
 
     /// Film and forearm, as the model wants them. Without `[forearm]`: no torque, at the default nodes.
@@ -483,7 +512,7 @@ impl ParameterFile {
     /// The file cannot be read; a key is unknown (the nearest is named), missing or of the wrong type; a
     /// value that cannot be, with its line and what to do.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        read(&Document::read(path)?)
+        read(&Document::read(path, &PARAMETERS)?)
     }
 
     /// Reads the text of a parameter file; `path` is for messages.
@@ -491,7 +520,7 @@ impl ParameterFile {
     /// # Errors
     /// As [`ParameterFile::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
-        read(&Document::new(path, text.to_owned()))
+        read(&Document::new(path, text.to_owned(), &PARAMETERS))
     }
 
     /// The text of the file.
@@ -671,6 +700,7 @@ fn block(cause: &dyn effects::Effect, actuators: &[usize], values: &[(&str, f64)
         values: values
             .map(|(n, v)| ((*n).to_owned(), toml::Value::Float(*v)))
             .collect(),
+        lines: Lines::default(),
     }
 }
 
@@ -1159,10 +1189,12 @@ fn read_effect(t: &Keys<'_>) -> Result<Effect, Error> {
             out
         }
     };
+    let lines = t.entries().into_iter();
     Ok(Effect {
         id,
         actuators,
         values: read_values(t, EFFECT)?,
+        lines: Lines(lines.map(|(key, line, _)| (key.to_owned(), line)).collect()),
     })
 }
 

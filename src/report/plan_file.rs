@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::parameter_file::number;
 use crate::dataset::{Plan, SmoothingPlan, StretchPlan, SyncPlan};
 use crate::recording::Error;
-use crate::recording::keys::{Document, Keys};
+use crate::recording::keys::{Document, Keys, PLAN};
 
 /// The content of the file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -87,7 +87,7 @@ pub fn plan_to_toml(plans: &[Plan]) -> String {
 /// # Errors
 /// The file cannot be read; a key is unknown (the nearest is named), missing, of the wrong type or cannot be.
 pub fn read_plan(path: &Path) -> Result<Vec<Plan>, Error> {
-    read(&Document::read(path)?)
+    read(&Document::read(path, &PLAN)?)
 }
 
 /// Reads the text of a `plan.toml`; `path` is for messages.
@@ -95,7 +95,7 @@ pub fn read_plan(path: &Path) -> Result<Vec<Plan>, Error> {
 /// # Errors
 /// As [`read_plan`].
 pub fn parse_plan(path: &Path, text: &str) -> Result<Vec<Plan>, Error> {
-    read(&Document::new(path, text.to_owned()))
+    read(&Document::new(path, text.to_owned(), &PLAN))
 }
 
 fn read(document: &Document) -> Result<Vec<Plan>, Error> {

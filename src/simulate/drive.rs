@@ -79,10 +79,20 @@ impl Drive {
     pub fn sampled(&self, duration_s: f64, rate_hz: f64) -> Result<Sampled, Error> {
         let count = (duration_s * rate_hz + 1e-9).floor();
         if !(rate_hz > 0.0 && (0.0..1e9).contains(&count)) {
-            let text = format!("a drive of {duration_s} s at {rate_hz} Hz");
+            let text = format!(
+                "a drive of {duration_s} s at {rate_hz} Hz is more than 1e9 samples: make it shorter, or its rate lower"
+            );
             return Err(Error::Refused(text));
         }
         self.check()?;
+        let highest_hz = self.highest_hz();
+        if highest_hz > 0.5 * rate_hz {
+            let text = format!(
+                "a drive of {highest_hz} Hz is lost at {rate_hz} samples a second: state frequencies up to {} Hz, or a higher rate",
+                0.5 * rate_hz
+            );
+            return Err(Error::Refused(text));
+        }
         let at_all = |f: &dyn Fn(f64) -> [f64; 3]| -> Vec<[f64; 3]> {
             (0..=count as usize)
                 .map(|i| f(i as f64 / rate_hz))
@@ -179,6 +189,18 @@ impl Drive {
             } => Some((2 * steps * repeats) as f64 * hold_s),
             Drive::Holds { levels, .. } => Some(levels.iter().map(|l| l.1).sum()),
             _ => None,
+        }
+    }
+
+    /// Highest frequency that it is told to have, Hz; 0 where it is told none.
+    fn highest_hz(&self) -> f64 {
+        match self {
+            Drive::Sine { frequency_hz, .. } => *frequency_hz,
+            Drive::Multisine { frequency_hz, .. } => {
+                frequency_hz.iter().copied().fold(0.0, f64::max)
+            }
+            Drive::Chirp { from_hz, to_hz, .. } => from_hz.max(*to_hz),
+            Drive::Staircase { .. } | Drive::Holds { .. } => 0.0,
         }
     }
 

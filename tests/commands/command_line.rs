@@ -236,7 +236,7 @@ fn what_is_mistaken_is_refused_with_its_place_and_remedy() {
     assert_says(&text, &["`J`: bounds 90 .. 40 are empty"]);
     fs::write(bench.path("plan.toml"), "fit = \"film\"\n[[set]\n").unwrap();
     let text = bench.refused(&["batch", "plan.toml", "-o", "out"]);
-    assert_says(&text, &["plan.toml, line 2", "correct the plan"]);
+    assert_says(&text, &["plan.toml, line 2", "correct the TOML"]);
     bench.edit("rec/recording.toml", |t| {
         t.replace("\"single-1\"", &format!("\"{}\"", "x".repeat(300)))
     });
@@ -385,6 +385,201 @@ fn recordings_of_another_kind_or_another_rig() {
     let path = other.path("rec");
     let text = bench.refused(&["fit", "film", "rec", path.to_str().unwrap(), "-o", "out"]);
     assert_says(&text, &["single-1", "single-2", "different rigs", "--rig"]);
+}
+
+#[test]
+fn a_file_of_another_kind_is_called_what_it_is() {
+    let bench = Bench::new("single-1");
+    parameter_file(&bench, "");
+    fs::write(bench.path("fit.json"), "{\"film\": {\"J\": 80}}").unwrap();
+    fs::write(bench.path("empty.toml"), "\n").unwrap();
+    let parameters = "name the parameters.toml that `deacal fit`";
+    let recording = "name the folder of a recording";
+    for (arguments, words) in [
+        (
+            "validate rec --params rec/motion.csv",
+            ["motion.csv: these are data (nexus-csv)", parameters],
+        ),
+        (
+            "validate rec --params fit.json",
+            ["fit.json: this is JSON", parameters],
+        ),
+        (
+            "validate rec --params rec",
+            ["rec: is a folder", parameters],
+        ),
+        (
+            "validate rec --params empty.toml",
+            ["the file is empty", parameters],
+        ),
+        (
+            "validate rec --params rig.toml",
+            ["rig.toml, line 9: this is a rig file", parameters],
+        ),
+        (
+            "validate rec --params rec/recording.toml",
+            ["line 1: this is a recording.toml", parameters],
+        ),
+        (
+            "validate rec --params p.toml --rig p.toml",
+            [
+                "p.toml, line 1: this is a parameter file",
+                "name the rig.toml",
+            ],
+        ),
+        (
+            "validate rec/voltage.csv --params p.toml",
+            ["these are data (csv)", recording],
+        ),
+        ("fit film p.toml", ["this is a parameter file", recording]),
+        ("import rig.toml", ["this is a rig file", recording]),
+        (
+            "batch p.toml",
+            ["this is a parameter file", "name a plan with a [[set]]"],
+        ),
+        (
+            "fit film .",
+            ["no recording.toml", "name the recordings in it: ./rec"],
+        ),
+        (
+            "fit coupon rec",
+            ["of kind \"robot\"", "`deacal fit robot` fits it"],
+        ),
+    ] {
+        let mut all: Vec<&str> = arguments.split(' ').collect();
+        all.extend(["-o", "out"]);
+        assert_says(&bench.refused(&all), &words);
+    }
+}
+
+#[test]
+fn numbers_that_cannot_be_are_refused_with_line_and_range() {
+    let bench = Bench::new("single-1");
+    for (from, to, words) in [
+        (
+            "day = 1",
+            "day = -3",
+            ["line 9, [recording] day: found -3", "from 0 to 36525"],
+        ),
+        (
+            "day = 1",
+            "day = 20261128",
+            ["found 20261128", "days since the electrodes"],
+        ),
+        (
+            "day = 1",
+            "temperature_C = 294.15",
+            ["found 294.15", "degrees Celsius"],
+        ),
+        (
+            "day = 1",
+            "humidity_percent = 140",
+            ["found 140", "from 0 to 100"],
+        ),
+    ] {
+        bench.edit("rec/recording.toml", |t| t.replace(from, to));
+        assert_says(&bench.refused(&["import", "rec", "-o", "out"]), &words);
+        bench.edit("rec/recording.toml", |t| t.replace(to, from));
+    }
+    fs::write(
+        bench.path("plan.toml"),
+        "[[set]]\nname = \"a\"\nrecordings = [\"rec\"]\nday = -3\n",
+    )
+    .unwrap();
+    let text = bench.refused(&["batch", "plan.toml", "-o", "out"]);
+    assert_says(
+        &text,
+        &["plan.toml, line 4", "found day = -3", "from 0 to 36525"],
+    );
+    let file = parameter_file(&bench, "");
+    bench.edit("p.toml", |t| {
+        t.replace("J = 80.0", "J = 80.0\neps_r = 2800.0")
+    });
+    let text = bench.refused(&["validate", "rec", "--params", &file, "-o", "out"]);
+    assert_says(&text, &["p.toml: eps_r = 2800", "1 to 100"]);
+    parameter_file(&bench, "[effect]\nid = \"leakage\"\n");
+    let text = bench.refused(&["validate", "rec", "--params", &file, "-o", "out"]);
+    assert_says(&text, &["a list of tables", "begin each with [[effect]]"]);
+    parameter_file(&bench, "");
+    let simulate = |drive: &str, length: &str| {
+        let given = [
+            "simulate", "--rig", "rig.toml", "--params", "p.toml", "--drive",
+        ];
+        bench.refused(&[&given[..], &[drive, "--duration", length, "-o", "out"]].concat())
+    };
+    let text = simulate("sine:peak_V=5500,hz=1e6", "5");
+    assert_says(&text, &["1000000 Hz is lost", "up to 500 Hz"]);
+    let text = simulate("sine:peak_V=5500,hz=0.3", "1e12");
+    assert_says(&text, &["1000000000000 s", "make it shorter"]);
+}
+
+/// A prediction or an export without a file goes to standard output, with `--json` as a part of the result.
+#[test]
+fn without_a_file_the_result_is_on_standard_output() {
+    let bench = Bench::new("single-1");
+    let file = parameter_file(&bench, "");
+    let said = |arguments: &[&str]| {
+        let out = bench.run(arguments);
+        let error = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(out.status.success() && error.is_empty(), "{error}");
+        String::from_utf8(out.stdout).unwrap()
+    };
+    let predict = ["predict", "voltage", "rec", "--params", &file];
+    let table = said(&predict);
+    let json = said(&[&predict[..], &["--json"]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["file"], serde_json::Value::Null);
+    let told = json["columns"]["phi1_V"].as_array().unwrap();
+    let read = column(&table, "phi1_V");
+    assert_eq!(told.len(), read.len());
+    for (a, b) in told.iter().zip(&read) {
+        assert!(
+            a.as_f64().map_or(b.is_nan(), |a| (a - b).abs() < 1e-3),
+            "{a} {b}"
+        );
+    }
+    let json = said(&[&predict[..], &["--json", "-o", "p.csv"]].concat());
+    assert!(
+        json.contains("p.csv") && !json.contains("columns"),
+        "{json}"
+    );
+    let export = ["export", &file, "--format", "c"];
+    let text = said(&export);
+    let json = said(&[&export[..], &["--json"]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["text"].as_str(), Some(text.as_str()));
+    let words = said(&[&export[..], &["-o", "p.h"]].concat());
+    assert_says(
+        &words,
+        &["the film (7 springs)", "(7 angles) and 0 causes", "p.h"],
+    );
+}
+
+#[test]
+fn what_looks_wrong_is_said_in_the_first_lines() {
+    let bench = Bench::new("symmetric");
+    bench.edit("rig.toml", |t| t.replace("L1_mm = 62.9", "L1_mm = 40.0"));
+    fs::create_dir(bench.path("other")).unwrap();
+    for file in ["recording.toml", "motion.csv", "voltage.csv"] {
+        fs::copy(
+            format!("{TWIN}/single-1/{file}"),
+            bench.path(&format!("other/{file}")),
+        )
+        .unwrap();
+    }
+    let first = |paths: &[&str]| {
+        let out = bench.run(&[&["import"], paths, &["-o", "out"]].concat());
+        let text = String::from_utf8(out.stdout).unwrap();
+        text.lines().take(5).collect::<Vec<_>>().join("\n")
+    };
+    let words = ["one thing to look at", "L1_mm = 40 and L2_mm = 40.65"];
+    assert_says(&first(&["rec"]), &words);
+    let several = first(&["rec", "other", "rec/voltage.csv"]);
+    assert_says(
+        &several,
+        &["2 recordings and 1 file: look at symmetric (1), single-1 (1)"],
+    );
+    assert_says(&several, &words);
 }
 
 #[test]
@@ -792,11 +987,15 @@ fn causes_that_do_not_exist_are_refused_with_those_that_do() {
     for (more, words) in [
         (
             "[[effect]]\nid = \"series_resistence\"\n",
-            ["series_resistence", "did you mean", "series_resistance"],
+            ["line 9", "did you mean \"series_resistance\"?", "leakage"],
         ),
         (
             "[[effect]]\nid = \"leakage\"\nloss = 0.1\n",
-            ["unknown name", "There are: ", "loss_fraction"],
+            ["line 10", "unknown name", "loss_fraction"],
+        ),
+        (
+            "[[effect]]\nid = \"leakage\"\n",
+            ["line 9", "none of its values", "state loss_fraction"],
         ),
     ] {
         let file = parameter_file(&bench, more);
@@ -808,6 +1007,17 @@ fn causes_that_do_not_exist_are_refused_with_those_that_do() {
             assert_says(&text, &words);
         }
     }
+    // an export applies no cause, and would pass it on all the same
+    let file = parameter_file(&bench, "[[effect]]\nid = \"leakge\"\nloss_fraction = 0.1\n");
+    let text = bench.refused(&["export", &file, "--format", "c", "-o", "out"]);
+    assert_says(&text, &["p.toml, line 9", "did you mean \"leakage\"?"]);
+    parameter_file(&bench, "[[effect]]\nid = \"x_own\"\ngain = 0.1\n");
+    assert!(
+        bench
+            .run(&["export", &file, "--format", "c"])
+            .status
+            .success()
+    );
     let out = bench.run(&["diagnose", "rec", "--only", "series_resistence"]);
     assert_eq!(out.status.code(), Some(2));
     assert_says(

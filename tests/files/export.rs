@@ -58,6 +58,7 @@ fn file() -> ParameterFile {
                     toml::Value::Array(vec![toml::Value::Float(0.1), toml::Value::Integer(2)]),
                 ),
             ],
+            lines: Lines::default(),
         }],
         provenance: Provenance {
             program: "deacal 0.1.0".into(),

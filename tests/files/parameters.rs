@@ -91,6 +91,7 @@ prop_compose! {
                         ("a_word".into(), toml::Value::String(word)),
                         ("list".into(), toml::Value::Array(list.into_iter().map(toml::Value::Float).collect())),
                     ],
+                    lines: Lines::default(),
                 })
                 .collect(),
             provenance: Provenance {

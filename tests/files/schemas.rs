@@ -67,6 +67,7 @@ fn broken(schema: &Value, value: &Value, at: &str) -> Option<String> {
     }
     let limit = |key: &str| schema.get(key).and_then(Value::as_f64).zip(number);
     if limit("minimum").is_some_and(|(least, x)| x < least)
+        || limit("maximum").is_some_and(|(most, x)| x > most)
         || limit("exclusiveMinimum").is_some_and(|(least, x)| x <= least)
         || list("enum").is_some_and(|words| !words.contains(value))
         || schema.get("const").is_some_and(|only| only != value)
@@ -183,6 +184,9 @@ fn what_a_reader_refuses_a_schema_refuses() {
         ("kind = \"robot\"", "kind = \"axis\""),
         ("[recording]", "[recording]\ncolour = 1"),
         ("[recording]", "[recording]\ntemperature_C = \"warm\""),
+        ("[recording]", "[recording]\ntemperature_C = 294.5"),
+        ("[recording]", "[recording]\nhumidity_percent = 140"),
+        ("[recording]", "[recording]\nday = -3"),
         ("\"relaxed\"", "\"wet\""),
         ("[motion]", "[motion]\nrate_hz = 0"),
         ("[motion]", "[motion]\nend_effector_near_mm = [1, 2]"),

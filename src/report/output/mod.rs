@@ -118,7 +118,11 @@ impl OutputError {
                 "cannot be a file's name here".to_owned(),
                 "use a shorter name, or one without special characters",
             ),
-            _ => (Cause::Other, format!("cannot be written: {error}"), ""),
+            _ => (
+                Cause::Other,
+                format!("cannot be written: {error}"),
+                "write elsewhere with -o",
+            ),
         };
         OutputError {
             source: Some(error),

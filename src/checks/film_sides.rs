@@ -68,12 +68,14 @@ pub(super) fn check(view: &View<'_>, found: &mut Findings) {
         "stated_value",
         Grade::Wrong,
         format!(
-            "L1_mm = {l1} and L2_mm = {l2} cannot both be: in a lozenge of l_dea_mm = {} the robot at rest stretches such a film {} times \
-             along direction 1 and {} times along direction 2, and no film that is stretched so carries the weights{would}",
+            "L1_mm = {l1} and L2_mm = {l2} cannot both be: in a lozenge of l_dea_mm = {} the robot at rest \
+             stretches such a film {} times along direction 1 and {} times along direction 2, and no film that \
+             is stretched so carries the weights{would}",
             rig.actuator.l_dea_mm,
             short(stretch_1),
             short(stretch_2),
         ),
-        "measure both sides of the unstretched film again (direction 1 is the long diagonal), and look at l_dea_mm and dea_offset_deg in the rig file",
+        "measure both sides of the unstretched film again (direction 1 is the long diagonal), and look at \
+         l_dea_mm and dea_offset_deg in the rig file",
     );
 }

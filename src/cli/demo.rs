@@ -92,8 +92,8 @@ impl Demo<'_> {
 
     /// The page that leads to all runs.
     fn index(&self) -> Result<(), Failure> {
-        let headline = "A film coupon was fitted; then a robot: its film, its forearms and both together, which \
-                        was held against a recording that was not fitted and asked for physics left out.";
+        let headline = "A film coupon was fitted, then a robot: its film, its forearms, and both together. That \
+                        was held against a recording that was not fitted, and searched for physics left out.";
         let mut set = OutputSet::new(self.output, self.talk.overwrite())?;
         set.write(
             INDEX,

@@ -376,6 +376,10 @@ fn table<const N: usize>(
     columns: [&[(&str, f64)]; N],
 ) -> Result<(Vec<f64>, Vec<[f64; N]>), Failure> {
     let capture = read_file(path)?;
+    let wanted = format!(
+        "a table with time_s, {}",
+        columns.map(|c| c[0].0).join(", ")
+    );
     let find = |names: &[(&str, f64)]| {
         let mut first = None;
         for (name, factor) in names {
@@ -384,7 +388,8 @@ fn table<const N: usize>(
                 Err(error) => first = first.or(Some(error)),
             }
         }
-        Err(first.map_or_else(|| Failure::from("no column is asked for"), Failure::from))
+        let none = || Failure::from("no column is asked for");
+        Err(first.map_or_else(none, |e| e.expected(&wanted).into()))
     };
     let time = find(&[("time_s", 1.0)])?.0;
     let mut places = [(time, 1.0); N];

@@ -102,7 +102,8 @@ impl Document {
     /// The tables of the file.
     pub fn parse(&self) -> Result<Spanned<DeTable<'_>>, Error> {
         if self.text.trim().is_empty() {
-            return Err(other(&self.path, "the file is empty".into(), self.wanted));
+            let empty = "the file is empty".into();
+            return Err(other(&self.path, empty, self.wanted).at_line(1));
         }
         let root = DeTable::parse(&self.text).map_err(|e| {
             if let Some(what) = no_toml(self.text.as_bytes(), &self.path) {

@@ -186,7 +186,7 @@ fn what_a_reader_refuses_a_schema_refuses() {
         ("[recording]", "[recording]\ntemperature_C = \"warm\""),
         ("[recording]", "[recording]\ntemperature_C = 294.5"),
         ("[recording]", "[recording]\nhumidity_percent = 140"),
-        ("[recording]", "[recording]\nday = -3"),
+        ("day = 1", "day = -3"),
         ("\"relaxed\"", "\"wet\""),
         ("[motion]", "[motion]\nrate_hz = 0"),
         ("[motion]", "[motion]\nend_effector_near_mm = [1, 2]"),

@@ -257,7 +257,9 @@ impl Causes<'_> {
                 let (effect, values) = starts.iter().find(|(e, _)| e.id() == id)?;
                 let values = values.first()?.clone();
                 let effect = *effect;
-                Some(Acting { effect, values, on }).filter(|a| is_new(&out, a))
+                let own = Acting { effect, values, on };
+                let may_be = effect.reach().sets().contains(&on) && is_new(&out, &own);
+                may_be.then_some(own)
             });
             let like: Vec<Acting> = like.collect();
             let fits = like.par_iter().map(alone).collect();

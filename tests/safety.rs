@@ -182,12 +182,6 @@ fn nothing_is_written_onto_what_was_read_or_made_by_others() {
             "voltage.csv",
         ),
         (
-            &[
-                "predict", "voltage", "rec", "--params", "p.toml", "-o", "p.toml",
-            ],
-            "p.toml",
-        ),
-        (
             &["export", "p.toml", "--format", "json", "-o", "p.toml"],
             "p.toml",
         ),
@@ -201,6 +195,13 @@ fn nothing_is_written_onto_what_was_read_or_made_by_others() {
         assert!(text.contains(file) && text.contains("--force"), "{text}");
         assert_eq!(room.files("").unwrap(), before, "{arguments:?}");
     }
+    // a table is never written onto parameters, whoever insists
+    let onto = [
+        "predict", "voltage", "rec", "--params", "p.toml", "-o", "p.toml", "--force",
+    ];
+    let text = room.refused(&onto);
+    assert!(text.contains("p.toml") && text.contains(".csv"), "{text}");
+    assert_eq!(room.files("").unwrap(), before);
     // a report of somebody else is in the way: said before the work begins
     fs::create_dir(room.path("out")).unwrap();
     for (file, arguments) in [

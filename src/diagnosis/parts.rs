@@ -201,10 +201,21 @@ impl Causes<'_> {
         // no name gives way to parts alone before the same parts were tried beside it
         let widely = doubtful || own.effects.len() > 1 || likeliest(&tried) > 0;
         if widely || above(self.shown) {
-            let starts = self.beside(problem, &list, widely);
+            let mut starts = self.beside(problem, &list, widely);
+            let ordinary = starts.len();
+            if widely {
+                let like = self.like_the_named(problem, &list, &starts);
+                starts.extend(like);
+            }
             let beside = starts.par_iter().map(|s| search.beside_causes(problem, s));
-            for beside in beside.collect::<Result<Vec<_>, Error>>()? {
-                tried.extend(beside.into_iter().filter(Tried::is_near));
+            let beside = beside.collect::<Result<Vec<_>, Error>>()?;
+            for (at, beside) in beside.into_iter().enumerate() {
+                // what only stands in for a name has to be as good by itself, not in another form
+                let of_form = |t: Tried| Tried {
+                    of_form: t.of_form && at < ordinary,
+                    ..t
+                };
+                tried.extend(beside.into_iter().filter(Tried::is_near).map(of_form));
             }
         }
         let best = likeliest(&tried);
@@ -214,62 +225,84 @@ impl Causes<'_> {
 
     /// The fits beside which parts are worth one: the causes that are named, each alone and, where they leave
     /// too much to be believed, all together; `widely`, of all others the one beside which parts promise most
-    /// in linear theory too, and of those for which a named one may be taken; none with a departure within its
-    /// tolerance, or with what scales all that voltages make.
+    /// in linear theory too; none with a departure within its tolerance, or with what scales all that voltages
+    /// make.
     fn beside<S: Subject>(
         &self,
         problem: &Problem<S>,
         list: &[Tolerance],
         widely: bool,
     ) -> Vec<Fitted> {
-        let free = |a: &Acting| !tolerance::holds(list, a) && !a.effect.scales_made();
-        let alone = |own: &Acting| {
-            let known = self.singles.iter().find(|s| s.fitted.effects[0].is(own));
-            let fit = || problem.nominal(std::slice::from_ref(own), POLISH);
-            known.map_or_else(fit, |s| s.fitted.clone())
-        };
         let named = &self.best.fitted;
-        let mut out: Vec<Fitted> = (named.effects.iter())
-            .filter(|a| free(a))
-            .map(alone)
-            .collect();
-        let most_promising = |others: Vec<Fitted>| {
-            let promised = others.into_par_iter().filter_map(|f| {
-                let promise = Built::promise(problem, &f, self.noises).ok()?;
-                // less than nothing is what linear theory cannot promise
-                (promise > 0.0).then_some((promise, f))
-            });
-            promised.min_by(|a, b| a.0.total_cmp(&b.0)).map(|m| m.1)
-        };
+        let own = named.effects.iter().filter(|a| is_free(list, a));
+        let mut out: Vec<Fitted> = own.map(|a| self.alone(problem, a)).collect();
         if widely {
-            let is_new = |out: &[Fitted], own: &Acting| {
-                free(own) && !out.iter().any(|o| o.effects[0].is(own))
-            };
             let others = self.singles.iter().map(|s| &s.fitted);
-            let others = others.filter(|f| is_new(&out, &f.effects[0])).cloned();
-            let other = most_promising(others.collect());
-            out.extend(other);
-            // of two causes that are alike a bent film may hide the one that parts would leave
-            let starts = problem.train.starts();
-            let named = named.effects.iter();
-            let like = named.flat_map(|a| a.effect.taken_for().iter().map(|id| (*id, a.on)));
-            let like = like.filter_map(|(id, on)| {
-                let (effect, values) = starts.iter().find(|(e, _)| e.id() == id)?;
-                let values = values.first()?.clone();
-                let effect = *effect;
-                let own = Acting { effect, values, on };
-                let may_be = effect.reach().sets().contains(&on) && is_new(&out, &own);
-                may_be.then_some(own)
-            });
-            let like: Vec<Acting> = like.collect();
-            let fits = like.par_iter().map(alone).collect();
-            out.extend(most_promising(fits));
+            let others = others.filter(|f| is_new(list, &out, &f.effects[0]));
+            let others = others.cloned().collect();
+            out.extend(self.most_promising(problem, others));
         }
-        if self.unexplained && named.effects.len() > 1 && named.effects.iter().all(free) {
+        let free = named.effects.iter().all(|a| is_free(list, a));
+        if self.unexplained && named.effects.len() > 1 && free {
             out.push(named.clone());
         }
         out
     }
+
+    /// Of the causes for which a named one may be taken, none of which has a fit in `known`, the one beside
+    /// which parts promise most: a film that bends to both may hide the one that parts would leave.
+    fn like_the_named<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        list: &[Tolerance],
+        known: &[Fitted],
+    ) -> Option<Fitted> {
+        let starts = problem.train.starts();
+        let named = self.best.fitted.effects.iter();
+        let like = named.flat_map(|a| a.effect.taken_for().iter().map(|id| (*id, a.on)));
+        let like = like.filter_map(|(id, on)| {
+            let (effect, values) = starts.iter().find(|(e, _)| e.id() == id)?;
+            let (effect, values) = (*effect, values.first()?.clone());
+            let own = Acting { effect, values, on };
+            let may_be = effect.reach().sets().contains(&on) && is_new(list, known, &own);
+            may_be.then_some(own)
+        });
+        let like: Vec<Acting> = like.collect();
+        let fits = like.par_iter().map(|a| self.alone(problem, a)).collect();
+        self.most_promising(problem, fits)
+    }
+
+    /// A cause alone on the robot as drawn.
+    fn alone<S: Subject>(&self, problem: &Problem<S>, own: &Acting) -> Fitted {
+        let known = self.singles.iter().find(|s| s.fitted.effects[0].is(own));
+        let fit = || problem.nominal(std::slice::from_ref(own), POLISH);
+        known.map_or_else(fit, |s| s.fitted.clone())
+    }
+
+    /// The fit beside which parts promise most in linear theory.
+    fn most_promising<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        fits: Vec<Fitted>,
+    ) -> Option<Fitted> {
+        let promised = fits.into_par_iter().filter_map(|f| {
+            let promise = Built::promise(problem, &f, self.noises).ok()?;
+            // less than nothing is what linear theory cannot promise
+            (promise > 0.0).then_some((promise, f))
+        });
+        promised.min_by(|a, b| a.0.total_cmp(&b.0)).map(|m| m.1)
+    }
+}
+
+/// Whether parts are looked for beside a cause: it is no departure within its tolerance, and does not scale
+/// all that voltages make.
+fn is_free(list: &[Tolerance], own: &Acting) -> bool {
+    !tolerance::holds(list, own) && !own.effect.scales_made()
+}
+
+/// The same of a cause that is in none of these fits.
+fn is_new(list: &[Tolerance], known: &[Fitted], own: &Acting) -> bool {
+    is_free(list, own) && !known.iter().any(|f| f.effects[0].is(own))
 }
 
 impl<S: Subject> Search<'_, S> {

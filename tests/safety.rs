@@ -181,27 +181,25 @@ fn nothing_is_written_onto_what_was_read_or_made_by_others() {
             ][..],
             "voltage.csv",
         ),
-        (
-            &["export", "p.toml", "--format", "json", "-o", "p.toml"],
-            "p.toml",
-        ),
-        (
-            &["export", "p.toml", "--format", "c", "-o", "rig.toml"],
-            "rig.toml",
-        ),
         (&simulate("rec"), "recording.toml"),
     ] {
         let text = room.refused(arguments);
         assert!(text.contains(file) && text.contains("--force"), "{text}");
         assert_eq!(room.files("").unwrap(), before, "{arguments:?}");
     }
-    // a table is never written onto parameters, whoever insists
-    let onto = [
-        "predict", "voltage", "rec", "--params", "p.toml", "-o", "p.toml", "--force",
-    ];
-    let text = room.refused(&onto);
-    assert!(text.contains("p.toml") && text.contains(".csv"), "{text}");
-    assert_eq!(room.files("").unwrap(), before);
+    // what has an ending of its own is never written onto parameters or a rig, whoever insists
+    let predict = ["predict", "voltage", "rec", "--params", "p.toml"];
+    let export = |format: &'static str| ["export", "p.toml", "--format", format];
+    for (arguments, file, ending) in [
+        (&predict[..], "p.toml", ".csv"),
+        (&export("json"), "p.toml", ".json"),
+        (&export("c"), "rig.toml", ".c"),
+    ] {
+        let onto = [arguments, &["-o", file, "--force"]].concat();
+        let text = room.refused(&onto);
+        assert!(text.contains(file) && text.contains(ending), "{text}");
+        assert_eq!(room.files("").unwrap(), before, "{onto:?}");
+    }
     // a report of somebody else is in the way: said before the work begins
     fs::create_dir(room.path("out")).unwrap();
     for (file, arguments) in [

@@ -5,9 +5,10 @@
 //! what all others are held against. A cause that leaves more than it does may do so by its form: that costs
 //! it no more than the law of forms (`blocks`) allows. Two kinds of names are not spared so: those that leave
 //! too much to be believed, and those that leave more than noise where parts within their tolerances do
-//! better, alone, beside some of the same names, or beside all of them and another. Parts have no form; parts
-//! far beyond their tolerances cost what normal ones as far off would. Each cause costs its prior odds; one
-//! within its tolerance, one beside parts and every further one cost what chance makes of a scan besides.
+//! better, alone, beside some of the same names, or beside all of them and another. Parts have no form, nor has
+//! a cause that is tried beside them because a named one may be taken for it; parts far beyond their tolerances
+//! cost what normal ones as far off would. Each cause costs its prior odds; one within its tolerance, one beside
+//! parts and every further one cost what chance makes of a scan besides.
 
 use rayon::prelude::*;
 

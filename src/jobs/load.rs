@@ -484,7 +484,8 @@ pub(crate) fn ending(path: &Path, what: &str, fits: &[&str]) -> Result<(), Failu
     if fits.contains(&ending.as_str()) || !ENDINGS.contains(&ending.as_str()) {
         return Ok(());
     }
-    let fits: Vec<String> = fits.iter().map(|e| format!(".{e}")).collect();
+    let mut fits: Vec<String> = fits.iter().map(|e| format!(".{e}")).collect();
+    fits.dedup();
     Err(format!(
         "{}: {what} is not written as .{ending}; name a file that ends in {}",
         path.display(),

@@ -9,6 +9,7 @@ use super::{Failure, Talk, Unsaid, load};
 use crate::recording::Rig;
 use crate::report::controller::controller;
 use crate::report::export::{Format, export};
+use crate::report::html::number;
 use crate::report::output::write_atomic;
 use crate::report::parameter_file::ParameterFile;
 use crate::report::survey::count;
@@ -119,6 +120,5 @@ fn what_is_in(file: &ParameterFile) -> String {
     .into_iter()
     .flatten()
     .collect();
-    let (last, first) = parts.split_last().map_or(("", &[][..]), |(l, f)| (l, f));
-    format!("Exported: {} and {last}", first.join(", "))
+    format!("Exported: {}", number::list(&parts))
 }

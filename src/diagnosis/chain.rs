@@ -13,7 +13,7 @@ use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, ref
 use super::judge::{Judged, Odds, alike};
 use super::outcome::*;
 use super::parts::Causes;
-use super::problem::{Fitted, Problem, Tangent};
+use super::problem::{Fitted, Problem, Tangent, over_series};
 use super::scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use super::subject::Subject;
 use super::tolerance::{self, Built, FAR};
@@ -284,15 +284,15 @@ impl<'a, S: Subject> Case<'a, S> {
         }
         // a leader that gains by making less of the noise must not set the weights of all
         let (least, rows) = (0.8 * ground.plain.cost(), ground.plain.state.rows as f64);
-        let drifts = |f: &&mut Fitted| f.effects.iter().any(|a| a.effect.over_series(&a.values));
-        let drift = fits.iter_mut().find(drifts).cloned();
-        if let Some(drift) = drift.filter(|f| f.cost() < least)
-            && let Some(dated) = problem.date(&drift, FIRST)
+        let drifts = |f: &Fitted| over_series(&f.effects).is_some();
+        if let Some(at) = fits.iter().position(drifts)
+            && fits[at].cost() < least
+            && let Some(dated) = problem.date(&fits[at], FIRST)
         {
-            for f in fits.iter_mut().filter(drifts) {
+            fits[at] = dated;
+            for f in fits[at + 1..].iter_mut().filter(|f| drifts(f)) {
                 *f = problem.fit_near(f, &f.effects, FIRST);
             }
-            fits.push(dated);
             fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         }
         let leads = |f: &&Fitted| {

@@ -527,19 +527,20 @@ impl<S: Subject> Problem<S> {
     /// # Errors
     /// [`Locked`] when the film is past its locking stretch.
     pub fn date_held_out(&mut self, fitted: &Fitted) -> Result<(), Locked> {
-        let (Some(first), Some(holdout)) = (self.first(), &self.holdout) else {
+        let (Some([_, assumed]), Some(holdout), Some(eta), Some(_)) = (
+            &self.assumed,
+            &self.holdout,
+            self.holdout_eta(fitted),
+            over_series(&fitted.effects),
+        ) else {
             return Ok(());
         };
-        let (Some(eta), Some(_)) = (self.holdout_eta(fitted), over_series(&fitted.effects)) else {
-            return Ok(());
-        };
-        let Some([_, assumed]) = &self.assumed else {
-            return Ok(());
-        };
+        let first = self.first();
+        let open = |w: &When| Some(w.recording) != first;
         let noise = (fitted.cost() / fitted.state.rows as f64).max(1.0);
         let squares = |later_s: f64| {
             let mut when = assumed.clone();
-            for w in &mut when {
+            for w in when.iter_mut().filter(|w| open(w)) {
                 w.series_s += later_s;
             }
             let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &when);
@@ -559,10 +560,8 @@ impl<S: Subject> Problem<S> {
             .map(|later_s| Ok((later_s, squares(later_s)?)))
             .collect::<Result<_, Locked>>()?;
         let mut dated = assumed.clone();
-        for (number, w) in dated.iter_mut().enumerate() {
-            if w.recording == first {
-                continue;
-            }
+        let each = dated.iter_mut().enumerate();
+        for (number, w) in each.filter(|(_, w)| open(w)) {
             let least = tried
                 .iter()
                 .min_by(|a, b| a.1[number].total_cmp(&b.1[number]));

@@ -32,7 +32,7 @@ use std::sync::OnceLock;
 use clap::{Args, CommandFactory, FromArgMatches as _, Parser, Subcommand};
 
 use crate::checks::{Finding, Grade};
-use crate::jobs::{Failure, load, ranges, series};
+use crate::jobs::{Failure, load, series};
 use crate::report::html::number;
 use crate::report::output::Overwrite;
 

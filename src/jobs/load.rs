@@ -419,7 +419,10 @@ fn table<const N: usize>(
 }
 
 /// A planned path: CSV with time_s and x_mm, y_mm, z_mm (or x_m, y_m, z_m).
-pub(crate) fn path(file: &Path) -> Result<PlannedPath, Failure> {
+///
+/// # Errors
+/// The file cannot be read, a column is not there, a cell is empty, times do not rise.
+pub fn path(file: &Path) -> Result<PlannedPath, Failure> {
     let columns: [&[(&str, f64)]; 3] = [
         &[("x_mm", 1e-3), ("x_m", 1.0)],
         &[("y_mm", 1e-3), ("y_m", 1.0)],

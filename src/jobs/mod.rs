@@ -13,6 +13,7 @@ mod progress;
 pub(crate) mod ranges;
 pub(crate) mod series;
 pub mod simulate;
+pub mod validate;
 pub mod view;
 
 use std::path::Path;

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use deacal::jobs::validate::Candidate;
 use deacal::jobs::{Failure, Progress, load};
 use deacal::recording::{Kind, Recording as Raw};
 use deacal::report::parameter_file::ParameterFile as File;
@@ -149,6 +150,17 @@ impl Parameters {
         }
     }
 
+    /// As what is held against recordings.
+    ///
+    /// # Errors
+    /// As [`Parameters::read`].
+    pub fn candidate(&self) -> Result<Candidate, Failure> {
+        match self {
+            Parameters::Path(path) => Candidate::read(path),
+            Parameters::Text { name, text } => Candidate::of_text(name, text),
+        }
+    }
+
     /// Reads them.
     ///
     /// # Errors
@@ -157,6 +169,25 @@ impl Parameters {
         match self {
             Parameters::Path(path) => load::parameters(path),
             Parameters::Text { name, text } => load::parameters_of_text(Path::new(name), text),
+        }
+    }
+}
+
+/// Parameters that are held against recordings: one file or result, or several.
+#[derive(Clone)]
+pub struct Several(pub Vec<Parameters>);
+
+impl<'py> FromPyObject<'_, 'py> for Several {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let one = given.extract::<Parameters>();
+        match given.try_iter() {
+            Ok(several) if one.is_err() => several
+                .map(|one| one?.extract::<Parameters>())
+                .collect::<PyResult<_>>()
+                .map(Several),
+            _ => one.map(|one| Several(vec![one])),
         }
     }
 }

@@ -12,7 +12,7 @@ use deacal::jobs::predict::What;
 use deacal::jobs::simulate::{Course, Simulation};
 use deacal::jobs::{
     ageing as of_ageing, diagnose as of_diagnosis, fit, predict as of_prediction,
-    simulate as of_simulation,
+    simulate as of_simulation, validate as of_validation,
 };
 use deacal::recording::{Kind, is_id};
 use deacal::report::output::OutputSet;
@@ -24,12 +24,12 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::arguments::{
-    Bounds, Call, Fixed, Parameters, Source, Sources, argument, one_of, within,
+    Bounds, Call, Fixed, Parameters, Several, Source, Sources, argument, one_of, within,
 };
 use crate::arrays::{one, rows};
 use crate::json::to_python;
 use crate::recording::Recording;
-use crate::results::{Ageing, Diagnosis, Fit, overwrite};
+use crate::results::{Ageing, Diagnosis, Fit, Validation, overwrite};
 use crate::table::Table;
 use crate::work::{raised, run};
 
@@ -440,6 +440,49 @@ pub fn predict<'py>(
     })?;
     let table = PyClassInitializer::from(Table::new(columns, flags));
     Bound::new(py, table.add_subclass(Prediction { of }))
+}
+
+/// Holds parameters, or several to compare, against recordings: measured against predicted voltage, path,
+/// force and stroke. `path` is the planned path of the one recording (a CSV file): the measured path is held
+/// against it.
+#[pyfunction]
+#[pyo3(signature = (
+    recordings, parameters, *, rig=None, plan=None, path=None, compare=None, progress=None
+))]
+#[allow(clippy::too_many_arguments)]
+pub fn validate<'py>(
+    py: Python<'py>,
+    recordings: Sources,
+    parameters: Several,
+    rig: Option<PathBuf>,
+    plan: Option<PathBuf>,
+    path: Option<PathBuf>,
+    compare: Option<&str>,
+    progress: Shown<'py>,
+) -> PyResult<Bound<'py, Validation>> {
+    let paper = compare
+        .map(|with| one_of("compare", with, &[("paper", true)]))
+        .transpose()?;
+    let names: Vec<String> = parameters.0.iter().map(Parameters::name).collect();
+    let command = Call::new("validate", &recordings)
+        .with("parameters", true, format!("{names:?}"))
+        .word("rig", words(rig.as_ref()).as_deref())
+        .word("plan", words(plan.as_ref()).as_deref())
+        .word("path", words(path.as_ref()).as_deref())
+        .text();
+    let found = run(py, progress, move |progress| {
+        let all = recordings.open(rig.as_ref(), &of_validation::KINDS, progress)?;
+        let given = Given::new(all, 0, &command).look_over(progress);
+        let candidates = parameters.0.iter().map(Parameters::candidate);
+        let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
+        let request = of_validation::Request {
+            plans: load::plans(plan.as_ref())?,
+            path: path.as_deref().map(load::path).transpose()?,
+            paper: paper.is_some(),
+        };
+        of_validation::validate(given, &candidates, &request, progress)
+    })?;
+    Bound::new(py, Validation::init(found)?)
 }
 
 /// What was simulated: frames of the true motion, without noise, as a table, and the voltages.

@@ -4,6 +4,7 @@ mod arguments;
 mod arrays;
 mod jobs;
 mod json;
+mod library;
 mod recording;
 mod results;
 mod table;
@@ -17,12 +18,14 @@ mod _deacal {
     #[pymodule_export]
     use crate::jobs::{
         Prediction, Simulated, ageing, diagnose, fit_axis, fit_coupon, fit_film, fit_forearm,
-        fit_hinge, fit_robot, fit_sample, predict, read, simulate,
+        fit_hinge, fit_robot, fit_sample, predict, read, simulate, validate,
     };
+    #[pymodule_export]
+    use crate::library::{Library, ParameterSet};
     #[pymodule_export]
     use crate::recording::Recording;
     #[pymodule_export]
-    use crate::results::{Ageing, Diagnosis, Fit, Parameter, ParameterFile, Result};
+    use crate::results::{Ageing, Diagnosis, Fit, Parameter, ParameterFile, Result, Validation};
     #[pymodule_export]
     use crate::table::Table;
     #[pymodule_export]
@@ -30,6 +33,7 @@ mod _deacal {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("library", Library)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -6,6 +6,7 @@ use deacal::jobs::Files;
 use deacal::jobs::diagnose::Diagnosed;
 use deacal::jobs::fit::Fitted;
 use deacal::jobs::load;
+use deacal::jobs::validate::Validated;
 use deacal::report::json::{Named, ParameterJson};
 use deacal::report::output::{Overwrite, write_atomic};
 use deacal::report::parameter_file::ParameterFile as File;
@@ -182,7 +183,7 @@ impl Parameter {
 }
 
 /// A parameter file: what predictions, simulations and further fits begin from.
-#[pyclass(frozen, module = "deacal")]
+#[pyclass(frozen, subclass, module = "deacal")]
 pub struct ParameterFile {
     /// What it is called in words: its path, or what it is of.
     pub name: String,
@@ -191,9 +192,9 @@ pub struct ParameterFile {
 
 #[pymethods]
 impl ParameterFile {
-    /// Reads a parameters.toml. Numbers that cannot be are an error.
+    /// Reads a parameters.toml, or "library:NAME". Numbers that cannot be are an error.
     #[staticmethod]
-    fn read(path: PathBuf) -> PyResult<Self> {
+    pub fn read(path: PathBuf) -> PyResult<Self> {
         let file = load::parameters(&path).map_err(|e| raised(&e))?;
         Ok(ParameterFile {
             name: path.display().to_string(),
@@ -353,6 +354,65 @@ impl Fit {
     fn __repr__(slf: &Bound<'_, Self>) -> String {
         let job = Self::job(slf).unwrap_or_default();
         format!("<deacal.Fit ({job}): {}>", slf.get().says)
+    }
+}
+
+/// What a validation found, of the first parameters where several were given.
+#[pyclass(frozen, extends = Result, module = "deacal")]
+pub struct Validation {
+    answers: Vec<String>,
+}
+
+impl Validation {
+    pub fn init(found: Validated) -> PyResult<PyClassInitializer<Self>> {
+        let json = serde_json::to_value(&found.json).map_err(|e| raised(&e.into()))?;
+        let answers = found.held.into_iter().map(|h| h.answer.says).collect();
+        let result = PyClassInitializer::from(Result::new(json, found.files));
+        Ok(result.add_subclass(Validation { answers }))
+    }
+}
+
+#[pymethods]
+impl Validation {
+    /// Whether they predict, in a sentence.
+    #[getter]
+    fn says(&self) -> &str {
+        self.answers.first().map_or("", String::as_str)
+    }
+
+    /// The sentence of each of the parameters, in the order in which they were given.
+    #[getter]
+    fn answers(&self) -> Vec<&str> {
+        self.answers.iter().map(String::as_str).collect()
+    }
+
+    /// Root mean square error of the prediction, in `rmse_unit`; None where no sample counts.
+    #[getter]
+    fn rmse(slf: &Bound<'_, Self>) -> Option<f64> {
+        slf.as_super().get().json["rmse_V"].as_f64()
+    }
+
+    /// Unit of the errors.
+    #[getter]
+    fn rmse_unit(slf: &Bound<'_, Self>) -> Option<String> {
+        slf.as_super().get().words("rmse_unit")
+    }
+
+    /// What the noise of the capture alone makes of the prediction, in `rmse_unit`.
+    #[getter]
+    fn noise_floor(slf: &Bound<'_, Self>) -> Option<f64> {
+        slf.as_super().get().json["noise_floor_V"].as_f64()
+    }
+
+    /// Each recording: one dict with its errors, and with those of path, force and stroke where they were
+    /// predicted.
+    #[getter]
+    fn recordings<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(slf.py(), &slf.as_super().get().json["recordings"])
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<deacal.Validation: {}>", self.answers.join(" "))
     }
 }
 

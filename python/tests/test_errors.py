@@ -58,6 +58,7 @@ def test_kinds_do_not_mix():
         (lambda: deacal.predict(bench.COUPON, "p.toml", "speed"), "there are: voltage, force, motion"),
         (lambda: deacal.ageing(bench.COUPON, by="week"), "there are: day, batch"),
         (lambda: deacal.ageing(bench.COUPON, threshold=120), "--threshold 120"),
+        (lambda: deacal.validate(bench.COUPON, "p.toml", compare="book"), "there are: paper"),
         (lambda: deacal.fit_film(bench.TWIN / "symmetric", progress=3), "progress: expected a function"),
     ],
 )
@@ -90,6 +91,12 @@ def test_wrong_types_are_type_errors(truth):
         deacal.fit_film([bench.TWIN / "symmetric", 3])
     with pytest.raises(TypeError, match="ParameterFile"):
         deacal.predict(bench.COUPON, 3)
+    with pytest.raises(TypeError, match="ParameterFile"):
+        deacal.validate(bench.COUPON, 3)
+    with pytest.raises(TypeError, match="ParameterFile"):
+        deacal.validate(bench.COUPON, ["p.toml", 3])
+    with pytest.raises(deacal.DeacalError, match="no parameters were given"):
+        deacal.validate(bench.COUPON, [])
     with pytest.raises(TypeError, match="one of drive, voltage and path"):
         deacal.simulate(bench.RIG, truth)
 

@@ -105,6 +105,35 @@ def test_predictions_are_the_programs(what, recording, fit, ending, program, tmp
     assert ours.read_bytes() == theirs.read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("recordings", "fits"),
+    [
+        ([bench.TWIN / "circle-3s"], ["film"]),
+        ([bench.TWIN / "circle-3s", bench.TWIN / "single-2"], ["film", "robot"]),
+        ([bench.COUPON], ["coupon"]),
+        ([bench.HINGE], ["hinge"]),
+        ([bench.AXIS], ["axis", "axis, its motion"]),
+    ],
+)
+def test_validations_are_the_programs(recordings, fits, program, tmp_path):
+    files = [tmp_path / f"{i}.toml" for i, _ in enumerate(fits)]
+    arguments = ["validate", *recordings]
+    for file, fit in zip(files, fits):
+        bench.fitted(fit).parameter_file.save(file)
+        arguments += ["--params", file]
+    said = bench.ask(program, arguments, tmp_path / "theirs")
+    ours = deacal.validate(recordings, files)
+    assert bench.without_command(ours.json) == bench.without_command(said)
+    ours.save(tmp_path / "ours")
+    same_files(tmp_path / "ours", tmp_path / "theirs")
+
+
+def test_validations_of_samples_are_the_programs(program, truth, samples, tmp_path):
+    said = bench.ask(program, ["validate", *samples, "--params", truth], tmp_path / "theirs")
+    ours = deacal.validate(samples, truth)
+    assert bench.without_command(ours.json) == bench.without_command(said)
+
+
 def test_predictions_of_samples_are_the_programs(program, truth, samples, tmp_path):
     for what in ["voltage", "motion"]:
         arguments = ["predict", what, samples[0], "--params", truth]

@@ -72,6 +72,19 @@ def test_a_result_says_how_it_was_made(fit):
     assert command.startswith("deacal.fit_film([") and "branches=2" in command and "seed" not in command
 
 
+def test_a_validation_says_how_far_each_prediction_is():
+    held_out = deacal.read(bench.TWIN / "circle-3s")
+    poor, good = bench.fitted("film"), deacal.library["twin2026_delta"]
+    both = deacal.validate(held_out, [good, poor])
+    assert len(both.answers) == 2 and both.says == both.answers[0] != both.answers[1]
+    assert both.rmse_unit == "V" and 0.0 < both.rmse < 1.25 * both.noise_floor
+    assert both.json["compared"][0]["rmse_V"] > both.rmse
+    assert both.json["compared"][0]["rmse_V"] == deacal.validate(held_out, poor).rmse
+    assert [r["id"] for r in both.recordings] == [held_out.id] and both.recordings[0]["path"]
+    assert set(both.files) == {"validation.json", "report.html"} and both.report()
+    assert "library:twin2026_delta" in both.json["provenance"]["command"]
+
+
 def test_a_diagnosis_names_what_was_left_out(rubbing):
     found = deacal.diagnose(rubbing[:1], holdout=rubbing[1], only=["joint_friction", "leakage"])
     assert found.verdict == "missing_physics" and found.candidates[0]["effect"] == "joint_friction"

@@ -12,6 +12,7 @@ STUBS = Path(deacal.__file__).with_name("_deacal.pyi")
 TREE = ast.parse(STUBS.read_text())
 CLASSES = {node.name: node for node in TREE.body if isinstance(node, ast.ClassDef)}
 FUNCTIONS = {node.name: node for node in TREE.body if isinstance(node, ast.FunctionDef)}
+VALUES = {node.target.id: node.annotation.id for node in TREE.body if isinstance(node, ast.AnnAssign)}
 
 
 def public(names):
@@ -23,9 +24,14 @@ def test_the_package_is_typed():
 
 
 def test_every_public_name_is_there_and_nothing_else():
-    assert public(vars(_deacal)) - {"_deacal"} == set(CLASSES) | set(FUNCTIONS) | {"__version__"}
-    assert set(deacal.__all__) == set(CLASSES) | set(FUNCTIONS) | {"__version__"}
+    assert public(vars(_deacal)) - {"_deacal"} == set(CLASSES) | set(FUNCTIONS) | set(VALUES)
+    assert set(deacal.__all__) == set(CLASSES) | set(FUNCTIONS) | set(VALUES)
     assert all(hasattr(deacal, name) for name in deacal.__all__)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_values_are_of_the_class_that_the_stubs_state(name):
+    assert type(getattr(_deacal, name)).__name__ == VALUES[name]
 
 
 def stated(function):

@@ -54,32 +54,51 @@ fn examples_are_read() {
     assert_eq!((manifests, rigs), (kinds.to_vec(), 2));
 }
 
+/// Commands of a page, from the word behind `deacal` on: lines of its blocks for a shell, and what stands
+/// within the text as code.
+fn commands(text: &str) -> Vec<String> {
+    let lines = blocks(text, "sh").into_iter().flat_map(str::lines);
+    let typed = lines.filter_map(|l| Some(l.split('#').next()?.split_once("deacal ")?.1));
+    // without the blocks every other piece is code
+    let outside = text.split("```").step_by(2);
+    let code = outside.flat_map(|t| t.split('`').skip(1).step_by(2));
+    let named = code.filter_map(|c| c.strip_prefix("deacal "));
+    typed.chain(named).map(str::to_owned).collect()
+}
+
 #[test]
 fn commands_are_known_with_their_options() {
-    let mut checked = 0;
-    for (file, text) in pages() {
-        let lines = blocks(&text, "sh").into_iter().flat_map(str::lines);
-        for line in lines {
-            let command = line.split('#').next().unwrap();
-            let Some((_, after)) = command.split_once("deacal ") else {
-                continue;
-            };
-            let words: Vec<&str> = after.split_whitespace().collect();
-            let two = matches!(words[0], "fit" | "predict");
-            let own = &words[..if two { 2 } else { 1 }];
-            let help = common::run(|deacal| deacal.args(own).arg("--help"));
-            let help = String::from_utf8(help).unwrap();
-            for option in words.iter().filter(|w| w.starts_with('-')) {
-                assert!(
-                    help.contains(option),
-                    "{}: {option} in `{line}`",
-                    file.display()
-                );
+    let is_option = |c: char| c.is_alphanumeric() || c == '-' || c == '_';
+    let cut = |text: &str| -> Vec<String> {
+        let words = text.split(|c| !is_option(c)).filter(|w| !w.is_empty());
+        words.map(str::to_owned).collect()
+    };
+    let mut helps = std::collections::BTreeMap::new();
+    let (mut typed, mut checked) = (0, 0);
+    let written = ["README.md", "CONTRIBUTING.md", "python/README.md"];
+    let mut texts: Vec<_> = written.map(|f| root().join(f)).to_vec();
+    texts.extend(pages().into_iter().map(|(file, _)| file));
+    for file in texts {
+        let text = std::fs::read_to_string(&file).unwrap();
+        typed += blocks(&text, "sh").len();
+        for command in commands(&text) {
+            let words = cut(&command);
+            let two = matches!(words[0].as_str(), "fit" | "predict");
+            let names = words.iter().take(if two { 2 } else { 1 });
+            // `deacal --help`, and `deacal fit --help` of all fits
+            let own: Vec<String> = names.take_while(|w| !w.starts_with('-')).cloned().collect();
+            let help = helps.entry(own.clone()).or_insert_with(|| {
+                let help = common::run(|deacal| deacal.args(&own).arg("--help"));
+                cut(&String::from_utf8(help).unwrap())
+            });
+            for option in words.iter().filter(|w| w.starts_with('-') && w.len() > 1) {
+                let place = file.display();
+                assert!(help.contains(option), "{place}: {option} in `{command}`");
             }
             checked += 1;
         }
     }
-    assert!(checked > 12, "{checked}");
+    assert!(typed > 12 && checked > 100, "{typed} {checked}");
 }
 
 #[test]

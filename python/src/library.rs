@@ -100,7 +100,8 @@ impl Library {
     }
 
     fn __contains__(&self, name: &Bound<'_, PyAny>) -> bool {
-        name.extract::<&str>().is_ok_and(|name| find(name).is_ok())
+        name.extract::<String>()
+            .is_ok_and(|name| find(&name).is_ok())
     }
 
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {

@@ -39,7 +39,7 @@ def test_a_missing_file_is_named(tmp_path):
 def test_kinds_do_not_mix():
     with pytest.raises(deacal.DeacalError, match='is of kind "robot", this command works on "film-coupon"'):
         deacal.fit_coupon(deacal.read(bench.TWIN / "symmetric"))
-    with pytest.raises(deacal.DeacalError, match="same id"):
+    with pytest.raises(deacal.DeacalError, match="is named twice"):
         deacal.fit_film([bench.TWIN / "symmetric"] * 2)
     with pytest.raises(deacal.DeacalError, match="no recording was given"):
         deacal.fit_film([])

@@ -157,7 +157,7 @@ def test_simulations_are_the_programs(program, truth, tmp_path):
         program,
         ["simulate", "--rig", bench.RIG, "--params", truth, "--drive", bench.SINE, "--duration", "2"]
         + ["--effect", "joint_friction:torque=5e-4,presliding=6e-3", "--noise", "0.03", "--seed", "7"]
-        + ["--gap", "0.5:0.2", "--payload", "0,1:2", "--clock-offset", "0.02", "--day", "3"],
+        + ["--gap", "0.5:0.2", "--payload", "0,1:2", "--clock-offset", "0.02", "--day", "3", "--id", "simulated"],
         tmp_path / "theirs",
     )
     ours = deacal.simulate(

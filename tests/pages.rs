@@ -125,6 +125,43 @@ fn links_lead_somewhere() {
     }
 }
 
+/// What they print is held against what is stored by `python/notebooks/run`.
+#[test]
+fn notebooks_are_stored_with_what_they_show() {
+    let folder = root().join("python/notebooks");
+    let page = std::fs::read_to_string(root().join("docs/src/notebooks.md")).unwrap();
+    let entries = std::fs::read_dir(&folder).unwrap();
+    let mut count = 0;
+    for file in entries.map(|e| e.unwrap().path()) {
+        if file.extension().is_none_or(|e| e != "ipynb") {
+            continue;
+        }
+        count += 1;
+        let place = file.display();
+        let name = file.file_name().unwrap().to_str().unwrap();
+        assert!(page.contains(&format!("notebooks/{name})")), "{place}");
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.len() < 300_000, "{place}: {} bytes", text.len());
+        let book: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(book["nbformat"], 4, "{place}");
+        let (mut runs, mut drawings) = (0, 0);
+        for cell in book["cells"].as_array().unwrap() {
+            if cell["cell_type"] != "code" {
+                continue;
+            }
+            runs += 1;
+            assert_eq!(cell["execution_count"], runs, "{place}: {cell}");
+            for output in cell["outputs"].as_array().unwrap() {
+                assert_ne!(output["output_type"], "error", "{place}: {output}");
+                assert_ne!(output["name"], "stderr", "{place}: {output}");
+                drawings += usize::from(output["data"]["image/png"].is_string());
+            }
+        }
+        assert!(runs > 8 && drawings > 1, "{place}: {runs} {drawings}");
+    }
+    assert_eq!(count, 4);
+}
+
 #[test]
 fn the_readme_is_read_in_one_sitting() {
     let text = std::fs::read_to_string(root().join("README.md")).unwrap();

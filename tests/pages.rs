@@ -157,7 +157,7 @@ fn notebooks_are_stored_with_what_they_show() {
                 drawings += usize::from(output["data"]["image/png"].is_string());
             }
         }
-        assert!(runs > 8 && drawings > 1, "{place}: {runs} {drawings}");
+        assert!(runs >= 8 && drawings >= 2, "{place}: {runs} {drawings}");
     }
     assert_eq!(count, 4);
 }

@@ -6,7 +6,6 @@ there is said, and the exit status is 1.
 """
 
 import argparse
-import os
 import re
 import sys
 import time
@@ -15,7 +14,6 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
-from traitlets.config import Config
 
 HERE = Path(__file__).resolve().parent
 LARGEST = 300_000
@@ -30,10 +28,8 @@ def executed(notebook):
     for cell in fresh.cells:
         if cell.cell_type == "code":
             cell.outputs, cell.execution_count = [], None
-    # nothing goes over a port where there are sockets of files
-    options = Config() if os.name == "nt" else Config(KernelManager={"transport": "ipc"})
     where = {"metadata": {"path": str(HERE)}}
-    client = NotebookClient(fresh, timeout=1200, resources=where, config=options)
+    client = NotebookClient(fresh, timeout=1200, resources=where)
     client.execute()
     fresh.metadata = {
         "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},

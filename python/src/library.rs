@@ -1,5 +1,6 @@
 //! The parameter sets that come with the package.
 
+use deacal::report::html::page::escape;
 use deacal::report::library::{Entry, entries, find};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
@@ -114,9 +115,8 @@ impl Library {
 
     /// A table of the sets.
     fn _repr_html_(&self) -> String {
-        let plain = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
         let row = |e: Entry| {
-            let cells = [&e.name, &e.of, &e.range, &e.licence].map(|c| plain(c));
+            let cells = [&e.name, &e.of, &e.range, &e.licence].map(|c| escape(c));
             format!("<tr><td>{}</td></tr>", cells.join("</td><td>"))
         };
         let rows: String = entries().into_iter().map(row).collect();

@@ -563,15 +563,22 @@ impl<'a, 'b> Field<'a, 'b> {
         let mut groups = alike_sets(&self.bench, m, &self.seen.groups);
         for set in &mut groups {
             let own = set[0];
-            let rivals = self.models.iter().zip(&odds.probability[1..]);
-            let rivals = rivals.filter(|(r, p)| {
-                size(r) == size(m)
-                    && !r.has(own)
-                    && r.ids().iter().filter(|id| !m.has(id)).count() == 1
-                    && **p >= RIVALS * odds.probability[1 + i]
-            });
-            for id in rivals.flat_map(|(r, _)| r.ids()) {
-                if !m.has(id) && !set.contains(&id) {
+            // models with another cause in its place: they say better than traces do what can be told
+            let others = |r: &Model| r.ids().into_iter().filter(|id| !m.has(id)).collect();
+            let mut instead: Vec<(&'static str, bool)> = Vec::new();
+            for (r, p) in self.models.iter().zip(&odds.probability[1..]) {
+                let other: Vec<&'static str> = others(r);
+                if let (true, false, [id]) = (size(r) == size(m), r.has(own), &other[..]) {
+                    let rivals = *p >= RIVALS * odds.probability[1 + i];
+                    match instead.iter_mut().find(|o| o.0 == *id) {
+                        Some(known) => known.1 |= rivals,
+                        None => instead.push((id, rivals)),
+                    }
+                }
+            }
+            set.retain(|id| !instead.contains(&(id, false)));
+            for (id, _) in instead.iter().filter(|o| o.1) {
+                if !set.contains(id) {
                     set.push(id);
                 }
             }

@@ -920,7 +920,7 @@ fn along_coordinate(variable: Variable, view: &View) -> Vec<f64> {
                 Some(*largest)
             })
             .collect(),
-        Variable::Sliding => super::line::sliding(view.xi, SLID),
+        Variable::Sliding => super::line::sliding(view.way, SLID),
         _ => vec![f64::NAN; n],
     }
 }
@@ -947,7 +947,10 @@ impl Learnt {
                 scaled(units(knots, &x, &vec![1.0; x.len()]), by)
             }
             Form::Presliding { of, ranges } => {
-                let x = along_coordinate(*of, view);
+                let x = match of {
+                    Variable::Excursion => view.way.to_vec(),
+                    of => along_coordinate(*of, view),
+                };
                 (ranges.iter())
                     .map(|range| super::line::sliding(&x, *range))
                     .collect()

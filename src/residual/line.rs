@@ -28,7 +28,7 @@ use super::{Normal, SeparableResidual, Slope};
 use crate::dataset::Coupon;
 use crate::dataset::line::{AxisLine, Constant, Line, Measured, interpolate_rising};
 use crate::effects::learnt::Learnt;
-use crate::effects::line::{Kind, Real, Terms, Undone, View};
+use crate::effects::line::{Kind, Real, Terms, Undone, View, played, sliding};
 use crate::effects::{Acting, When};
 use crate::film::kernel::{LANES, Pass, ROW, Shape};
 use crate::film::{Film, Locked};
@@ -103,6 +103,7 @@ struct Part<'a> {
     /// Places (samples, or nodes of a coupon's grid) at which effects are worked out.
     time_s: Arc<Vec<f64>>,
     xi: Arc<Vec<f64>>,
+    way: Arc<Vec<f64>>,
     rate: Arc<Vec<f64>>,
     second: Arc<Vec<f64>>,
     /// Kept places, and their measured value (bench, coupon).
@@ -156,7 +157,7 @@ impl Part<'_> {
         let xi = &self.xi;
         let mut out: Vec<Vec<f64>> = Vec::new();
         for presliding in [0.005, 0.03, 0.2] {
-            let z = crate::effects::line::sliding(xi, presliding);
+            let z = sliding(&self.way, presliding);
             out.push(times(&z, xi));
             out.push(times(&z, &self.of_xi(f64::abs)));
             out.push(z);
@@ -1121,6 +1122,7 @@ impl<'a> LineResidual<'a> {
             series_s: p.when.series_s,
             unstrained: matches!(&*self.plain, Plain::Coupon { .. }),
             xi: &p.xi,
+            way: &p.way,
             rate: &p.rate,
             speed: largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE),
             elastic,
@@ -2008,10 +2010,15 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
         Measured::Axis(axis) => laid_out_axis(line, axis, s, every),
         Measured::Coupon(coupon) => laid_out_coupon(coupon, s),
     };
+    let noise = match &line.measured {
+        Measured::Axis(axis) if axis.velocity => line.x_noise * line.step_s,
+        _ => line.x_noise,
+    };
     Part {
         line,
         when,
         weight: vec![1.0 / s.force; l.kept.len()],
+        way: Arc::new(played(&l.xi, NOISE_REACHES * noise / s.coordinate)),
         second: Arc::new(l.second.unwrap_or_else(|| vec![0.0; l.xi.len()])),
         time_s: Arc::new(l.time_s),
         xi: Arc::new(l.xi),
@@ -2023,6 +2030,9 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
         base: Arc::new(l.base),
     }
 }
+
+/// Standard deviations that noise hardly ever exceeds.
+const NOISE_REACHES: f64 = 3.0;
 
 /// What a kind of recording makes of a part.
 #[derive(Default)]

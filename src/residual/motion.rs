@@ -203,6 +203,7 @@ where
     #[inline(always)]
     fn push(&self, x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]) -> R {
         let xi = (x - self.rest).times(self.to_xi);
+        let before = memory.first().map_or(xi, |m| m.before);
         let at = Moment {
             since_s: moment.0,
             span_s: self.span_s,
@@ -210,6 +211,7 @@ where
             unstrained: false,
             step_s: moment.1,
             xi,
+            way: xi - before,
             rate: v.times(self.to_xi),
             elastic: (self.stiffness * xi).times(self.coordinate / self.force),
         };
@@ -824,6 +826,7 @@ impl<'a> MotionResidual<'a> {
                     unstrained: false,
                     step_s: 0.0,
                     xi,
+                    way: 0.0,
                     rate: 0.0,
                     elastic: k * s.coordinate * xi / s.force,
                 };

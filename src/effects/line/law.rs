@@ -183,7 +183,9 @@ pub struct Moment<R> {
     pub step_s: f64,
     /// Excursion from rest, over the largest one.
     pub xi: R,
-    /// Its rate, 1/s.
+    /// How far it went since then, as far as its noise does not make it ([`View::way`]).
+    pub way: R,
+    /// Rate of the excursion, 1/s.
     pub rate: R,
     /// Force of the springs at the current model, over the largest measured force.
     pub elastic: R,
@@ -261,6 +263,7 @@ pub(super) fn along<L: Law>(law: &L, v: &[f64], view: &View, terms: &mut Terms) 
             unstrained: view.unstrained,
             step_s: view.time_s[i] - view.time_s[i.saturating_sub(1)],
             xi: view.xi[i],
+            way: view.way[i] - view.way[i.saturating_sub(1)],
             rate: view.rate[i],
             // empty where only what becomes of the input is asked
             elastic: view.elastic.get(i).copied().unwrap_or(0.0),

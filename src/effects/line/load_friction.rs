@@ -55,7 +55,7 @@ impl Effect for LoadFriction {
 
 impl Law for LoadFriction {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
-        state.state = slid(state.state, at.xi - state.before, v[1]);
+        state.state = slid(state.state, at.way, v[1]);
         point.force = point.force + v[0] * at.elastic.abs() * state.state;
     }
 }

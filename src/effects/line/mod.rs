@@ -64,7 +64,9 @@ pub struct View<'a> {
     pub unstrained: bool,
     /// Excursion from rest, over the largest one.
     pub xi: &'a [f64],
-    /// Its rate, 1/s.
+    /// The excursion as far as its noise does not make it: what holds still goes no way.
+    pub way: &'a [f64],
+    /// Rate of the excursion, 1/s.
     pub rate: &'a [f64],
     /// The fastest rate, 1/s.
     pub speed: f64,
@@ -183,16 +185,57 @@ pub fn runs_forward(effect: &dyn Effect) -> bool {
     effect.law().is_some() || effect.drives() || effect.id() == clock_offset::ID
 }
 
-/// The state of sliding along a course, from -1 to 1: it follows the direction over the distance
-/// `presliding`.
-pub(crate) fn sliding(xi: &[f64], presliding: f64) -> Vec<f64> {
-    let mut z = 0.0;
-    let mut before = xi.first().copied().unwrap_or(0.0);
+/// What holds within `noise` on either side of a course: a play, which follows the course once that has left
+/// its width.
+pub(crate) fn played(xi: &[f64], noise: f64) -> Vec<f64> {
+    let mut at = xi.first().copied().unwrap_or(0.0);
     xi.iter()
+        .map(|x| {
+            at = at.clamp(x - noise, x + noise);
+            at
+        })
+        .collect()
+}
+
+/// The state of sliding along a course without noise, from -1 to 1: it follows the direction over the
+/// distance `presliding`.
+pub(crate) fn sliding(way: &[f64], presliding: f64) -> Vec<f64> {
+    let mut z = 0.0;
+    let mut before = way.first().copied().unwrap_or(0.0);
+    way.iter()
         .map(|&x| {
             z = law::slid(z, x - before, presliding);
             before = x;
             z
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_wears_no_friction_off_where_a_rig_holds_still() {
+        // a way of 1 and a hold, with noise of a fifth of the presliding distance
+        let (presliding, noise) = (0.02, 0.004);
+        let mut course = Vec::new();
+        let mut seed = 1_u64;
+        for i in 0..3000_u64 {
+            let white: f64 = (0..12)
+                .map(|_| {
+                    seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+                })
+                .sum();
+            course.push((i as f64 / 1000.0).min(1.0) + noise * white);
+        }
+        let still = |z: &[f64]| z[2000..].iter().sum::<f64>() / 1000.0;
+        let raw = still(&sliding(&course, presliding));
+        let told = still(&sliding(&played(&course, 3.0 * noise), presliding));
+        assert!(raw.abs() < 0.3, "{raw}");
+        assert!(told > 0.8, "{told}");
+        let exact = played(&course, 0.0);
+        assert_eq!(exact, course);
+    }
 }

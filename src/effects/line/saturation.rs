@@ -20,7 +20,9 @@ impl LineEffect for Saturation {
         &[Kind::Axis]
     }
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        [[0.6, 0.02], [0.8, 0.02], [0.95, 0.02], [0.7, 0.15]]
+        // commands may exceed the ceiling many times over
+        let low = [0.2, 0.02];
+        [[0.6, 0.02], [0.8, 0.02], [0.95, 0.02], [0.7, 0.15], low]
             .map(|x| vec![x.to_vec()])
             .to_vec()
     }
@@ -46,7 +48,7 @@ impl Effect for Saturation {
                     name: "ceiling",
                     unit: "input",
                     off: f64::INFINITY,
-                    lower: 0.1,
+                    lower: 0.01,
                     upper: 1.2,
                     spread: 0.1,
                     size: true,

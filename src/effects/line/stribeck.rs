@@ -53,7 +53,7 @@ impl Effect for Stribeck {
 
 impl Law for Stribeck {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
-        state.state = slid(state.state, at.xi - state.before, v[2]);
+        state.state = slid(state.state, at.way, v[2]);
         let fast = at.rate / v[1];
         point.force = point.force + v[0] * state.state * (-(fast * fast)).exp();
     }

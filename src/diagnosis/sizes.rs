@@ -48,7 +48,8 @@ pub(super) fn is_told(fitted: &Fitted, own: usize, estimates: &[Estimate]) -> bo
         .map(|(free, estimate)| (&all[free.1], estimate.ci95));
     sizes.any(|(q, [low, high])| {
         let reaches_off = q.off.is_finite() && (low..=high).contains(&q.off);
-        !reaches_off && !(low <= q.lower && high >= q.upper)
+        let anything = low <= q.lower && high >= q.upper;
+        !reaches_off && !anything
     })
 }
 

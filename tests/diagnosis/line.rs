@@ -803,6 +803,7 @@ fn with_view<R>(of: impl FnOnce(&View) -> R) -> R {
         series_s: 0.0,
         unstrained: false,
         xi: &xi,
+        way: &xi,
         rate: &rate,
         speed: rate.iter().fold(0.0, |m: f64, r| m.max(r.abs())),
         elastic: &elastic,

@@ -37,22 +37,22 @@ pub(super) fn rival_models<S: Subject>(
     units: &[Unit],
     wanted: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Vec<RivalModel>, Error> {
-    let models = [
+    [
         (FORWARD, forward(problem, plain, groups, units, wanted)?),
         (SPARSE, sparse(problem, plain, tangent, groups)),
-    ];
-    // one that tells nothing of the input, as a ceiling below all of it, has no error to show
-    let shown = |(method, fitted): (&'static str, Fitted)| {
-        let (train, _) = train_gain(problem, plain, &fitted).ok()?;
-        let held_out = holdout_gain(problem, holdout, plain, &fitted).ok()?;
-        Some(RivalModel {
+    ]
+    .into_iter()
+    .map(|(method, fitted)| {
+        let (train, _) = train_gain(problem, plain, &fitted)?;
+        let holdout = holdout_gain(problem, holdout, plain, &fitted)?.map(|g| g.0);
+        Ok(RivalModel {
             method,
             effects: fitted.effects.iter().map(|a| a.effect.id()).collect(),
             train,
-            holdout: held_out.map(|g| g.0),
+            holdout,
         })
-    };
-    Ok(models.into_iter().filter_map(shown).collect())
+    })
+    .collect()
 }
 
 /// Akaike's criterion where the size of the noise is known: squares over their variance, and twice the number

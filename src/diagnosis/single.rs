@@ -561,24 +561,12 @@ impl<'a, 'b> Field<'a, 'b> {
             return None;
         }
         let mut groups = alike_sets(&self.bench, m, &self.seen.groups);
-        for set in &mut groups {
-            let own = set[0];
-            // models with another cause in its place: they say better than traces do what can be told
-            let others = |r: &Model| r.ids().into_iter().filter(|id| !m.has(id)).collect();
-            let mut instead: Vec<(&'static str, bool)> = Vec::new();
-            for (r, p) in self.models.iter().zip(&odds.probability[1..]) {
-                let other: Vec<&'static str> = others(r);
-                if let (true, false, [id]) = (size(r) == size(m), r.has(own), &other[..]) {
-                    let rivals = *p >= RIVALS * odds.probability[1 + i];
-                    match instead.iter_mut().find(|o| o.0 == *id) {
-                        Some(known) => known.1 |= rivals,
-                        None => instead.push((id, rivals)),
-                    }
-                }
-            }
-            set.retain(|id| !instead.contains(&(id, false)));
-            for (id, _) in instead.iter().filter(|o| o.1) {
-                if !set.contains(id) {
+        let instead: Vec<Vec<(&'static str, bool)>> = (groups.iter())
+            .map(|set| self.instead(odds, i, set[0]))
+            .collect();
+        for (set, instead) in groups.iter_mut().zip(&instead) {
+            for (id, rivals) in instead {
+                if *rivals && !set.contains(id) {
                     set.push(id);
                 }
             }
@@ -588,7 +576,26 @@ impl<'a, 'b> Field<'a, 'b> {
             let together: f64 = set.iter().map(|id| own(id)).sum();
             together >= 0.5 && set.iter().all(|id| own(id) <= own(set[0]))
         });
+        // what was fitted in a cause's place says better than traces what can be told from it
+        for (set, instead) in groups.iter_mut().zip(&instead) {
+            set.retain(|id| instead.contains(&(id, true)) || !instead.contains(&(id, false)));
+        }
         sure.then_some(groups)
+    }
+
+    /// The causes that were fitted in the place of `own` in a model, and whether that is nearly as likely.
+    fn instead(&self, odds: &Odds, i: usize, own: &str) -> Vec<(&'static str, bool)> {
+        let m = &self.models[i];
+        let cause = |r: &Model| {
+            let others = r.ids().into_iter().filter(|id| !m.has(id));
+            let others: Vec<&'static str> = others.collect();
+            let swapped = r.fitted.effects.len() == m.fitted.effects.len() && !r.has(own);
+            (swapped && others.len() == 1).then(|| others[0])
+        };
+        let least = RIVALS * odds.probability[1 + i];
+        (self.models.iter().zip(&odds.probability[1..]))
+            .filter_map(|(r, p)| Some((cause(r)?, *p >= least)))
+            .collect()
     }
 
     /// What can be foretold at all.

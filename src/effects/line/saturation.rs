@@ -20,9 +20,7 @@ impl LineEffect for Saturation {
         &[Kind::Axis]
     }
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        // commands may exceed the ceiling many times over
-        let low = [0.2, 0.02];
-        [[0.6, 0.02], [0.8, 0.02], [0.95, 0.02], [0.7, 0.15], low]
+        [[0.6, 0.02], [0.8, 0.02], [0.95, 0.02], [0.7, 0.15]]
             .map(|x| vec![x.to_vec()])
             .to_vec()
     }
@@ -48,7 +46,7 @@ impl Effect for Saturation {
                     name: "ceiling",
                     unit: "input",
                     off: f64::INFINITY,
-                    lower: 0.01,
+                    lower: 0.1,
                     upper: 1.2,
                     spread: 0.1,
                     size: true,

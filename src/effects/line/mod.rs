@@ -232,7 +232,7 @@ mod tests {
         let state = sliding(&played(&course, noise), presliding);
         assert!(state.windows(2).all(|z| z[0] <= z[1]));
         let least = 1.0 - (-(1.0 - 3.0 * noise) / presliding).exp();
-        assert!(state[1000] >= least, "{}", state[1000]);
+        assert!(state[1000] >= least - 1e-12, "{} < {least}", state[1000]);
         let raw = sliding(&course, presliding)[2000..].iter().sum::<f64>() / 1000.0;
         assert!(raw.abs() < 0.1, "{raw}");
         assert_eq!(played(&course, 0.0), course);

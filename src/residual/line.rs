@@ -105,6 +105,7 @@ struct Part<'a> {
     xi: Arc<Vec<f64>>,
     way: Arc<Vec<f64>>,
     rate: Arc<Vec<f64>>,
+    acceleration: Arc<Vec<f64>>,
     second: Arc<Vec<f64>>,
     /// Kept places, and their measured value (bench, coupon).
     kept: Arc<Vec<usize>>,
@@ -219,14 +220,10 @@ impl Part<'_> {
 
     /// What a mass that depends on position would make.
     fn inertia_columns(&self) -> Vec<Vec<f64>> {
-        let (n, rate, time_s) = (self.xi.len(), &self.rate, &self.time_s);
-        let acceleration: Vec<f64> = (0..n)
-            .map(|i| {
-                let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-                (rate[b] - rate[a]) / (time_s[b] - time_s[a]).max(f64::MIN_POSITIVE)
-            })
-            .collect();
-        vec![times(&acceleration, &self.xi), times(rate, rate)]
+        vec![
+            times(&self.acceleration, &self.xi),
+            times(&self.rate, &self.rate),
+        ]
     }
 
     /// Waves along the recording, in force and in stiffness.
@@ -1125,6 +1122,8 @@ impl<'a> LineResidual<'a> {
             way: &p.way,
             rate: &p.rate,
             speed: largest(p.rate.iter().copied()).max(f64::MIN_POSITIVE),
+            acceleration: &p.acceleration,
+            inertial: self.has_mass(),
             elastic,
             second: &p.second,
         }
@@ -1662,7 +1661,9 @@ impl<'a> LineResidual<'a> {
             ("history", p.history_columns()),
         ];
         if p.line.timed {
-            sites.push(("inertia", p.inertia_columns()));
+            if !p.acceleration.is_empty() {
+                sites.push(("inertia", p.inertia_columns()));
+            }
             sites.push(("series", p.slow_columns()));
         }
         let white = |kept: Vec<f64>| -> Vec<f64> {
@@ -2023,6 +2024,7 @@ fn part<'a>(line: &'a Line, number: usize, s: &Scales, every: bool) -> Part<'a> 
         time_s: Arc::new(l.time_s),
         xi: Arc::new(l.xi),
         rate: Arc::new(l.rate),
+        acceleration: Arc::new(l.acceleration),
         kept: Arc::new(l.kept),
         measured: Arc::new(l.measured),
         means: Arc::new(l.means),
@@ -2040,6 +2042,8 @@ struct LaidOut {
     time_s: Vec<f64>,
     xi: Vec<f64>,
     rate: Vec<f64>,
+    /// Of an axis.
+    acceleration: Vec<f64>,
     /// 0 everywhere where it is none.
     second: Option<Vec<f64>>,
     kept: Vec<usize>,
@@ -2047,6 +2051,55 @@ struct LaidOut {
     means: Vec<Mean>,
     kernel: Option<Kernel>,
     base: Base,
+}
+
+/// Share of the fastest rate below which the noise of a bench's rate is brought, and share of its samples
+/// over which slopes are taken at most.
+const RATE_NOISE: f64 = 0.02;
+const WIDEST: f64 = 0.05;
+
+/// Slopes of the straight lines through so many neighbours of each sample that `noise` of the coordinate
+/// makes little of the fastest.
+fn steady_slopes(t: &[f64], x: &[f64], noise: f64) -> Vec<f64> {
+    let n = x.len();
+    let mut sums = vec![[0.0; 4]];
+    for (t, x) in t.iter().map(|own| own - t[0]).zip(x) {
+        let [a, b, c, d] = sums[sums.len() - 1];
+        sums.push([a + t, b + x, c + t * t, d + t * x]);
+    }
+    let mut half = 1;
+    loop {
+        let (mut fastest, mut spread) = (0.0_f64, f64::INFINITY);
+        let slope = |i: usize| {
+            let (from, to) = (i.saturating_sub(half), (i + half + 1).min(n));
+            let count = (to - from) as f64;
+            let [t, x, tt, tx] = [0, 1, 2, 3].map(|k| sums[to][k] - sums[from][k]);
+            let width = tt - t * t / count;
+            let slope = if width > 0.0 {
+                (tx - t * x / count) / width
+            } else {
+                0.0
+            };
+            (slope, width)
+        };
+        let rate: Vec<f64> = (0..n)
+            .map(|i| {
+                let (slope, width) = slope(i);
+                fastest = fastest.max(slope.abs());
+                spread = if width > 0.0 {
+                    spread.min(width)
+                } else {
+                    spread
+                };
+                slope
+            })
+            .collect();
+        let steady = noise / spread.sqrt() <= RATE_NOISE * fastest;
+        if steady || (4 * half) as f64 > WIDEST * n as f64 {
+            return rate;
+        }
+        half *= 2;
+    }
 }
 
 /// Slopes between the neighbours of every sample.
@@ -2071,7 +2124,7 @@ fn laid_out_bench(line: &Line, torque: &[f64], s: &Scales) -> LaidOut {
         .map(|&i| (line.x[i] - s.rest) / s.coordinate)
         .collect();
     let rate = if line.timed {
-        slopes(&time_s, &xi)
+        steady_slopes(&time_s, &xi, line.x_noise / s.coordinate)
     } else {
         vec![0.0; xi.len()]
     };
@@ -2092,7 +2145,10 @@ fn laid_out_axis(line: &Line, axis: &AxisLine, s: &Scales, every: bool) -> LaidO
     let position = excursion(line, axis);
     let n = line.samples();
     let order = usize::from(!axis.velocity);
-    let smooth = |i: usize| k.at(order, &line.x, i.clamp(k.half, n - 1 - k.half));
+    let smooth = |order: usize| -> Vec<f64> {
+        let at = |i: usize| k.at(order, &line.x, i.clamp(k.half, n - 1 - k.half));
+        (0..n).map(|i| at(i) / s.coordinate).collect()
+    };
     let duration = line.step_s * n as f64;
     let edge = ((EDGE_S.min(EDGE_SHARE * duration) / line.step_s) as usize).max(k.half + 1);
     let independent = (1.0 / (2.0 * 1.15 * axis.band_hz * line.step_s)).floor() as usize;
@@ -2111,7 +2167,8 @@ fn laid_out_axis(line: &Line, axis: &AxisLine, s: &Scales, every: bool) -> LaidO
             .iter()
             .map(|x| (x - s.rest) / s.coordinate)
             .collect(),
-        rate: (0..n).map(|i| smooth(i) / s.coordinate).collect(),
+        rate: smooth(order),
+        acceleration: smooth(1 + order),
         base: Base::new(line, axis, &k, &kept, position.iter().map(|x| x - s.rest)),
         kept,
         kernel: Some(k),

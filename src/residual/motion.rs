@@ -198,10 +198,18 @@ where
         }
     }
 
-    /// What pushes, less c x' where it is not among the unknowns. A moment: its time, and how long ago the
-    /// memory was left.
+    /// What pushes, less c x' where it is not among the unknowns, and the mass that it pushes. A moment: its
+    /// time, and how long ago the memory was left.
     #[inline(always)]
-    fn push(&self, x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]) -> R {
+    fn push(
+        &self,
+        x: R,
+        v: R,
+        u: R,
+        load: R,
+        moment: (f64, f64),
+        memory: &mut [Memory<R>],
+    ) -> (R, R) {
         let xi = (x - self.rest).times(self.to_xi);
         let before = memory.first().map_or(xi, |m| m.before);
         let at = Moment {
@@ -219,34 +227,44 @@ where
             xi,
             factor: [R::of(1.0); 2],
             force: R::of(0.0),
+            inertia: R::of(0.0),
             gain: R::of(1.0),
         };
         for ((law, values), m) in self.laws.iter().zip(memory) {
             law.acts(values, &at, m, &mut point);
             m.before = xi;
         }
-        let mut total = u.times(self.gain);
+        let (mut total, mut mass) = (u.times(self.gain), self.mass);
         if !self.laws.is_empty() {
             total = total * point.gain - point.force.times(self.force);
             point.xi = point.xi * point.factor[0];
+            mass = mass + point.inertia.times(self.force * self.to_xi);
         }
         if !load_is_none(load) {
             total = total + self.per_load * load;
         }
-        total - self.bias - (self.stiffness * point.xi).times(self.coordinate)
+        let pushed = total - self.bias - (self.stiffness * point.xi).times(self.coordinate);
+        (pushed, mass)
+    }
+
+    /// The acceleration at a place.
+    #[inline(always)]
+    fn swing(&self, x: R, v: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>]) -> R {
+        let (pushed, mass) = self.push(x, v, u, load, moment, memory);
+        (pushed - self.damping * v) / mass
     }
 
     /// The velocity without mass, from a guess `v`: c v = push(v).
     #[inline(always)]
     fn slide(&self, x: R, u: R, load: R, moment: (f64, f64), memory: &mut [Memory<R>], v: R) -> R {
         if self.laws.is_empty() {
-            return self.push(x, v, u, load, moment, memory) / self.damping;
+            return self.push(x, v, u, load, moment, memory).0 / self.damping;
         }
         let (c, small) = (self.damping.value(), 1e-6 * self.speed * self.coordinate);
         let left = |v: f64| {
             let mut own = memory.to_vec();
-            let p = self.push(x, R::of(v), u, load, moment, &mut own);
-            p.value() - c * v
+            let (pushed, _) = self.push(x, R::of(v), u, load, moment, &mut own);
+            pushed.value() - c * v
         };
         let (mut v, mut slope) = (v.value(), -c);
         for _ in 0..TURNS {
@@ -260,7 +278,7 @@ where
         }
         // one more step in the number at hand carries its derivatives (implicit function)
         let at = R::of(v);
-        let e = self.push(x, at, u, load, moment, memory) - self.damping * at;
+        let e = self.push(x, at, u, load, moment, memory).0 - self.damping * at;
         at - e.times(1.0 / slope)
     }
 
@@ -296,14 +314,12 @@ where
     fn swing_on(&self, going: &mut Going<R>, s: &Stages<R>) {
         let (x, v, h) = (going.x, going.v, s.h);
         let now = (s.time_s[0], going.passed);
-        let a1 = (self.push(x, v, s.u[0], s.load[0], now, &mut going.memories) - self.damping * v)
-            / self.mass;
+        let a1 = self.swing(x, v, s.u[0], s.load[0], now, &mut going.memories);
         going.passed = h;
         let mut stage = |x: R, v: R, k: usize| {
             going.scratch.clone_from(&going.memories);
             let moment = (s.time_s[k], HALVES[k] * h);
-            (self.push(x, v, s.u[k], s.load[k], moment, &mut going.scratch) - self.damping * v)
-                / self.mass
+            self.swing(x, v, s.u[k], s.load[k], moment, &mut going.scratch)
         };
         let v2 = v + a1.times(0.5 * h);
         let a2 = stage(x + v.times(0.5 * h), v2, 1);
@@ -817,6 +833,7 @@ impl<'a> MotionResidual<'a> {
                     xi,
                     factor: [1.0; 2],
                     force: 0.0,
+                    inertia: 0.0,
                     gain: 1.0,
                 };
                 let at = Moment {

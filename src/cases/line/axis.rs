@@ -41,6 +41,7 @@ pub const EFFECTS: &[(&str, Maker, Needs)] = &[
     ("x_rate_friction", forms::rate_friction, Needs::Any),
     ("x_quadratic_damping", forms::quadratic_damping, Needs::Any),
     ("x_direction_damping", forms::direction_damping, Needs::Any),
+    ("x_stroke_inertia", forms::stroke_inertia, Needs::Any),
     (
         "x_nonlinear_stiffness",
         forms::nonlinear_stiffness,

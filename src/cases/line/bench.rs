@@ -17,6 +17,7 @@ pub const EFFECTS: &[(&str, Maker, Needs)] = &[
     ("joint_friction", forms::friction, Needs::Any),
     ("x_load_friction", forms::load_friction, Needs::Any),
     ("x_backlash", forms::backlash, Needs::Any),
+    ("joint_damping", forms::damping, Needs::Clock),
     ("slow_creep", forms::creep, Needs::Clock),
     ("mullins_softening", forms::softening, Needs::Any),
     ("temperature_drift", forms::drift, Needs::Clock),

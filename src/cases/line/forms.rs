@@ -123,6 +123,37 @@ pub fn direction_damping(draw: &mut Draw) -> Mechanism {
         .push(move |now, _, _| force * now.v / top * 0.5 * (1.0 + (now.v / valve).tanh()))
 }
 
+/// Oil that thins or thickens: a resistance with a power near one.
+pub fn damping(draw: &mut Draw) -> Mechanism {
+    let force = draw.share(0.01, 0.4);
+    let power = 1.0 + draw.dice.sign() * draw.dice.range(0.03, 0.12);
+    let top = draw.at.speed;
+    draw.cause("joint_damping")
+        .form("force_at_top_speed_N", force)
+        .form("power", power)
+        .push(move |now, _, _| force * now.v.signum() * (now.v.abs() / top).powf(power))
+}
+
+/// A load on a long lever that is out of square: its inertia changes with the stroke by a line and a bend.
+pub fn stroke_inertia(draw: &mut Draw) -> Mechanism {
+    let share = draw.dice.sign() * draw.size(0.04, 0.6);
+    let bend = draw.dice.range(-0.2, 0.2);
+    let (mass, stroke) = (draw.at.mass, draw.at.stroke);
+    let tau = 0.004 / draw.at.base_hz.max(1.0);
+    draw.cause("x_stroke_inertia")
+        .form("share_of_mass", share)
+        .form("bend", bend)
+        // the acceleration by a quick follower of the speed
+        .with(vec![0.0])
+        .push(move |now, s, rate| {
+            let (p, a) = (now.x / stroke, (now.v - s[0]) / tau);
+            rate[0] = a;
+            let more = share * mass;
+            more * (p * (1.0 + bend * p) * a
+                + 0.5 * (1.0 + 2.0 * bend * p) / stroke * now.v * now.v)
+        })
+}
+
 /// A spring that is no straight line: a hyperbolic sine, one exponential, or an arc tangent, less its
 /// straight part.
 pub fn nonlinear_stiffness(draw: &mut Draw) -> Mechanism {

@@ -1,4 +1,5 @@
-//! A drive whose pull changes with the stroke:  u e^(-a x) (x over the largest excursion).
+//! A drive whose pull changes with the stroke:  u e^(-a x - b x^2) (x over the largest
+//! excursion).
 
 use super::super::{Effect, Quantity, size};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
@@ -11,7 +12,7 @@ impl LineEffect for DriveStroke {
         &[Kind::Axis]
     }
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        vec![vec![vec![0.1]]]
+        vec![vec![vec![0.1, 0.0], vec![0.0, 0.1]]]
     }
 }
 
@@ -20,16 +21,21 @@ impl Effect for DriveStroke {
         "x_drive_stroke"
     }
     fn says(&self) -> &'static str {
-        "the pull of the drive changes with the stroke: electrodes that have zipped leave less to close, a magnet pulls harder the nearer"
+        "the pull of the drive changes with the stroke: electrodes that have zipped leave less to close, a magnet pulls harder the nearer, a coil leaves its gap to either side"
     }
     fn source(&self) -> &'static str {
         "virtual work of a capacitance that is no straight line over the stroke: 1/2 u^2 dC/dx"
     }
     fn equation(&self) -> &'static str {
-        "u = u_c e^(-decay x)"
+        "u = u_c e^(-decay x - curvature x^2)"
     }
     fn parameters(&self) -> &'static [Quantity] {
-        const { &[size("decay", "1", -5.0, 5.0, 0.5)] }
+        const {
+            &[
+                size("decay", "1", -5.0, 5.0, 0.5),
+                size("curvature", "1", -5.0, 5.0, 0.5),
+            ]
+        }
     }
     fn brought_out_by(&self) -> &'static str {
         "the same drive against several loads, so that one voltage meets several positions"
@@ -47,6 +53,6 @@ impl Effect for DriveStroke {
 
 impl Law for DriveStroke {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
-        point.gain = point.gain * (-v[0] * at.xi).exp();
+        point.gain = point.gain * (-at.xi * (v[0] + v[1] * at.xi)).exp();
     }
 }

@@ -209,6 +209,8 @@ pub struct Point<R> {
     pub factor: [R; 2],
     /// Force that the model asks for beside that of the plain model, over the largest measured one.
     pub force: R,
+    /// Mass beside that of the plain model: that force for a unit of acceleration, s^2.
+    pub inertia: R,
     /// Multiplies the input.
     pub gain: R,
 }
@@ -272,13 +274,15 @@ pub(super) fn along<L: Law>(law: &L, v: &[f64], view: &View, terms: &mut Terms) 
             xi: terms.xi[i],
             factor: terms.factor[i],
             force: terms.force[i],
+            inertia: 0.0,
             gain: terms.gain[i],
         };
         law.act(v, &at, &mut memory, &mut point);
         memory.before = at.xi;
         terms.xi[i] = point.xi;
         terms.factor[i] = point.factor;
-        terms.force[i] = point.force;
+        let acceleration = view.acceleration.get(i).copied().unwrap_or(0.0);
+        terms.force[i] = point.force + point.inertia * acceleration;
         terms.gain[i] = point.gain;
     }
 }

@@ -9,6 +9,7 @@ mod backlash;
 mod branch_stretch;
 mod clock_offset;
 mod creep;
+mod damping;
 mod deadband;
 mod direction_damping;
 mod drift;
@@ -32,6 +33,7 @@ mod slack;
 mod softening;
 mod stribeck;
 mod stroke_damping;
+mod stroke_inertia;
 
 use super::Effect;
 pub use law::{At, Dual, Forward, LANES, Law, Memory, Moment, Point, Real};
@@ -70,6 +72,10 @@ pub struct View<'a> {
     pub rate: &'a [f64],
     /// The fastest rate, 1/s.
     pub speed: f64,
+    /// Second derivative of the excursion, 1/s^2 (axis; otherwise empty).
+    pub acceleration: &'a [f64],
+    /// Whether it has a mass.
+    pub inertial: bool,
     /// Force of the springs at the current model, over the largest measured force.
     pub elastic: &'a [f64],
     /// Stress of the second invariant for a unit of its modulus (coupon; otherwise 0).
@@ -143,6 +149,8 @@ pub const CATALOGUE: &[&dyn LineEffect] = &[
     &rate_friction::RateFriction,
     &quadratic_damping::QuadraticDamping,
     &direction_damping::DirectionDamping,
+    &damping::Damping,
+    &stroke_inertia::StrokeInertia,
     &nonlinear_stiffness::NonlinearStiffness,
     &end_stop::EndStop,
     &backlash::Backlash,

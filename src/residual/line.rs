@@ -2288,6 +2288,35 @@ mod tests {
     use super::*;
 
     #[test]
+    fn noise_of_the_coordinate_makes_little_of_a_steady_rate() {
+        let (step, noise) = (0.01, 2e-3);
+        let t: Vec<f64> = (0..4000).map(|i| f64::from(i) * step).collect();
+        let mut generator = ChaCha12Rng::seed_from_u64(1);
+        let x: Vec<f64> = (t.iter())
+            .map(|t| {
+                let z: f64 = StandardNormal.sample(&mut generator);
+                (0.2 * t).sin() + noise * z
+            })
+            .collect();
+        let wrong = |rate: &[f64]| {
+            let squares = rate
+                .iter()
+                .zip(&t)
+                .map(|(r, t)| (r - 0.2 * (0.2 * t).cos()).powi(2));
+            (squares.sum::<f64>() / t.len() as f64).sqrt() / 0.2
+        };
+        // neighbours differ by as much as the noise
+        assert!(wrong(&slopes(&t, &x)) > 0.5);
+        assert!(wrong(&steady_slopes(&t, &x, noise)) < 1.5 * RATE_NOISE);
+        assert_eq!(steady_slopes(&t, &t, 0.0).len(), t.len());
+        assert!(
+            steady_slopes(&t, &t, 0.0)
+                .iter()
+                .all(|r| (r - 1.0).abs() < 1e-9)
+        );
+    }
+
+    #[test]
     fn kernels_differentiate_what_lies_in_their_band() {
         let step = 0.01;
         let k = Kernel::new(12.0, step, 4000);

@@ -32,6 +32,8 @@ enum More {
     Stroke(f64, f64),
     /// A lag of the drive, s.
     Lag(f64),
+    /// Share of the mass that the stroke adds at the amplitude.
+    Inertia(f64),
 }
 
 impl More {
@@ -43,6 +45,7 @@ impl More {
             More::Dry(..) => Some("joint_friction"),
             More::Stroke(..) => Some("x_stroke_damping"),
             More::Lag(_) => Some("x_drive_lag"),
+            More::Inertia(_) => Some("x_stroke_inertia"),
         }
     }
 }
@@ -99,6 +102,7 @@ impl Axis {
             More::Spring(q, c) => (force * xi * xi * (q + c * xi), 0.0),
             More::Drag(d) => (force * d * fast * fast.abs(), 0.0),
             More::Stroke(l, q) => (force * xi * (l + q * xi) * fast, 0.0),
+            More::Inertia(s) => (0.5 * self.mass * s / a * v * v, 0.0),
             More::Dry(f, s) => {
                 let z = z + (way.signum() - z) * (1.0 - (-way.abs() / (s * a)).exp());
                 (force * f * z, z)
@@ -151,7 +155,11 @@ impl Axis {
                 let acceleration = |x: f64, v: f64, u: f64| {
                     let (more, _) = self.more(x, v, state, x - start);
                     let plain = self.damping * v + self.stiffness * x;
-                    (self.gain * u + push - plain - more) / self.mass
+                    let mass = match self.more {
+                        More::Inertia(s) => self.mass * (1.0 + s * x / self.amplitude),
+                        _ => self.mass,
+                    };
+                    (self.gain * u + push - plain - more) / mass
                 };
                 let a1 = acceleration(x, v, u[0]);
                 let a2 = acceleration(x + 0.5 * h * v, v + 0.5 * h * a1, u[1]);
@@ -186,6 +194,7 @@ impl Axis {
         let force = self.stiffness * a;
         let mut stiffness = self.stiffness;
         let mut damping = self.damping;
+        let mut mass = self.mass;
         let mut out = Vec::new();
         match self.more {
             More::Nothing => {}
@@ -216,9 +225,13 @@ impl Axis {
                 out.push(("x_stroke_damping.quadratic", q * largest.powi(2)));
             }
             More::Lag(tau) => out.push(("x_drive_lag.time_constant", tau)),
+            More::Inertia(s) => {
+                mass += self.mass * s * rest / a;
+                out.push(("x_stroke_inertia.coefficient", self.mass * s / a));
+            }
         }
         let plain = [
-            ("mass", self.mass),
+            ("mass", mass),
             ("damping", damping),
             ("stiffness", stiffness),
         ];
@@ -276,6 +289,7 @@ fn quiet_axes_are_found_to_a_thousandth() {
         More::Dry(0.04, 0.05),
         More::Stroke(0.03, 0.06),
         More::Lag(0.01),
+        More::Inertia(0.2),
     ];
     for (i, more) in causes.into_iter().enumerate() {
         let axis = Axis {

@@ -787,12 +787,15 @@ fn with_view<R>(of: impl FnOnce(&View) -> R) -> R {
         .map(course)
         .fold(0.0, |m: f64, x| m.max(x.abs()));
     let xi: Vec<f64> = time_s.iter().map(|t| course(t) / largest).collect();
-    let rate: Vec<f64> = (0..400)
-        .map(|i: usize| {
+    let slopes = |values: &[f64]| -> Vec<f64> {
+        let between = |i: usize| {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(399));
-            (xi[b] - xi[a]) / (time_s[b] - time_s[a])
-        })
-        .collect();
+            (values[b] - values[a]) / (time_s[b] - time_s[a])
+        };
+        (0..400).map(between).collect()
+    };
+    let rate = slopes(&xi);
+    let acceleration = slopes(&rate);
     let elastic: Vec<f64> = xi.iter().map(|x| 0.8 * x).collect();
     let second = vec![0.5; 400];
     of(&View {
@@ -806,6 +809,8 @@ fn with_view<R>(of: impl FnOnce(&View) -> R) -> R {
         way: &xi,
         rate: &rate,
         speed: rate.iter().fold(0.0, |m: f64, r| m.max(r.abs())),
+        acceleration: &acceleration,
+        inertial: true,
         elastic: &elastic,
         second: &second,
     })

@@ -179,7 +179,7 @@ impl Mechanics {
             relaxation_time_s: &film.relaxation_time_s,
             locking: film.locking,
         };
-        let mut pass = Pass::new(&history, shape);
+        let mut pass = Pass::of_stress(&history, shape);
         let width = pass.row_width();
         let mut rows = vec![0.0; 128 * width];
         let mut out = Vec::with_capacity(self.samples());

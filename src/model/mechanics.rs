@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::{ForearmTorque, Parameters, Robot};
 use crate::dataset::Track;
 use crate::film::Locked;
-use crate::film::kernel::{History, LANES, Pass, Shape, Way};
+use crate::film::kernel::{History, LANES, Pass, ROW, Shape, Way};
 use crate::kinematics::{ChainPose, OutOfReach, Vec3, dot};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
@@ -490,9 +490,8 @@ impl Mechanics {
         parameters: &Parameters,
     ) -> Result<Vec<[f64; 2]>, Locked> {
         let mut out = Vec::with_capacity(self.samples());
-        self.for_each_spring(k, parameters, |spring| {
-            let branches = 1..parameters.film.mu_pa.len();
-            out.push([spring(0), branches.map(spring).sum()]);
+        self.for_each_spring(k, parameters, |springs| {
+            out.push([springs[0], springs[1..].iter().sum()]);
         })?;
         Ok(out)
     }
@@ -508,34 +507,36 @@ impl Mechanics {
         parameters: &Parameters,
     ) -> Result<Vec<Vec<f64>>, Locked> {
         let mut out = Vec::with_capacity(self.samples());
-        self.for_each_spring(k, parameters, |spring| {
-            out.push((0..parameters.film.mu_pa.len()).map(spring).collect());
-        })?;
+        self.for_each_spring(k, parameters, |springs| out.push(springs.to_vec()))?;
         Ok(out)
     }
 
-    /// Shows the torque of each spring, by its number, sample by sample.
+    /// Shows the torques of the springs, sample by sample.
     fn for_each_spring(
         &self,
         k: usize,
         parameters: &Parameters,
-        mut each: impl FnMut(&dyn Fn(usize) -> f64),
+        mut each: impl FnMut(&[f64]),
     ) -> Result<(), Locked> {
         let film = &parameters.film;
         let shape = Shape {
             relaxation_time_s: &film.relaxation_time_s,
             locking: film.locking,
         };
-        let mut pass = Pass::new(&self.chains[k].history, shape);
+        let mut pass = Pass::of_stress(&self.chains[k].history, shape);
         let width = pass.row_width();
         let mut rows = vec![0.0; 128 * width];
+        let mut springs = vec![0.0; film.mu_pa.len()];
         loop {
             let count = pass.next_block(&mut rows)?;
             if count == 0 {
                 return Ok(());
             }
             for row in rows[..count * width].chunks(width) {
-                each(&|n: usize| row[n / LANES * 3 * LANES + n % LANES] * film.mu_pa[n]);
+                for (n, (spring, mu)) in springs.iter_mut().zip(&film.mu_pa).enumerate() {
+                    *spring = row[n / LANES * ROW + n % LANES] * mu;
+                }
+                each(&springs);
             }
         }
     }

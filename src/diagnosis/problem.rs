@@ -818,7 +818,8 @@ impl Tangent {
             slope[own + j] = columns.column(own + j).dot(&design.column(width));
             ridge.push(norm.powi(-2));
         }
-        let mut gram = columns.tr_mul(&columns);
+        // the product of two matrices goes in blocks, that of a transposed one by columns
+        let mut gram = columns.transpose() * &columns;
         for (j, r) in ridge.iter().enumerate() {
             gram[(j, j)] += r;
         }

@@ -329,11 +329,12 @@ impl<'a> Spread<'a> {
         mean: &DVector<f64>,
         film_pa: f64,
     ) -> Self {
-        let along = tangent.columns.tr_mul(rows);
+        // the product of two matrices goes in blocks, that of a transposed one by columns
+        let along = tangent.columns.transpose() * rows;
         let absorbed = tangent.absorb(&along);
         let hidden = absorbed.tr_mul(tangent.slope());
         let rest = tangent.slope().dot(&tangent.absorbed(tangent.slope()));
-        let gram = (rows.tr_mul(rows) - along.tr_mul(&absorbed)) / noise;
+        let gram = (rows.transpose() * rows - along.transpose() * &absorbed) / noise;
         let score = (rows.tr_mul(&tangent.residual) - hidden) / noise;
         // what the mechanism has of them already lies beside the drawing, which is where the priors are
         // centred

@@ -24,6 +24,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::BASELINE;
+use super::fits::or_nominal;
 use super::outcome::Departed;
 use super::problem::{Fitted, Problem, Tangent, free_values, value_unknowns};
 use super::subject::Subject;
@@ -563,12 +564,7 @@ impl Built {
         built.enter(problem);
         let warm = refit(problem, plain);
         // a film that bent to a mechanism which was not so
-        let cold = problem.nominal(&plain.effects, BASELINE);
-        let fitted = if cold.cost() < warm.cost() {
-            cold
-        } else {
-            warm
-        };
+        let fitted = or_nominal(problem, warm, &plain.effects, BASELINE);
         built.settled(problem, &fitted)
     }
 

@@ -190,6 +190,20 @@ impl State {
         }
     }
 
+    /// The least cost that the linear model about the parameters promises, bounds and trust left aside; minus
+    /// infinity where there is none.
+    pub fn promised(&self, nonlinear: &[Unknown], linear: &[Unknown]) -> f64 {
+        if self.gram.is_empty() {
+            return f64::NEG_INFINITY;
+        }
+        let Some((reduced, gradient)) = reduced_system(&self.gram(), self, nonlinear, linear)
+        else {
+            return f64::NEG_INFINITY;
+        };
+        let local = Local::new(self, nonlinear, &reduced, &gradient);
+        self.cost - local.map_or(0.0, |l| trusted_step(&l.h, &l.g, f64::INFINITY).2)
+    }
+
     /// Gram matrix of [d r/d eta | B | r] at the parameters.
     pub fn gram(&self) -> DMatrix<f64> {
         let size = self.eta.len() + self.beta.len() + 1;

@@ -143,7 +143,7 @@ impl Blocks {
         let parts: Vec<_> = (self.edges.windows(2))
             .map(|e| x.rows(e[0], e[1] - e[0]).into_owned())
             .collect();
-        let grams: Vec<DMatrix<f64>> = parts.iter().map(|p| p.tr_mul(p)).collect();
+        let grams: Vec<DMatrix<f64>> = parts.iter().map(|p| p.transpose() * p).collect();
         let mut whole = DMatrix::from_diagonal(&ridge);
         for g in &grams {
             whole += g;

@@ -9,7 +9,9 @@ use rayon::prelude::*;
 use super::blocks::typical_form;
 use super::chance::{self, Chance};
 use super::errors::{above_noise, beyond_noise, lowers_error, taken_away};
-use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, refit, with_partner};
+use super::fits::{
+    baseline, choose, of_the_rare, or_nominal, ordinary, plainest, polish, refit, with_partner,
+};
 use super::judge::{Judged, Odds, alike};
 use super::outcome::*;
 use super::parts::Causes;
@@ -307,12 +309,7 @@ impl<'a, S: Subject> Case<'a, S> {
         problem.weigh_if_believed(leader, ground.ordinary)?;
         before.change(problem).of(&mut seen.groups, &mut seen.units);
         let again = problem.fit_near(&ground.plain, &[], POLISH);
-        let nominal = problem.nominal(&[], POLISH);
-        ground.plain = if again.cost() < nominal.cost() {
-            again
-        } else {
-            nominal
-        };
+        ground.plain = or_nominal(problem, again, &[], POLISH);
         // The best of each hypothesis: those that fit best, and those that surprise most, which a film that
         // bends to others outdoes.
         let mut leading: Vec<&Fitted> = Vec::new();

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::blocks::Blocks;
 use super::judge::Judged;
 use super::outcome::*;
-use super::problem::{Fitted, Problem, Tangent};
+use super::problem::{Effort, Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, Unit, fingerprints, scan};
 use super::subject::Subject;
 use super::{BASELINE, FIRST, OF_ONE, PARTNERS, POLISH, RARE};
@@ -22,17 +22,28 @@ pub(super) fn baseline<S: Subject>(problem: &mut Problem<S>) -> Result<(Fitted, 
     if !problem.weigh_if_believed(&first, ordinary)? {
         return Ok((first, ordinary));
     }
-    let (a, b) = rayon::join(
-        || problem.fit_near(&first, &[], BASELINE),
-        || problem.nominal(&[], BASELINE),
-    );
-    Ok((if a.cost() < b.cost() { a } else { b }, ordinary))
+    let near = problem.fit_near(&first, &[], BASELINE);
+    Ok((or_nominal(problem, near, &[], BASELINE), ordinary))
 }
 
 /// Weighs by the noise of an ordinary film, and says how much that is ([`Problem::log_noise`]).
 pub(super) fn ordinary<S: Subject>(problem: &mut Problem<S>) -> Result<[f64; 2], Error> {
     problem.weigh(&problem.typical())?;
     Ok(problem.log_noise())
+}
+
+/// A fit, or one with `effects` from the nominal film where that does better.
+pub(super) fn or_nominal<S: Subject>(
+    problem: &Problem<S>,
+    fitted: Fitted,
+    effects: &[Acting],
+    effort: Effort,
+) -> Fitted {
+    let other = problem.nominal(effects, effort.to_outdo(fitted.cost()));
+    match other.cost() < fitted.cost() {
+        true => other,
+        false => fitted,
+    }
 }
 
 /// The most promising hypotheses, not too many of one effect.
@@ -65,19 +76,13 @@ pub(super) fn refit<S: Subject>(
         .map(|s| {
             let mut effects = beside.to_vec();
             effects.push(s.acting.clone());
-            let warm = problem.fit_near(base, &effects, FIRST);
-            if warm.cost() > base.cost() - 0.5 * s.promised {
+            let mut fit = problem.fit_near(base, &effects, FIRST);
+            if fit.cost() > base.cost() - 0.5 * s.promised {
                 // Worse than promised: the plain film may have run to its bounds.
-                let cold = problem.nominal(&effects, FIRST);
-                problem.tally.done();
-                return if cold.cost() < warm.cost() {
-                    cold
-                } else {
-                    warm
-                };
+                fit = or_nominal(problem, fit, &effects, FIRST);
             }
             problem.tally.done();
-            warm
+            fit
         })
         .filter(|f: &Fitted| f.cost().is_finite())
         .collect();
@@ -100,7 +105,7 @@ fn settle_moments<S: Subject>(problem: &Problem<S>, fitted: Fitted) -> Fitted {
             let beside = |sign: f64| {
                 let mut effects = best.effects.clone();
                 effects[e].values[time] += sign * by_s;
-                problem.fit_near(&best, &effects, FIRST)
+                problem.fit_near(&best, &effects, FIRST.to_outdo(best.cost()))
             };
             let (before, after) = rayon::join(|| beside(-1.0), || beside(1.0));
             let less = if before.cost() < after.cost() {
@@ -135,13 +140,15 @@ pub(super) fn polish<S: Subject>(problem: &Problem<S>, fitted: &Fitted) -> Fitte
             }
         }
     }
-    let polished = starts
-        .into_iter()
-        .map(|s| problem.fit_near(fitted, &s, POLISH))
-        .filter(|f| f.cost().is_finite())
-        .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-        .unwrap_or_else(|| fitted.clone());
-    settle_moments(problem, polished)
+    let mut best: Option<Fitted> = None;
+    for start in starts {
+        let reached = best.as_ref().map_or(f64::INFINITY, Fitted::cost);
+        let fit = problem.fit_near(fitted, &start, POLISH.to_outdo(reached));
+        if fit.cost() < reached {
+            best = Some(fit);
+        }
+    }
+    settle_moments(problem, best.unwrap_or_else(|| fitted.clone()))
 }
 
 /// A fit with every effect read as plainly as it can be, where that fits as well within what `chance` makes

@@ -78,11 +78,13 @@ const FIRST: Effort = Effort {
     evaluations: 12,
     cost_tolerance: 1e-4,
     motion_rounds: 1,
+    below: f64::INFINITY,
 };
 const POLISH: Effort = Effort {
     evaluations: 25,
     cost_tolerance: 1e-5,
     motion_rounds: 3,
+    below: f64::INFINITY,
 };
 /// The plain model, which everything else is measured against.
 const BASELINE: Effort = Effort {

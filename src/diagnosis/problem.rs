@@ -1,6 +1,6 @@
 //! The recordings, the plain model's unknowns, and fits of the model with effects.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -166,6 +166,22 @@ pub(super) struct Effort {
     pub cost_tolerance: f64,
     /// Times that effects on the motion are worked out anew where a fit ended.
     pub motion_rounds: usize,
+    /// Cost that has to be promised: a search stops where its linear model sees no way below.
+    pub below: f64,
+}
+
+impl Effort {
+    /// The same of a search that is to end below a cost that is reached already, by no less than one standard
+    /// error costs.
+    pub fn to_outdo(self, cost: f64) -> Self {
+        Effort {
+            below: match cost.is_finite() {
+                true => cost - (self.cost_tolerance * cost).max(1.0),
+                false => f64::INFINITY,
+            },
+            ..self
+        }
+    }
 }
 
 /// What is known of a size, in its spread: strong effects are not rare.
@@ -234,8 +250,17 @@ impl<S: Subject> Problem<S> {
             cost_tolerance: effort.cost_tolerance,
             step_tolerance: 1e-6,
         };
-        let watch = |_: &State| ControlFlow::Continue(());
         let moving = effects.iter().any(|a| a.effect.site() == Site::Motion);
+        // the model at the start may be far off, and one of a motion is about another mechanism
+        let bounded = effort.below < f64::INFINITY && !moving;
+        let priors = linear.clone();
+        let watch = |s: &State| {
+            let hopeless = || s.iterations > 0 && s.promised(&nonlinear, &priors) >= effort.below;
+            match bounded && hopeless() {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            }
+        };
         if moving && residual.linearise(&start, beta, true).is_err() {
             // The mechanism cannot follow: from off instead.
             let off: Vec<f64> = value_unknowns(effects, &free)
@@ -246,7 +271,7 @@ impl<S: Subject> Problem<S> {
             start.extend(off);
             let _ = residual.linearise(&start, beta, true);
         }
-        let tag = format!("{held} {effects:?}");
+        let tag = format!("{held} {effects:?} below {}", effort.below);
         let search = |residual: &S, linear: &[Unknown], eta: &[f64]| {
             let memory = &self.memory;
             memory.minimise(&tag, residual, &nonlinear, linear, eta, &options, watch)
@@ -313,18 +338,21 @@ impl<S: Subject> Problem<S> {
             (locking, APART),
         ];
         let beta: Vec<f64> = self.linear.iter().map(|u| u.start).collect();
-        let count = if S::CHAINS > 1 { starts.len() } else { 1 };
-        let best = starts[..count]
-            .par_iter()
-            .map(|(which, shift)| {
-                let mut eta: Vec<f64> = self.nonlinear.iter().map(|u| u.start).collect();
-                for i in which.start..which.end.min(eta.len()) {
-                    eta[i] += shift * self.nonlinear[i].prior.map_or(0.0, |p| p.sd);
-                }
-                self.fit(&[], &eta, &beta, effort)
-            })
+        let from = |(which, shift): &(Range<usize>, f64), effort: Effort| {
+            let mut eta: Vec<f64> = self.nonlinear.iter().map(|u| u.start).collect();
+            for i in which.start..which.end.min(eta.len()) {
+                eta[i] += shift * self.nonlinear[i].prior.map_or(0.0, |p| p.sd);
+            }
+            self.fit(&[], &eta, &beta, effort)
+        };
+        let nominal = from(&starts[0], effort);
+        let others = if S::CHAINS > 1 { &starts[1..] } else { &[] };
+        let others = others.par_iter();
+        let better = others
+            .map(|start| from(start, effort.to_outdo(nominal.cost())))
+            .filter(|f| f.cost() < nominal.cost())
             .min_by(|a, b| a.cost().total_cmp(&b.cost()));
-        best.expect("there are starts")
+        better.unwrap_or(nominal)
     }
 
     /// The film that the priors describe, unfitted: its noise is that of an ordinary film.
@@ -818,7 +846,8 @@ impl Tangent {
             slope[own + j] = columns.column(own + j).dot(&design.column(width));
             ridge.push(norm.powi(-2));
         }
-        let mut gram = columns.tr_mul(&columns);
+        // the product of two matrices goes in blocks, that of a transposed one by columns
+        let mut gram = columns.transpose() * &columns;
         for (j, r) in ridge.iter().enumerate() {
             gram[(j, j)] += r;
         }

@@ -393,7 +393,9 @@ impl Subject for RobotResidual<'_> {
         add("squared voltages of the other actuators", &|_, c, k| {
             (0..3).filter(|&j| j != k).map(|j| v(j, t(c)).powi(2)).sum()
         });
-        add("acceleration along Z", &|_, c, _| m.acceleration_m_s2[c][2]);
+        add("acceleration along Z", &|_, c, _| {
+            m.track.acceleration_m_s2[c][2]
+        });
         (names, columns)
     }
 

@@ -24,6 +24,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::BASELINE;
+use super::fits::or_nominal;
 use super::outcome::Departed;
 use super::problem::{Fitted, Problem, Tangent, free_values, value_unknowns};
 use super::subject::Subject;
@@ -329,11 +330,12 @@ impl<'a> Spread<'a> {
         mean: &DVector<f64>,
         film_pa: f64,
     ) -> Self {
-        let along = tangent.columns.tr_mul(rows);
+        // the product of two matrices goes in blocks, that of a transposed one by columns
+        let along = tangent.columns.transpose() * rows;
         let absorbed = tangent.absorb(&along);
         let hidden = absorbed.tr_mul(tangent.slope());
         let rest = tangent.slope().dot(&tangent.absorbed(tangent.slope()));
-        let gram = (rows.tr_mul(rows) - along.tr_mul(&absorbed)) / noise;
+        let gram = (rows.transpose() * rows - along.transpose() * &absorbed) / noise;
         let score = (rows.tr_mul(&tangent.residual) - hidden) / noise;
         // what the mechanism has of them already lies beside the drawing, which is where the priors are
         // centred
@@ -562,12 +564,7 @@ impl Built {
         built.enter(problem);
         let warm = refit(problem, plain);
         // a film that bent to a mechanism which was not so
-        let cold = problem.nominal(&plain.effects, BASELINE);
-        let fitted = if cold.cost() < warm.cost() {
-            cold
-        } else {
-            warm
-        };
+        let fitted = or_nominal(problem, warm, &plain.effects, BASELINE);
         built.settled(problem, &fitted)
     }
 

@@ -74,6 +74,9 @@ impl Effect for FrameTilt {
     fn brought_out_by(&self) -> &'static str {
         "poses far off the axis in all directions, low and high"
     }
+    fn reads_otherwise(&self) -> bool {
+        true
+    }
     fn reading(&self, v: &[f64], motion: &mut Reading) {
         let turned = turned([v[0], v[1], v[2]]);
         let p = motion.pivot_m;

@@ -54,6 +54,9 @@ impl Effect for MarkerOffset {
     fn brought_out_by(&self) -> &'static str {
         "poses far off the axis in all directions; or measuring the marker"
     }
+    fn reads_otherwise(&self) -> bool {
+        true
+    }
     fn reading(&self, v: &[f64], motion: &mut Reading) {
         for u in motion.position_m.iter_mut() {
             for k in 0..3 {

@@ -156,6 +156,9 @@ impl Effect for MocapLag {
     fn looks_ahead(&self) -> bool {
         true
     }
+    fn reads_otherwise(&self) -> bool {
+        true
+    }
     fn reading(&self, v: &[f64], motion: &mut Reading) {
         if v[0] == 0.0 {
             return;

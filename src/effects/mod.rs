@@ -494,6 +494,10 @@ pub trait Effect: Sync + Send {
 
     /// Changes lengths.
     fn geometry(&self, _v: &[f64], _on: [bool; 3], _m: &mut Mechanism, _l: &mut [Lozenge; 3]) {}
+    /// Whether it changes how the motion is read: [`Effect::reading`] does nothing otherwise.
+    fn reads_otherwise(&self) -> bool {
+        false
+    }
     /// Changes the measured motion back to the true one.
     fn reading(&self, _v: &[f64], _motion: &mut Reading) {}
     /// Changes the true motion to the measured one; unless stated, by [`Effect::reading`] with the opposite

@@ -382,8 +382,8 @@ struct Tangent<V> {
     d_j: [V; 2],
 }
 
-/// One block of nodes through one pack of lanes.
-struct Block<'a> {
+/// One block of nodes through one pack of lanes, with the derivatives or without.
+struct Block<'a, const SLOPES: bool> {
     constants: &'a Constants,
     inverse_locking: f64,
     state: &'a mut State,
@@ -441,39 +441,19 @@ fn store_tangent<S: Simd>(state: &mut State, at: usize, group: usize, v: &Tangen
     }
 }
 
-impl WithSimd for Block<'_> {
+impl<const SLOPES: bool> WithSimd for Block<'_, SLOPES> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        // Without derivatives two groups of four lanes have room side by side, and hide each other's latency.
+        if !SLOPES && 2 * S::F64_LANES == LANES {
+            advance::<S, SLOPES, 2>(simd, 0, &mut self);
+            return;
+        }
         let mut group = 0;
-        let Block {
-            constants,
-            inverse_locking,
-            state,
-            previous,
-            nodes,
-            stride,
-            first,
-            rows,
-            row_width,
-            row_offset,
-        } = self;
         while group < LANES {
-            advance(
-                simd,
-                group,
-                constants,
-                inverse_locking,
-                state,
-                previous,
-                nodes,
-                stride,
-                first,
-                rows,
-                row_width,
-                row_offset,
-            );
+            advance::<S, SLOPES, 1>(simd, group, &mut self);
             group += S::F64_LANES;
         }
     }
@@ -544,7 +524,7 @@ impl<S: Simd> Group<S> {
     /// ds_i/d ln J = -s_i (1 - D)/D
     /// ```
     #[inline(always)]
-    fn node(
+    fn node<const SLOPES: bool>(
         self,
         x: &Tangent<S::f64s>,
         node: &Node,
@@ -599,6 +579,8 @@ impl<S: Simd> Group<S> {
         if let Some(out) = out {
             let lever = [self.splat(node.lever[0]), self.splat(node.lever[1])];
             let value = self.fma(lever[0], s[0], self.mul(lever[1], s[1]));
+            let width = S::F64_LANES;
+            S::as_mut_simd_f64s(&mut out[..width]).0[0] = value;
             let g = [
                 self.fma(lever[0], slope[0][0], self.mul(lever[1], slope[1][0])),
                 self.fma(lever[0], slope[0][1], self.mul(lever[1], slope[1][1])),
@@ -606,10 +588,10 @@ impl<S: Simd> Group<S> {
             let d_t = self.fma(g[0], x.d_t[0], self.mul(g[1], x.d_t[1]));
             let d_j = self.fma(g[0], x.d_j[0], self.mul(g[1], x.d_j[1]));
             let d_j = self.fnma(value, explicit, d_j);
-            let width = S::F64_LANES;
-            S::as_mut_simd_f64s(&mut out[..width]).0[0] = value;
-            S::as_mut_simd_f64s(&mut out[LANES..LANES + width]).0[0] = d_t;
-            S::as_mut_simd_f64s(&mut out[2 * LANES..2 * LANES + width]).0[0] = d_j;
+            if SLOPES {
+                S::as_mut_simd_f64s(&mut out[LANES..LANES + width]).0[0] = d_t;
+                S::as_mut_simd_f64s(&mut out[2 * LANES..2 * LANES + width]).0[0] = d_j;
+            }
         }
         let mut n = *x;
         for i in 0..2 {
@@ -633,6 +615,9 @@ impl<S: Simd> Group<S> {
                 self.sub(self.mul(self.two, slope[i][o]), slope[o][o]),
             );
             n.value[i] = value;
+            if !SLOPES {
+                continue;
+            }
             n.d_t[i] = self.fnma(other, x.d_t[o], self.mul(own, x.d_t[i]));
             n.d_t[i] = self.sub(n.d_t[i], value);
             n.d_j[i] = self.fnma(other, x.d_j[o], self.mul(own, x.d_j[i]));
@@ -642,47 +627,50 @@ impl<S: Simd> Group<S> {
     }
 }
 
-/// The steps of one lane group along `nodes`.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn advance<S: Simd>(
-    simd: S,
-    group: usize,
-    k: &Constants,
-    inverse_locking: f64,
-    state: &mut State,
-    previous: Node,
-    nodes: &[Node],
-    stride: usize,
-    first: bool,
-    rows: &mut [f64],
-    row_width: usize,
-    row_offset: usize,
-) {
-    let g = Group::new(simd, group, k, inverse_locking);
-    let decay = load::<S>(&k.decay, group);
-    let d_decay = load::<S>(&k.d_decay, group);
-    let w = load_three::<S>(&k.drive, group);
-    let dw = load_three::<S>(&k.d_drive, group);
-    let [p1, p2, p3] = load_three::<S>(&k.stage, group);
-    let [dp1, dp2, dp3] = load_three::<S>(&k.d_stage, group);
-    let mut x = tangent::<S>(state, 0, group);
-    let mut n = tangent::<S>(state, 6, group);
-    let mut before = tangent::<S>(state, 12, group);
-    let mut least = load::<S>(&state.0[LEAST], group);
-    let width = S::F64_LANES;
+/// One lane group on its way: its constants, its state, and the change of N over the last step.
+#[derive(Clone, Copy)]
+struct Steps<S: Simd> {
+    g: Group<S>,
+    decay: S::f64s,
+    d_decay: S::f64s,
+    drive: [S::f64s; 3],
+    d_drive: [S::f64s; 3],
+    stage: [S::f64s; 3],
+    d_stage: [S::f64s; 3],
+    x: Tangent<S::f64s>,
+    n: Tangent<S::f64s>,
+    before: Tangent<S::f64s>,
+    change: Tangent<S::f64s>,
+    least: S::f64s,
+}
 
-    let mut row = row_offset + group;
-    if first {
-        let out = &mut rows[row..row + 2 * LANES + width];
-        n = g.node(&x, &previous, &mut least, Some(out));
-        before = n;
-        row += row_width;
+impl<S: Simd> Steps<S> {
+    #[inline(always)]
+    fn new(simd: S, group: usize, k: &Constants, inverse_locking: f64, state: &State) -> Self {
+        let n = tangent::<S>(state, 6, group);
+        Steps {
+            g: Group::new(simd, group, k, inverse_locking),
+            decay: load::<S>(&k.decay, group),
+            d_decay: load::<S>(&k.d_decay, group),
+            drive: load_three::<S>(&k.drive, group),
+            d_drive: load_three::<S>(&k.d_drive, group),
+            stage: load_three::<S>(&k.stage, group),
+            d_stage: load_three::<S>(&k.d_stage, group),
+            x: tangent::<S>(state, 0, group),
+            n,
+            before: tangent::<S>(state, 12, group),
+            change: n,
+            least: load::<S>(&state.0[LEAST], group),
+        }
     }
-    let mut rest = previous.rest;
-    let mut until_sample = stride;
-    for node in nodes {
-        let mut change = n;
+
+    /// Predicts the state at the end of the step from a node at which the film would rest at `rest`.
+    #[inline(always)]
+    fn predict<const SLOPES: bool>(&mut self, rest: [f64; 2], node: &Node) {
+        let (g, n, before) = (self.g, &self.n, &self.before);
+        let (w, dw) = (self.drive, self.d_drive);
+        let ([p1, p2, _], [dp1, dp2, _]) = (self.stage, self.d_stage);
+        let (x, change) = (&mut self.x, &mut self.change);
         for i in 0..2 {
             let g0 = g.splat(rest[i]);
             let gm = g.splat(node.mid_rest[i]);
@@ -690,43 +678,110 @@ fn advance<S: Simd>(
             let drive = g.fma(w[2], g1, g.fma(w[1], gm, g.mul(w[0], g0)));
             let d_drive = g.fma(dw[2], g1, g.fma(dw[1], gm, g.mul(dw[0], g0)));
             change.value[i] = g.sub(n.value[i], before.value[i]);
-            change.d_t[i] = g.sub(n.d_t[i], before.d_t[i]);
-            change.d_j[i] = g.sub(n.d_j[i], before.d_j[i]);
-            let explicit = g.fma(dp1, n.value[i], g.fma(d_decay, x.value[i], d_drive));
+            let explicit = g.fma(dp1, n.value[i], g.fma(self.d_decay, x.value[i], d_drive));
             let explicit = g.fma(dp2, change.value[i], explicit);
-            let value = g.fma(p1, n.value[i], g.fma(decay, x.value[i], drive));
-            let d_t = g.fma(p1, n.d_t[i], g.fma(decay, x.d_t[i], explicit));
-            let d_j = g.fma(p1, n.d_j[i], g.mul(decay, x.d_j[i]));
+            let value = g.fma(p1, n.value[i], g.fma(self.decay, x.value[i], drive));
             x.value[i] = g.fma(p2, change.value[i], value);
-            x.d_t[i] = g.fma(p2, change.d_t[i], d_t);
-            x.d_j[i] = g.fma(p2, change.d_j[i], d_j);
+            if SLOPES {
+                change.d_t[i] = g.sub(n.d_t[i], before.d_t[i]);
+                change.d_j[i] = g.sub(n.d_j[i], before.d_j[i]);
+                let d_t = g.fma(p1, n.d_t[i], g.fma(self.decay, x.d_t[i], explicit));
+                let d_j = g.fma(p1, n.d_j[i], g.mul(self.decay, x.d_j[i]));
+                x.d_t[i] = g.fma(p2, change.d_t[i], d_t);
+                x.d_j[i] = g.fma(p2, change.d_j[i], d_j);
+            }
         }
-        before = n;
-        until_sample -= 1;
-        let out = if until_sample == 0 {
-            let at = row;
-            row += row_width;
-            until_sample = stride;
-            Some(&mut rows[at..at + 2 * LANES + width])
-        } else {
-            None
-        };
-        n = g.node(&x, node, &mut least, out);
-        // The quadratic through the last three N corrects the step.
+        self.before = self.n;
+    }
+
+    /// Stress and N at a node.
+    #[inline(always)]
+    fn see<const SLOPES: bool>(&mut self, node: &Node, out: Option<&mut [f64]>) {
+        self.n = self.g.node::<SLOPES>(&self.x, node, &mut self.least, out);
+    }
+
+    /// The quadratic through the last three N corrects the step.
+    #[inline(always)]
+    fn correct<const SLOPES: bool>(&mut self) {
+        let (g, n, before, change) = (self.g, &self.n, &self.before, &self.change);
+        let ([_, _, p3], [_, _, dp3]) = (self.stage, self.d_stage);
+        let x = &mut self.x;
         for i in 0..2 {
             let bend = g.sub(g.sub(n.value[i], before.value[i]), change.value[i]);
-            let bend_t = g.sub(g.sub(n.d_t[i], before.d_t[i]), change.d_t[i]);
-            let bend_j = g.sub(g.sub(n.d_j[i], before.d_j[i]), change.d_j[i]);
             x.value[i] = g.fma(p3, bend, x.value[i]);
-            x.d_t[i] = g.fma(p3, bend_t, g.fma(dp3, bend, x.d_t[i]));
-            x.d_j[i] = g.fma(p3, bend_j, x.d_j[i]);
+            if SLOPES {
+                let bend_t = g.sub(g.sub(n.d_t[i], before.d_t[i]), change.d_t[i]);
+                let bend_j = g.sub(g.sub(n.d_j[i], before.d_j[i]), change.d_j[i]);
+                x.d_t[i] = g.fma(p3, bend_t, g.fma(dp3, bend, x.d_t[i]));
+                x.d_j[i] = g.fma(p3, bend_j, x.d_j[i]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn store(&self, group: usize, state: &mut State) {
+        store_tangent::<S>(state, 0, group, &self.x);
+        store_tangent::<S>(state, 6, group, &self.n);
+        store_tangent::<S>(state, 12, group, &self.before);
+        let lanes = &mut state.0[LEAST][group..group + S::F64_LANES];
+        S::as_mut_simd_f64s(lanes).0[0] = self.least;
+    }
+}
+
+/// The steps of so many lane groups along a block's nodes.
+#[inline(always)]
+fn advance<S: Simd, const SLOPES: bool, const GROUPS: usize>(
+    simd: S,
+    group: usize,
+    block: &mut Block<'_, SLOPES>,
+) {
+    let width = S::F64_LANES;
+    let (k, inverse_locking) = (block.constants, block.inverse_locking);
+    let mut steps = [Steps::<S>::new(simd, group, k, inverse_locking, block.state); GROUPS];
+    for j in 1..GROUPS {
+        let at = group + j * width;
+        steps[j] = Steps::<S>::new(simd, at, k, inverse_locking, block.state);
+    }
+    let long = match SLOPES {
+        true => 2 * LANES + width,
+        false => width,
+    };
+    let mut row = block.row_offset + group;
+    if block.first {
+        for j in 0..GROUPS {
+            let at = row + j * width;
+            steps[j].see::<SLOPES>(&block.previous, Some(&mut block.rows[at..at + long]));
+            steps[j].before = steps[j].n;
+        }
+        row += block.row_width;
+    }
+    let mut rest = block.previous.rest;
+    let mut until_sample = block.stride;
+    for node in block.nodes {
+        for steps in &mut steps {
+            steps.predict::<SLOPES>(rest, node);
+        }
+        until_sample -= 1;
+        if until_sample == 0 {
+            for j in 0..GROUPS {
+                let at = row + j * width;
+                steps[j].see::<SLOPES>(node, Some(&mut block.rows[at..at + long]));
+            }
+            row += block.row_width;
+            until_sample = block.stride;
+        } else {
+            for steps in &mut steps {
+                steps.see::<SLOPES>(node, None);
+            }
+        }
+        for steps in &mut steps {
+            steps.correct::<SLOPES>();
         }
         rest = node.rest;
     }
-    store_tangent::<S>(state, 0, group, &x);
-    store_tangent::<S>(state, 6, group, &n);
-    store_tangent::<S>(state, 12, group, &before);
-    S::as_mut_simd_f64s(&mut state.0[LEAST][group..group + width]).0[0] = least;
+    for (j, steps) in steps.iter().enumerate() {
+        steps.store(group + j * width, block.state);
+    }
 }
 
 /// A pass along a history, block by block, so that nothing of the recording's length is held.
@@ -734,6 +789,8 @@ pub struct Pass<'a> {
     arch: Arch,
     history: &'a History,
     shape: Shape<'a>,
+    /// Whether derivatives are wanted.
+    slopes: bool,
     states: Vec<State>,
     constants: Vec<Constants>,
     segment: usize,
@@ -763,6 +820,7 @@ impl<'a> Pass<'a> {
             arch: Arch::new(),
             history,
             shape,
+            slopes: true,
             states,
             constants: Vec::new(),
             segment: 0,
@@ -774,6 +832,14 @@ impl<'a> Pass<'a> {
         };
         pass.enter_segment();
         pass
+    }
+
+    /// The same without derivatives: their places in a row are left as they are.
+    pub fn of_stress(history: &'a History, shape: Shape<'a>) -> Self {
+        Pass {
+            slopes: false,
+            ..Pass::new(history, shape)
+        }
     }
 
     fn enter_segment(&mut self) {
@@ -877,9 +943,16 @@ impl<'a> Pass<'a> {
     }
 
     fn sweep(&mut self, nodes: &[Node], stride: usize, rows: &mut [f64]) {
+        match self.slopes {
+            true => self.sweep_with::<true>(nodes, stride, rows),
+            false => self.sweep_with::<false>(nodes, stride, rows),
+        }
+    }
+
+    fn sweep_with<const SLOPES: bool>(&mut self, nodes: &[Node], stride: usize, rows: &mut [f64]) {
         let row_width = self.row_width();
         for (pack, state) in self.states.iter_mut().enumerate() {
-            self.arch.dispatch(Block {
+            self.arch.dispatch(Block::<SLOPES> {
                 constants: &self.constants[pack],
                 inverse_locking: 1.0 / self.shape.locking,
                 state,
@@ -887,7 +960,7 @@ impl<'a> Pass<'a> {
                 nodes,
                 stride,
                 first: !self.started,
-                rows,
+                rows: &mut *rows,
                 row_width,
                 row_offset: pack * ROW,
             });

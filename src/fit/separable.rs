@@ -190,6 +190,20 @@ impl State {
         }
     }
 
+    /// The least cost that the linear model about the parameters promises, bounds and trust left aside; minus
+    /// infinity where there is none.
+    pub fn promised(&self, nonlinear: &[Unknown], linear: &[Unknown]) -> f64 {
+        if self.gram.is_empty() {
+            return f64::NEG_INFINITY;
+        }
+        let Some((reduced, gradient)) = reduced_system(&self.gram(), self, nonlinear, linear)
+        else {
+            return f64::NEG_INFINITY;
+        };
+        let local = Local::new(self, nonlinear, &reduced, &gradient);
+        self.cost - local.map_or(0.0, |l| trusted_step(&l.h, &l.g, f64::INFINITY).2)
+    }
+
     /// Gram matrix of [d r/d eta | B | r] at the parameters.
     pub fn gram(&self) -> DMatrix<f64> {
         let size = self.eta.len() + self.beta.len() + 1;
@@ -303,8 +317,54 @@ struct Proposal {
     slope: f64,
     /// Fall of the cost that it promises.
     promised: f64,
+    /// Fall that the whole step promises, bounds and the trusted radius left aside.
+    at_most: f64,
     /// Whether the trusted radius did not matter.
     whole: bool,
+}
+
+/// The linear model of the cost about a state, in those nonlinear unknowns that can move, in their natural
+/// steps.
+struct Local {
+    moving: Vec<usize>,
+    natural: Vec<f64>,
+    h: DMatrix<f64>,
+    g: DVector<f64>,
+}
+
+impl Local {
+    /// `None` where nothing can move.
+    fn new(
+        state: &State,
+        nonlinear: &[Unknown],
+        reduced: &DMatrix<f64>,
+        gradient: &DVector<f64>,
+    ) -> Option<Self> {
+        // An unknown at a bound that wants to go further out stays there.
+        let moving: Vec<usize> = (0..nonlinear.len())
+            .filter(|&i| {
+                let u = &nonlinear[i];
+                let outwards = (state.eta[i] <= u.lower && gradient[i] > 0.0)
+                    || (state.eta[i] >= u.upper && gradient[i] < 0.0);
+                !u.is_fixed() && !outwards
+            })
+            .collect();
+        let k = moving.len();
+        let natural: Vec<f64> = moving
+            .iter()
+            .map(|&i| nonlinear[i].natural_step())
+            .collect();
+        let h = DMatrix::from_fn(k, k, |i, j| {
+            natural[i] * natural[j] * reduced[(moving[i], moving[j])]
+        });
+        let g = DVector::from_fn(k, |i, _| natural[i] * gradient[moving[i]]);
+        (k > 0).then_some(Local {
+            moving,
+            natural,
+            h,
+            g,
+        })
+    }
 }
 
 /// The step to the least cost within the trusted radius; `None` where nothing can move.
@@ -314,30 +374,15 @@ fn proposed(
     reduced: &DMatrix<f64>,
     gradient: &DVector<f64>,
 ) -> Option<Proposal> {
-    // An unknown at a bound that wants to go further out stays there.
-    let moving: Vec<usize> = (0..nonlinear.len())
-        .filter(|&i| {
-            let u = &nonlinear[i];
-            let outwards = (state.eta[i] <= u.lower && gradient[i] > 0.0)
-                || (state.eta[i] >= u.upper && gradient[i] < 0.0);
-            !u.is_fixed() && !outwards
-        })
-        .collect();
-    let k = moving.len();
-    if k == 0 {
-        return None;
-    }
-    let natural: Vec<f64> = moving
-        .iter()
-        .map(|&i| nonlinear[i].natural_step())
-        .collect();
-    let h = DMatrix::from_fn(k, k, |i, j| {
-        natural[i] * natural[j] * reduced[(moving[i], moving[j])]
-    });
-    let g = DVector::from_fn(k, |i, _| natural[i] * gradient[moving[i]]);
-    let (step, whole) = trusted_step(&h, &g, state.radius);
+    let Local {
+        moving,
+        natural,
+        h,
+        g,
+    } = Local::new(state, nonlinear, reduced, gradient)?;
+    let (step, whole, at_most) = trusted_step(&h, &g, state.radius);
     let mut eta = state.eta.clone();
-    let mut taken = DVector::zeros(k);
+    let mut taken = DVector::zeros(moving.len());
     for (j, &i) in moving.iter().enumerate() {
         eta[i] = (eta[i] + natural[j] * step[j]).clamp(nonlinear[i].lower, nonlinear[i].upper);
         taken[j] = (eta[i] - state.eta[i]) / natural[j];
@@ -349,6 +394,7 @@ fn proposed(
         largest: taken.amax(),
         slope,
         promised: -(slope + (taken.transpose() * &h * &taken)[(0, 0)]),
+        at_most,
         whole,
     })
 }
@@ -356,8 +402,9 @@ fn proposed(
 /// Why a fit ends with a proposal that is not tried.
 fn ending(step: &Proposal, options: &Options, state: &State) -> Option<Ended> {
     // A short step promises little anywhere: only a whole or a long one tells that the minimum is here.
-    let little = step.promised <= options.cost_tolerance * state.cost;
-    if little && (step.whole || state.radius > 0.1) {
+    let little = |fall: f64| fall <= options.cost_tolerance * state.cost;
+    let tells = step.whole || state.radius > 0.1 || little(step.at_most);
+    if little(step.promised) && tells {
         return Some(Ended::Converged);
     }
     if step.largest <= options.step_tolerance {
@@ -434,9 +481,9 @@ pub fn advance<P: SeparableResidual>(
     }
 }
 
-/// The minimiser of g's + s'Hs/2 with |s| <= `radius`, and whether that bound did not matter. H is positive
-/// semidefinite.
-fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64>, bool) {
+/// The minimiser of g's + s'Hs/2 with |s| <= `radius`, whether that bound did not matter, and by how much
+/// 2 g's + s'Hs falls at most without it. H is positive semidefinite.
+fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64>, bool, f64) {
     let eigen = h.clone().symmetric_eigen();
     let along = eigen.eigenvectors.tr_mul(g);
     let largest = eigen.eigenvalues.amax().max(f64::MIN_POSITIVE);
@@ -450,6 +497,11 @@ fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64
     };
     let floor = 1e-14 * largest;
     let whole = length(floor) <= radius;
+    let at_most = along
+        .iter()
+        .zip(eigen.eigenvalues.iter())
+        .map(|(a, l)| a * a / (l.max(0.0) + floor))
+        .sum();
     let mut shift = floor;
     if !whole {
         // length falls with the shift: bracket, then halve in the logarithm
@@ -467,7 +519,7 @@ fn trusted_step(h: &DMatrix<f64>, g: &DVector<f64>, radius: f64) -> (DVector<f64
     let scaled = DVector::from_fn(along.len(), |i, _| {
         -along[i] / (eigen.eigenvalues[i].max(0.0) + shift)
     });
-    (&eigen.eigenvectors * scaled, whole)
+    (&eigen.eigenvectors * scaled, whole, at_most)
 }
 
 /// J'PJ and J'Pr with the priors, where P projects out the free columns of B; `None` where they hold numbers

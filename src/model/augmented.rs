@@ -1,6 +1,8 @@
 //! The balance with effects: what each of them does to the motion, the Maxwell torque, the film and the
 //! torques of one track.
 
+use std::sync::Arc;
+
 use super::{Mechanics, Parameters, Robot, Unreachable};
 use crate::dataset::Track;
 use crate::effects::{Acting, Along, Reading, Site, When};
@@ -19,6 +21,33 @@ pub fn others<T: Copy>(k: usize, of: [T; 3]) -> [T; 2] {
     [of[(k + 1) % 3], of[(k + 2) % 3]]
 }
 
+/// A robot and a track with those effects that change the mechanism or the measured motion.
+fn moved(
+    mut robot: Robot,
+    mut track: Arc<Track>,
+    effects: &[Acting],
+    pivot_m: Vec3,
+) -> (Robot, Arc<Track>) {
+    for a in at(effects, Site::Motion) {
+        let (mechanism, lozenges) = (&mut robot.mechanism, &mut robot.lozenges);
+        a.effect.geometry(&a.values, a.on, mechanism, lozenges);
+        if a.effect.reads_otherwise() {
+            let track = Arc::make_mut(&mut track);
+            a.effect.reading(
+                &a.values,
+                &mut Reading {
+                    step_s: track.step_s,
+                    pivot_m,
+                    position_m: &mut track.position_m,
+                    velocity_m_s: &mut track.velocity_m_s,
+                    acceleration_m_s2: &mut track.acceleration_m_s2,
+                },
+            );
+        }
+    }
+    (robot, track)
+}
+
 impl Mechanics {
     /// The balance of `robot` along `track` with those effects that change the mechanism or the measured
     /// motion. `pivot_m` is the point about which the capture's axes would be rotated; of a `known` balance
@@ -33,35 +62,31 @@ impl Mechanics {
         pivot_m: Vec3,
         known: Option<&Mechanics>,
     ) -> Result<Self, (usize, Unreachable)> {
-        if at(effects, Site::Motion).next().is_none() {
-            return Mechanics::new(robot, track);
-        }
-        let (mut robot, mut track) = (robot.clone(), track.clone());
-        for a in at(effects, Site::Motion) {
-            a.effect
-                .geometry(&a.values, a.on, &mut robot.mechanism, &mut robot.lozenges);
-            a.effect.reading(
-                &a.values,
-                &mut Reading {
-                    step_s: track.step_s,
-                    pivot_m,
-                    position_m: &mut track.position_m,
-                    velocity_m_s: &mut track.velocity_m_s,
-                    acceleration_m_s2: &mut track.acceleration_m_s2,
-                },
-            );
-        }
+        let (robot, track) = moved(robot.clone(), Arc::new(track.clone()), effects, pivot_m);
         match known {
-            Some(known) => Mechanics::beside(&robot, &track, known),
-            None => Mechanics::new(&robot, &track),
+            Some(known) => Mechanics::beside(robot, track, known),
+            None => Mechanics::of(robot, track),
         }
+    }
+
+    /// The same balance with more effects; chains that move alike are shared.
+    ///
+    /// # Errors
+    /// Those of [`Mechanics::new`].
+    pub fn with_more(
+        &self,
+        effects: &[Acting],
+        pivot_m: Vec3,
+    ) -> Result<Self, (usize, Unreachable)> {
+        let (robot, track) = moved(self.robot.clone(), self.track.clone(), effects, pivot_m);
+        Mechanics::beside(robot, track, self)
     }
 
     /// What an effect sees of chain `k` (0 to 2).
     pub fn along(&self, k: usize, when: When) -> Along<'_> {
         let chain = &self.chains[k];
         Along {
-            step_s: self.step_s,
+            step_s: self.track.step_s,
             when,
             lozenge: &self.robot.lozenges[k],
             eps_f_m: self.robot.eps_r * VACUUM_PERMITTIVITY_F_M,
@@ -71,9 +96,9 @@ impl Mechanics {
             theta_b: &chain.theta_b,
             bicep_lever: &chain.bicep_lever,
             force_lever: &chain.force_lever,
-            acceleration_m_s2: &self.acceleration_m_s2,
-            position_m: &self.position_m,
-            velocity_m_s: &self.velocity_m_s,
+            acceleration_m_s2: &self.track.acceleration_m_s2,
+            position_m: &self.track.position_m,
+            velocity_m_s: &self.track.velocity_m_s,
             others_v: [&[]; 2],
         }
     }
@@ -179,7 +204,7 @@ impl Mechanics {
             relaxation_time_s: &film.relaxation_time_s,
             locking: film.locking,
         };
-        let mut pass = Pass::new(&history, shape);
+        let mut pass = Pass::of_stress(&history, shape);
         let width = pass.row_width();
         let mut rows = vec![0.0; 128 * width];
         let mut out = Vec::with_capacity(self.samples());

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::{ForearmTorque, Parameters, Robot};
 use crate::dataset::Track;
 use crate::film::Locked;
-use crate::film::kernel::{History, LANES, Pass, Shape, Way};
+use crate::film::kernel::{History, LANES, Pass, ROW, Shape, Way};
 use crate::kinematics::{ChainPose, OutOfReach, Vec3, dot};
 use crate::units::{GRAVITY_M_S2, VACUUM_PERMITTIVITY_F_M};
 
@@ -103,6 +103,20 @@ pub struct ChainMotion {
     pub bicep_n_m: Vec<f64>,
 }
 
+impl ChainMotion {
+    /// Chain `k` of a robot along a track; `None` where a pose is out of reach.
+    fn followed(robot: &Robot, track: &Track, k: usize) -> Option<Self> {
+        let mechanism = robot.mechanism.fixed();
+        let mut growing = Growing::with_room(track.position_m.len());
+        for (i, &u) in track.position_m.iter().enumerate() {
+            let pose = mechanism.chain_pose(k, u).ok()?;
+            let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
+            growing.push(robot, k, &pose, v, a, true);
+        }
+        Some(growing.done(track))
+    }
+}
+
 /// What one chain contributes, sample by sample: its own motion, and what the other two chains have a part
 /// in.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,18 +149,12 @@ impl ChainTrack {
 /// The balance along one track, chain by chain.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mechanics {
-    /// Distance of the samples, s.
-    pub step_s: f64,
+    /// The motion, effects included.
+    pub track: Arc<Track>,
     /// The three chains.
     pub chains: [ChainTrack; 3],
     /// Samples that cannot be followed, and why. Their stretches are bridged so that the histories go on.
     pub unreachable: Vec<(usize, Unreachable)>,
-    /// Acceleration of the end effector, m/s^2.
-    pub acceleration_m_s2: Vec<Vec3>,
-    /// Its position, m.
-    pub position_m: Vec<Vec3>,
-    /// Its velocity, m/s.
-    pub velocity_m_s: Vec<Vec3>,
     /// Mechanism and lozenges of this track, effects included.
     pub robot: Robot,
     gravity_and_inertia_n: Vec<Vec3>,
@@ -273,6 +281,21 @@ impl Mechanics {
     /// # Errors
     /// The first unreachable sample, when no sample at all can be followed.
     pub fn new(robot: &Robot, track: &Track) -> Result<Self, (usize, Unreachable)> {
+        Mechanics::of(robot.clone(), Arc::new(track.clone()))
+    }
+
+    /// The same.
+    pub(super) fn of(robot: Robot, track: Arc<Track>) -> Result<Self, (usize, Unreachable)> {
+        match [0, 1, 2].map(|k| ChainMotion::followed(&robot, &track, k).map(Arc::new)) {
+            [Some(a), Some(b), Some(c)] => {
+                Ok(Mechanics::joined(robot, track, [a, b, c], Vec::new()))
+            }
+            _ => Mechanics::bridged(robot, track),
+        }
+    }
+
+    /// The same where some samples may be out of reach.
+    fn bridged(robot: Robot, track: Arc<Track>) -> Result<Self, (usize, Unreachable)> {
         let n = track.position_m.len();
         let mut unreachable = Vec::new();
         let mechanism = robot.mechanism.fixed();
@@ -298,10 +321,10 @@ impl Mechanics {
             });
             let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
             for (k, growing) in growing.iter_mut().enumerate() {
-                growing.push(robot, k, &last[k], v, a, reached);
+                growing.push(&robot, k, &last[k], v, a, reached);
             }
         }
-        let own = growing.map(|g| Arc::new(g.done(track)));
+        let own = growing.map(|g| Arc::new(g.done(&track)));
         Ok(Mechanics::joined(robot, track, own, unreachable))
     }
 
@@ -310,51 +333,45 @@ impl Mechanics {
     ///
     /// # Errors
     /// Those of [`Mechanics::new`].
-    pub fn beside(
-        robot: &Robot,
-        track: &Track,
+    pub(super) fn beside(
+        robot: Robot,
+        track: Arc<Track>,
         known: &Mechanics,
     ) -> Result<Self, (usize, Unreachable)> {
-        let theirs = &known.robot;
+        let (theirs, their_track) = (&known.robot, &*known.track);
         let masses = |r: &Robot| (r.eps_r, r.effector_kg, r.bicep_tip_kg);
-        let same_motion = masses(robot) == masses(theirs)
+        let same_track = || {
+            track.position_m == their_track.position_m
+                && track.velocity_m_s == their_track.velocity_m_s
+                && track.acceleration_m_s2 == their_track.acceleration_m_s2
+        };
+        let same_motion = masses(&robot) == masses(theirs)
             && known.unreachable.is_empty()
-            && track.position_m == known.position_m
-            && track.velocity_m_s == known.velocity_m_s
-            && track.acceleration_m_s2 == known.acceleration_m_s2;
+            && (Arc::ptr_eq(&track, &known.track) || same_track());
         let same = [0, 1, 2].map(|k| {
             same_motion
                 && robot.mechanism.chains[k] == theirs.mechanism.chains[k]
                 && robot.lozenges[k] == theirs.lozenges[k]
         });
         if same == [false; 3] {
-            return Mechanics::new(robot, track);
+            return Mechanics::of(robot, track);
         }
-        let mechanism = robot.mechanism.fixed();
-        let chain = |k: usize| {
-            if same[k] {
-                return Some(known.chains[k].own.clone());
-            }
-            let mut growing = Growing::with_room(track.position_m.len());
-            for (i, &u) in track.position_m.iter().enumerate() {
-                let pose = mechanism.chain_pose(k, u).ok()?;
-                let (v, a) = (track.velocity_m_s[i], track.acceleration_m_s2[i]);
-                growing.push(robot, k, &pose, v, a, true);
-            }
-            Some(Arc::new(growing.done(track)))
+        let chain = |k: usize| match same[k] {
+            true => Some(known.chains[k].own.clone()),
+            false => ChainMotion::followed(&robot, &track, k).map(Arc::new),
         };
         match [chain(0), chain(1), chain(2)] {
             [Some(a), Some(b), Some(c)] => {
                 Ok(Mechanics::joined(robot, track, [a, b, c], Vec::new()))
             }
-            _ => Mechanics::new(robot, track),
+            _ => Mechanics::bridged(robot, track),
         }
     }
 
     /// The balance of chains that move like this; `unreachable` are poses without angles.
     fn joined(
-        robot: &Robot,
-        track: &Track,
+        robot: Robot,
+        track: Arc<Track>,
         own: [Arc<ChainMotion>; 3],
         mut unreachable: Vec<(usize, Unreachable)>,
     ) -> Self {
@@ -406,13 +423,10 @@ impl Mechanics {
             chain
         });
         Mechanics {
-            step_s: track.step_s,
+            track,
             chains,
             unreachable,
-            acceleration_m_s2: track.acceleration_m_s2.clone(),
-            position_m: track.position_m.clone(),
-            velocity_m_s: track.velocity_m_s.clone(),
-            robot: robot.clone(),
+            robot,
             gravity_and_inertia_n,
         }
     }
@@ -476,7 +490,7 @@ impl Mechanics {
 
     /// Number of samples.
     pub fn samples(&self) -> usize {
-        self.position_m.len()
+        self.track.position_m.len()
     }
 
     /// Torque of the film on the lozenge of chain `k` (0 to 2) at each sample, N m: [equilibrium spring, all
@@ -490,9 +504,8 @@ impl Mechanics {
         parameters: &Parameters,
     ) -> Result<Vec<[f64; 2]>, Locked> {
         let mut out = Vec::with_capacity(self.samples());
-        self.for_each_spring(k, parameters, |spring| {
-            let branches = 1..parameters.film.mu_pa.len();
-            out.push([spring(0), branches.map(spring).sum()]);
+        self.for_each_spring(k, parameters, |springs| {
+            out.push([springs[0], springs[1..].iter().sum()]);
         })?;
         Ok(out)
     }
@@ -508,45 +521,63 @@ impl Mechanics {
         parameters: &Parameters,
     ) -> Result<Vec<Vec<f64>>, Locked> {
         let mut out = Vec::with_capacity(self.samples());
-        self.for_each_spring(k, parameters, |spring| {
-            out.push((0..parameters.film.mu_pa.len()).map(spring).collect());
-        })?;
+        self.for_each_spring(k, parameters, |springs| out.push(springs.to_vec()))?;
         Ok(out)
     }
 
-    /// Shows the torque of each spring, by its number, sample by sample.
+    /// Shows the torques of the springs, sample by sample.
     fn for_each_spring(
         &self,
         k: usize,
         parameters: &Parameters,
-        mut each: impl FnMut(&dyn Fn(usize) -> f64),
+        mut each: impl FnMut(&[f64]),
     ) -> Result<(), Locked> {
         let film = &parameters.film;
         let shape = Shape {
             relaxation_time_s: &film.relaxation_time_s,
             locking: film.locking,
         };
-        let mut pass = Pass::new(&self.chains[k].history, shape);
+        let mut pass = Pass::of_stress(&self.chains[k].history, shape);
         let width = pass.row_width();
         let mut rows = vec![0.0; 128 * width];
+        let mut springs = vec![0.0; film.mu_pa.len()];
         loop {
             let count = pass.next_block(&mut rows)?;
             if count == 0 {
                 return Ok(());
             }
             for row in rows[..count * width].chunks(width) {
-                each(&|n: usize| row[n / LANES * 3 * LANES + n % LANES] * film.mu_pa[n]);
+                for (n, (spring, mu)) in springs.iter_mut().zip(&film.mu_pa).enumerate() {
+                    *spring = row[n / LANES * ROW + n % LANES] * mu;
+                }
+                each(&springs);
             }
         }
     }
 
+    /// Torque of the forearm of chain `k` (0 to 2) on its swing at each sample, N m.
+    pub fn forearm_torque_n_m(&self, k: usize, forearm: &ForearmTorque) -> Vec<f64> {
+        let swing = self.chains[k].theta_fa_rad.iter();
+        swing.map(|&s| forearm.torque_n_m_at(s)).collect()
+    }
+
     /// Torque that the forearms ask of each lozenge at each sample, N m.
     pub fn forearm_torques_n_m(&self, forearm: &ForearmTorque) -> Vec<[f64; 3]> {
+        let torque = [0, 1, 2].map(|k| self.forearm_torque_n_m(k, forearm));
         let at = |i: usize| {
-            let torque = [0, 1, 2].map(|j| forearm.torque_n_m_at(self.chains[j].theta_fa_rad[i]));
+            let torque = [0, 1, 2].map(|j| torque[j][i]);
             [0, 1, 2].map(|k| dot(self.chains[k].forearm_lever[i], torque))
         };
         (0..self.samples()).map(at).collect()
+    }
+
+    /// Adds what forearms with these torques on their swings ([`Mechanics::forearm_torque_n_m`]) ask of the
+    /// lozenge of chain `k`.
+    pub fn add_forearms(&self, k: usize, torque_n_m: [&[f64]; 3], needed_n_m: &mut [f64]) {
+        for (i, needed) in needed_n_m.iter_mut().enumerate() {
+            let torque = torque_n_m.map(|torque| torque[i]);
+            *needed += dot(self.chains[k].forearm_lever[i], torque);
+        }
     }
 
     /// The Maxwell torque that each lozenge needs, split by cause: for each chain and sample the

@@ -1341,7 +1341,7 @@ impl<'a> LineResidual<'a> {
             relaxation_time_s: &relaxation,
             locking: 1.0 / eta[branches],
         };
-        let mut pass = Pass::new(&history, shape);
+        let mut pass = Pass::of_stress(&history, shape);
         let width = pass.row_width();
         let nodes = moved.len();
         let mut rows = vec![0.0; nodes * width];

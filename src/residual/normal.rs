@@ -39,19 +39,26 @@ impl Normal {
     /// eta, `beta`: symmetric, `nonlinear` + linear + 1 wide.
     pub fn at(&self, nonlinear: usize, beta: &[f64]) -> DMatrix<f64> {
         let linear = self.linear();
-        let size = self.gram.nrows();
-        let width = nonlinear + linear + 1;
-        // Each new column is a combination of the old ones.
-        let mut combine = DMatrix::zeros(size, width);
-        for (s, slope) in self.slopes.iter().enumerate() {
-            combine[(linear + s, slope.nonlinear)] += slope.linear.map_or(1.0, |i| beta[i]);
-        }
-        for i in 0..linear {
-            combine[(i, nonlinear + i)] = 1.0;
-            combine[(i, width - 1)] = beta[i] - self.reference[i];
-        }
-        combine[(size - 1, width - 1)] = 1.0;
-        combine.tr_mul(&(&self.gram * &combine))
+        let last = nonlinear + linear;
+        // Each new column is a combination of the old ones, and most are old ones as they are.
+        let combined = |old: &DMatrix<f64>| {
+            let mut new = DMatrix::zeros(old.nrows(), last + 1);
+            for (s, slope) in self.slopes.iter().enumerate() {
+                let share = slope.linear.map_or(1.0, |i| beta[i]);
+                let mut column = new.column_mut(slope.nonlinear);
+                column.axpy(share, &old.column(linear + s), 1.0);
+            }
+            new.columns_mut(nonlinear, linear)
+                .copy_from(&old.columns(0, linear));
+            let mut residual = old.column(old.ncols() - 1).into_owned();
+            for i in 0..linear {
+                residual.axpy(beta[i] - self.reference[i], &old.column(i), 1.0);
+            }
+            new.set_column(last, &residual);
+            new
+        };
+        // C'GC = (GC)'C, because G is symmetric
+        combined(&combined(&self.gram).transpose())
     }
 }
 

@@ -28,6 +28,8 @@ const BLOCK: usize = 64;
 const HELD: usize = 512;
 /// Tracks that are drawn from the capture's uncertainty to see what it does to the residual.
 const REPLICATES: usize = 12;
+/// Tracks of a recording that are kept once they are drawn: a scan draws as many, round after round.
+const TRACKS: usize = 24;
 /// Frames of drawn tracks that are worked on at the same time at most, where more than one: what limits
 /// memory on machines with many cores.
 const FRAMES_AT_ONCE: usize = 400_000;
@@ -129,23 +131,25 @@ struct Prepared<'a> {
     ways: Arc<Vec<(usize, [Way; 3])>>,
     /// The track where it is not the dataset's own.
     other_track: Option<Arc<Track>>,
-    decimation: Decimation,
-    centres: Vec<usize>,
+    decimation: Arc<Decimation>,
+    centres: Arc<Vec<usize>>,
     /// phi_c^2, its change per second, and phi_c at the frames, at a fixed offset.
     command: Option<Arc<[Command; 3]>>,
     /// Filtered load of each kept sample and chain, N m.
-    load: Vec<[f64; 3]>,
+    load: Arc<Triples>,
     /// Filtered forearm columns: kept sample, chain, node.
-    forearm: Vec<f64>,
+    forearm: Arc<Vec<f64>>,
     /// Filtered 1/2 C' phi^2 and its derivative with respect to the offset, at a fixed offset.
-    maxwell: Option<(Triples, Triples)>,
+    maxwell: Option<Arc<(Triples, Triples)>>,
     /// Lower triangle of the inverse Cholesky factor of the noise covariance at each kept sample: 11, 21, 22,
     /// 31, 32, 33.
-    whitening: Vec<[f64; 6]>,
+    whitening: Arc<Vec<[f64; 6]>>,
     /// Weight of a kept sample in a robust fit.
-    robust: Vec<f64>,
+    robust: Arc<Vec<f64>>,
     /// Whitened residual changes of the replicates: replicate, kept sample, chain.
     errors: Arc<Vec<Vec<f64>>>,
+    /// The first tracks that are drawn from what the capture leaves open, once they have been.
+    tracks: Arc<[OnceLock<Track>; TRACKS]>,
     /// Mechanics of the drawn tracks, once they have been worked out, where they shall be kept.
     drawn: Arc<OnceLock<Vec<Option<Mechanics>>>>,
     /// The recording about given values of effects that move the mechanism or the motion.
@@ -170,17 +174,35 @@ struct Linear {
     values: Vec<(usize, f64, Triples)>,
 }
 
-/// Torque of the film of each chain on its lozenge at the frames, N m: [equilibrium spring, branches].
-struct FilmTorques([Arc<Vec<[f64; 2]>>; 3]);
+/// What the film of a chain at the frames makes of torque on its lozenge, N m ([equilibrium spring,
+/// branches]), and what its forearm does on its swing.
+#[derive(Clone)]
+struct OwnTorques {
+    film: Arc<Vec<[f64; 2]>>,
+    forearm: Arc<Vec<f64>>,
+}
 
-impl FilmTorques {
+impl OwnTorques {
+    fn new(mechanics: &Mechanics, k: usize, parameters: &Parameters) -> Result<Self, Locked> {
+        let forearm = mechanics.forearm_torque_n_m(k, &parameters.forearm);
+        Ok(OwnTorques {
+            film: Arc::new(mechanics.film_torque_n_m(k, parameters)?),
+            forearm: Arc::new(forearm),
+        })
+    }
+}
+
+/// Those of all chains.
+struct ChainTorques([OwnTorques; 3]);
+
+impl ChainTorques {
     fn new(mechanics: &Mechanics, parameters: &Parameters) -> Result<Self, Locked> {
-        let of = |k: usize| mechanics.film_torque_n_m(k, parameters).map(Arc::new);
-        Ok(FilmTorques([of(0)?, of(1)?, of(2)?]))
+        let of = |k: usize| OwnTorques::new(mechanics, k, parameters);
+        Ok(ChainTorques([of(0)?, of(1)?, of(2)?]))
     }
 
-    /// Those of `moved` from `known`, those of `mechanics`: a film that goes the same way has the same
-    /// torque.
+    /// Those of `moved` from `known`, those of `mechanics`: a chain that goes the same way has the same
+    /// torques, a forearm that swings alike the same of its own.
     fn beside(
         moved: &Mechanics,
         parameters: &Parameters,
@@ -188,11 +210,17 @@ impl FilmTorques {
         known: &Self,
     ) -> Result<Self, Locked> {
         let same = |k: usize| Arc::ptr_eq(&moved.chains[k].own, &mechanics.chains[k].own);
+        let swings_alike =
+            |k: usize| moved.chains[k].theta_fa_rad == mechanics.chains[k].theta_fa_rad;
         let of = |k: usize| match same(k) {
             true => Ok(known.0[k].clone()),
-            false => moved.film_torque_n_m(k, parameters).map(Arc::new),
+            false if swings_alike(k) => Ok(OwnTorques {
+                film: Arc::new(moved.film_torque_n_m(k, parameters)?),
+                ..known.0[k].clone()
+            }),
+            false => OwnTorques::new(moved, k, parameters),
         };
-        Ok(FilmTorques([of(0)?, of(1)?, of(2)?]))
+        Ok(ChainTorques([of(0)?, of(1)?, of(2)?]))
     }
 }
 
@@ -232,9 +260,15 @@ impl Told<'_> {
 struct Common<'p> {
     told: Told<'p>,
     /// Torques of the films, and the torque error with them.
-    error: OnceLock<(FilmTorques, Chains)>,
+    error: OnceLock<(ChainTorques, Chains)>,
     /// [`Prepared::made`] of each chain.
     made: [OnceLock<(Vec<f64>, Vec<f64>)>; 3],
+    /// Torque of each effect on each chain.
+    torques: Vec<[OnceLock<Vec<f64>>; 3]>,
+    /// Torque of each film.
+    film: [OnceLock<Vec<[f64; 2]>>; 3],
+    /// What each film needs more because it cannot carry compression.
+    slack: [OnceLock<Vec<f64>>; 3],
 }
 
 /// Rows of the kernel that a window may still need, chain by chain, beginning at sample `from`; they move to
@@ -442,18 +476,25 @@ impl Prepared<'_> {
         mechanics
     }
 
+    /// Why a mechanism that cannot follow a sample has no balance.
+    fn lost(&self, sample: usize) -> Locked {
+        Locked {
+            spring: 0,
+            invariant: f64::NAN,
+            locking: f64::NAN,
+            at_s: Some(self.dataset.time_s(sample)),
+        }
+    }
+
     /// A torque error (N m; chain, frame) at the kept samples: kept sample, chain.
     fn filtered(&self, error: &[Vec<f64>; 3]) -> Vec<f64> {
-        let mut out = Vec::with_capacity(3 * self.centres.len());
-        for &c in &self.centres {
-            out.extend([0, 1, 2].map(|k| self.decimation.apply(c, |i| error[k][i])));
-        }
-        out
+        let filtered = filtered(&self.decimation, &self.centres, error);
+        filtered.into_iter().flatten().collect()
     }
 
     /// Torque errors at the kept samples over what noise makes of them.
     fn whiten(&self, errors: &mut [f64]) {
-        for (e, w) in errors.chunks_exact_mut(3).zip(&self.whitening) {
+        for (e, w) in errors.chunks_exact_mut(3).zip(&*self.whitening) {
             let (a, b, d) = (e[0], e[1], e[2]);
             e[0] = w[0] * a;
             e[1] = w[1] * a + w[2] * b;
@@ -476,6 +517,9 @@ impl Prepared<'_> {
             told: self.told(offset_s, effects),
             error: OnceLock::new(),
             made: Default::default(),
+            torques: effects.iter().map(|_| Default::default()).collect(),
+            film: Default::default(),
+            slack: Default::default(),
         }
     }
 
@@ -515,8 +559,8 @@ impl Prepared<'_> {
         mechanics.film_voltage_v(chain, self.when, effects, told)
     }
 
-    /// Maxwell torque of a chain at the frames, N m, and its change per second of clock offset: 1/2 C' times
-    /// the command's square plus what the electrical effects change of it.
+    /// Maxwell torque of a chain at the frames, N m, and, where that is an unknown, its change per second of
+    /// clock offset: 1/2 C' times the command's square plus what the electrical effects change of it.
     fn made(
         &self,
         mechanics: &Mechanics,
@@ -529,8 +573,12 @@ impl Prepared<'_> {
             |a: &Acting| matches!(a.effect.site(), Site::Electrical | Site::Film) && a.on[k];
         let plain = &mechanics.chains[k].half_capacitance_slope;
         let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).collect();
+        let change = |half: &[f64]| match self.has_free_clock() {
+            true => product(&command.1, half),
+            false => Vec::new(),
+        };
         if !effects.iter().any(electrical) {
-            return (product(&command.0, plain), product(&command.1, plain));
+            return (product(&command.0, plain), change(plain));
         }
         let film = self.film_voltage(mechanics, k, told, effects);
         let half = mechanics.half_capacitance_slope(k, self.when, effects);
@@ -540,7 +588,7 @@ impl Prepared<'_> {
                 half[i] * (command.0[i] + (film[i] * film[i] - told * told))
             })
             .collect();
-        (made, product(&command.1, &half))
+        (made, change(&half))
     }
 
     /// [`Prepared::maxwell_at`] of the recording as it is, at its own offset.
@@ -549,7 +597,7 @@ impl Prepared<'_> {
         self.maxwell_at(&self.mechanics, &[], &common)
     }
 
-    /// Filtered Maxwell torque and its derivative with respect to the clock offset.
+    /// Filtered Maxwell torque and its derivative with respect to the clock offset (0 where that is known).
     fn maxwell_at(
         &self,
         mechanics: &Mechanics,
@@ -558,16 +606,37 @@ impl Prepared<'_> {
     ) -> (Triples, Triples) {
         let mut value = vec![[0.0; 3]; self.centres.len()];
         let mut slope = value.clone();
+        let filter = |signal: &[f64], k: usize, out: &mut Triples| {
+            let filtered = self.decimation.apply_all(&self.centres, signal);
+            for (out, x) in out.iter_mut().zip(filtered) {
+                out[k] = x;
+            }
+        };
         for k in 0..3 {
             let made = || self.made(mechanics, k, &common.told, effects);
             let (made, change) = common.made[k].get_or_init(made);
-            for (j, &centre) in self.centres.iter().enumerate() {
-                value[j][k] = self.decimation.apply(centre, |i| made[i]);
-                slope[j][k] = self.decimation.apply(centre, |i| change[i]);
+            filter(made, k, &mut value);
+            if self.has_free_clock() {
+                filter(change, k, &mut slope);
             }
         }
         (value, slope)
     }
+
+    /// Whether the clock offset is an unknown.
+    fn has_free_clock(&self) -> bool {
+        self.dataset.offset_source == OffsetSource::Free
+    }
+}
+
+/// Values of a series of each chain, filtered at `centres`.
+fn filtered(decimation: &Decimation, centres: &[usize], series: &[Vec<f64>; 3]) -> Triples {
+    let [a, b, c] = [0, 1, 2].map(|k| decimation.apply_all(centres, &series[k]));
+    a.into_iter()
+        .zip(b)
+        .zip(c)
+        .map(|((a, b), c)| [a, b, c])
+        .collect()
 }
 
 /// How effects on the clock read the command at t after the first frame: at shift + rate t.
@@ -929,9 +998,10 @@ impl<'a> RobotResidual<'a> {
     /// [`Locked`] when the film is past its locking stretch.
     pub fn robustify(&mut self, eta: &[f64], beta: &[f64], limit: f64) -> Result<(), Locked> {
         for r in 0..self.recordings.len() {
-            self.recordings[r].robust.fill(1.0);
+            self.recordings[r].robust = Arc::new(vec![1.0; self.recordings[r].centres.len()]);
             let squares = self.squares(r, eta, beta)?;
-            for (weight, square) in self.recordings[r].robust.iter_mut().zip(squares) {
+            let robust = Arc::make_mut(&mut self.recordings[r].robust);
+            for (weight, square) in robust.iter_mut().zip(squares) {
                 let size = (square / 3.0).sqrt();
                 if size > limit {
                     *weight = (limit / size).sqrt();
@@ -951,7 +1021,7 @@ impl<'a> RobotResidual<'a> {
         told: &Told<'_>,
         effects: &[Acting],
     ) -> Result<[Vec<f64>; 3], Locked> {
-        let film = FilmTorques::new(mechanics, parameters)?;
+        let film = ChainTorques::new(mechanics, parameters)?;
         self.error_with(recording, mechanics, &film, parameters, told, effects)
     }
 
@@ -960,7 +1030,7 @@ impl<'a> RobotResidual<'a> {
         &self,
         recording: usize,
         mechanics: &Mechanics,
-        film: &FilmTorques,
+        film: &ChainTorques,
         parameters: &Parameters,
         told: &Told<'_>,
         effects: &[Acting],
@@ -980,7 +1050,7 @@ impl<'a> RobotResidual<'a> {
         &self,
         recording: usize,
         mechanics: &Mechanics,
-        film: &FilmTorques,
+        own: &ChainTorques,
         parameters: &Parameters,
         told: &Told<'_>,
         effects: &[Acting],
@@ -988,7 +1058,7 @@ impl<'a> RobotResidual<'a> {
         let r = &self.recordings[recording];
         let mut needed: [Vec<f64>; 3] = Default::default();
         for (k, needed) in needed.iter_mut().enumerate() {
-            let film = &film.0[k];
+            let film = &own.0[k].film;
             *needed = match mechanics.stress_factor(k, r.when, effects, &parameters.film) {
                 Some(factor) => film
                     .iter()
@@ -1003,11 +1073,9 @@ impl<'a> RobotResidual<'a> {
             }
             self.add_effect_torque(r, mechanics, k, parameters, told, effects, needed)?;
         }
-        let forearm = mechanics.forearm_torques_n_m(&parameters.forearm);
-        for (i, forearm) in forearm.iter().enumerate() {
-            for k in 0..3 {
-                needed[k][i] += forearm[k];
-            }
+        let forearm = [0, 1, 2].map(|k| &own.0[k].forearm[..]);
+        for (k, needed) in needed.iter_mut().enumerate() {
+            mechanics.add_forearms(k, forearm, needed);
         }
         let made = [0, 1, 2].map(|k| r.made(mechanics, k, told, effects).0);
         Ok((needed, made))
@@ -1044,10 +1112,7 @@ impl<'a> RobotResidual<'a> {
     /// Filtered values of a series of each chain at the kept samples of a recording.
     fn filtered(&self, recording: usize, series: &[Vec<f64>; 3]) -> Triples {
         let r = &self.recordings[recording];
-        r.centres
-            .iter()
-            .map(|&c| [0, 1, 2].map(|k| r.decimation.apply(c, |i| series[k][i])))
-            .collect()
+        filtered(&r.decimation, &r.centres, series)
     }
 
     /// What the rows of a recording are made of at `eta`; derivatives with respect to free values at the
@@ -1061,7 +1126,7 @@ impl<'a> RobotResidual<'a> {
         let r = &self.recordings[recording];
         let offset = self.offset_s(recording, eta);
         let maxwell = match &r.maxwell {
-            Some(fixed) => Cow::Borrowed(fixed),
+            Some(fixed) => Cow::Borrowed(&**fixed),
             None => Cow::Owned(r.maxwell_at(&r.mechanics, &[], &r.common(offset, &[]))),
         };
         if self.effects.is_empty() {
@@ -1225,19 +1290,25 @@ impl<'a> RobotResidual<'a> {
     /// The balance of a recording as built, with effects.
     fn mechanics_anew(&self, recording: usize, effects: &[Acting]) -> Result<Mechanics, Locked> {
         let r = &self.recordings[recording];
+        if r.ways.is_empty() {
+            let made = r.mechanics.with_more(effects, r.dataset.pivot_m);
+            return made.map_err(|(sample, _)| r.lost(sample));
+        }
+        self.differing_by(recording, &[&self.base[..], effects].concat())
+    }
+
+    /// The balance of a recording of a robot that differs from its drawing by effects.
+    fn differing_by(&self, recording: usize, effects: &[Acting]) -> Result<Mechanics, Locked> {
+        let r = &self.recordings[recording];
         let track = match &r.other_track {
             Some(track) => Cow::Borrowed(&**track),
             None => Cow::Owned(r.dataset.track()),
         };
-        let all = [&self.base[..], effects].concat();
         let known = Some(&*r.mechanics).filter(|_| r.ways.is_empty());
-        let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m, known);
-        made.map(|m| r.through(m)).map_err(|(sample, _)| Locked {
-            spring: 0,
-            invariant: f64::NAN,
-            locking: f64::NAN,
-            at_s: Some(r.dataset.time_s(sample)),
-        })
+        let pivot_m = r.dataset.pivot_m;
+        let made = Mechanics::with_effects(self.robot, &track, effects, pivot_m, known);
+        let made = made.map_err(|(sample, _)| r.lost(sample))?;
+        Ok(r.through(made))
     }
 
     /// Takes the mechanism and the reading of the motion to be these effects beside the drawing, once and for
@@ -1248,14 +1319,15 @@ impl<'a> RobotResidual<'a> {
     pub fn rebuild(&mut self, base: Vec<Acting>) -> Result<(), Locked> {
         self.base = base;
         for number in 0..self.recordings.len() {
-            let mechanics = self.mechanics_anew(number, &[])?;
+            let mechanics = self.differing_by(number, &self.base)?;
             let (arch, curve) = (self.arch, &self.forearm);
             let r = &mut self.recordings[number];
-            r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
-            r.forearm = forearm_columns(&mechanics, curve, &r.decimation, &r.centres, arch);
+            r.load = Arc::new(filtered_load(&mechanics, &r.decimation, &r.centres));
+            let columns = forearm_columns(&mechanics, curve, &r.decimation, &r.centres, arch);
+            r.forearm = Arc::new(columns);
             r.mechanics = Arc::new(mechanics);
             if r.maxwell.is_some() {
-                r.maxwell = Some(r.fixed_maxwell());
+                r.maxwell = Some(Arc::new(r.fixed_maxwell()));
             }
         }
         for r in &mut self.recordings {
@@ -1321,14 +1393,17 @@ impl<'a> RobotResidual<'a> {
         match acting.effect.site() {
             Site::Balance => {
                 for k in (0..3).filter(|&k| acting.on[k]) {
-                    let a = mechanics.effect_torque_n_m(k, r.when, &other[changed..=changed]);
-                    let b = match effects.get(changed) {
-                        Some(_) => {
-                            mechanics.effect_torque_n_m(k, r.when, &effects[changed..=changed])
-                        }
-                        None => vec![0.0; a.len()],
+                    let of = |all: &[Acting]| {
+                        mechanics.effect_torque_n_m(k, r.when, &all[changed..=changed])
                     };
-                    out[k] = a.iter().zip(b).map(|(a, b)| b - a).collect();
+                    let a = of(other);
+                    out[k] = match common.torques.get(changed) {
+                        Some(own) => {
+                            let b = own[k].get_or_init(|| of(effects));
+                            a.iter().zip(b).map(|(a, b)| b - a).collect()
+                        }
+                        None => a.iter().map(|a| 0.0 - a).collect(),
+                    };
                 }
             }
             site @ (Site::Electrical | Site::Clock) => {
@@ -1351,10 +1426,22 @@ impl<'a> RobotResidual<'a> {
                     };
                     if acting.effect.needs_tension() {
                         let a = slack(other)?.unwrap_or_default();
-                        let b = slack(effects)?.unwrap_or_else(|| vec![0.0; a.len()]);
+                        let b = match common.slack[k].get() {
+                            Some(known) => known,
+                            None => {
+                                let b = slack(effects)?.unwrap_or_else(|| vec![0.0; a.len()]);
+                                common.slack[k].get_or_init(|| b)
+                            }
+                        };
                         out[k] = a.iter().zip(b).map(|(a, b)| a - b).collect();
                     } else {
-                        let film = mechanics.film_torque_n_m(k, parameters)?;
+                        let film = match common.film[k].get() {
+                            Some(known) => known,
+                            None => {
+                                let film = mechanics.film_torque_n_m(k, parameters)?;
+                                common.film[k].get_or_init(|| film)
+                            }
+                        };
                         let one = || vec![[1.0; 2]; film.len()];
                         let factor = |with: &[Acting]| {
                             mechanics
@@ -1380,7 +1467,7 @@ impl<'a> RobotResidual<'a> {
                 let base = match common.error.get() {
                     Some(known) => known,
                     None => {
-                        let film = FilmTorques::new(mechanics, parameters)?;
+                        let film = ChainTorques::new(mechanics, parameters)?;
                         let error = self.error_with(
                             recording,
                             mechanics,
@@ -1392,7 +1479,7 @@ impl<'a> RobotResidual<'a> {
                         common.error.get_or_init(|| (film, error))
                     }
                 };
-                let film = FilmTorques::beside(&moved, parameters, mechanics, &base.0)?;
+                let film = ChainTorques::beside(&moved, parameters, mechanics, &base.0)?;
                 let a =
                     self.error_with(recording, &moved, &film, parameters, &common.told, other)?;
                 let b = &base.1;
@@ -1439,7 +1526,7 @@ impl<'a> RobotResidual<'a> {
             }
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
-            for (f, w) in filtered.iter().zip(&r.whitening) {
+            for (f, w) in filtered.iter().zip(&*r.whitening) {
                 out.extend([
                     w[0] * f[0],
                     w[1] * f[0] + w[2] * f[1],
@@ -1683,7 +1770,7 @@ impl<'a> RobotResidual<'a> {
             )?;
             let filtered = self.filtered(recording, &change);
             let r = &self.recordings[recording];
-            for (f, w) in filtered.iter().zip(&r.whitening) {
+            for (f, w) in filtered.iter().zip(&*r.whitening) {
                 out[0].extend([w[0] * f[0], w[1] * f[0], w[3] * f[0]]);
                 out[1].extend([0.0, w[2] * f[1], w[4] * f[1]]);
                 out[2].extend([0.0, 0.0, w[5] * f[2]]);
@@ -1774,7 +1861,7 @@ impl<'a> RobotResidual<'a> {
                 let own = added(&commands);
                 let more = slopes.is_some().then(|| added(&larger));
                 for (j, column) in own.iter().enumerate() {
-                    for (at, (&c, w)) in r.centres.iter().zip(&r.whitening).enumerate() {
+                    for (at, (&c, w)) in r.centres.iter().zip(&*r.whitening).enumerate() {
                         let made = |i: usize| match term.electrical() {
                             true => -half[i] * column[i],
                             false => -column[i],
@@ -1810,7 +1897,7 @@ impl<'a> RobotResidual<'a> {
 
     /// Takes kept samples of a recording out of all sums: their residuals count nothing.
     pub fn mute(&mut self, recording: usize, kept: std::ops::Range<usize>) {
-        self.recordings[recording].whitening[kept].fill([0.0; 6]);
+        Arc::make_mut(&mut self.recordings[recording].whitening)[kept].fill([0.0; 6]);
     }
 
     /// Middle frame of each kept sample of a recording.
@@ -1888,9 +1975,15 @@ impl<'a> RobotResidual<'a> {
     /// The balance along the track of this number that is drawn from what the capture leaves open.
     fn draw(&self, recording: usize, number: usize, effects: &[Acting]) -> Option<Mechanics> {
         let r = &self.recordings[recording];
-        let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + number as u64);
-        generator.set_stream(recording as u64);
-        let track = r.dataset.drawn_track(&mut generator);
+        let fresh = || {
+            let mut generator = ChaCha12Rng::seed_from_u64(0x0dea_ca11 + number as u64);
+            generator.set_stream(recording as u64);
+            r.dataset.drawn_track(&mut generator)
+        };
+        let track = match r.tracks.get(number) {
+            Some(kept) => Cow::Borrowed(kept.get_or_init(fresh)),
+            None => Cow::Owned(fresh()),
+        };
         let all = [&self.base[..], effects].concat();
         let made = Mechanics::with_effects(self.robot, &track, &all, r.dataset.pivot_m, None);
         made.ok().map(|m| r.through(m))
@@ -1961,6 +2054,7 @@ impl<'a> RobotResidual<'a> {
                 outer
             };
             let mut largest = 0.0_f64;
+            let mut whitening = Vec::with_capacity(kept);
             for (j, &centre) in r.centres.iter().enumerate() {
                 let window = &outer[j.saturating_sub(reach)..(j + reach + 1).min(kept)];
                 let mut covariance: Matrix3<f64> =
@@ -1981,15 +2075,16 @@ impl<'a> RobotResidual<'a> {
                 }
                 let l = covariance.cholesky().map_or(Matrix3::identity(), |c| c.l());
                 let inverse = l.try_inverse().unwrap_or(Matrix3::identity());
-                r.whitening[j] = [
+                whitening.push([
                     inverse[(0, 0)],
                     inverse[(1, 0)],
                     inverse[(1, 1)],
                     inverse[(2, 0)],
                     inverse[(2, 1)],
                     inverse[(2, 2)],
-                ];
+                ]);
             }
+            r.whitening = Arc::new(whitening);
             let mut white = filtered;
             white.iter_mut().for_each(|errors| r.whiten(errors));
             r.errors = Arc::new(white);
@@ -2195,7 +2290,7 @@ impl<'a> RobotResidual<'a> {
             let end = first + 3 * r.centres.len();
             r.smoothed = Arc::new(expected.map_or_else(Vec::new, |all| {
                 let whitened = all.as_slice()[first..end].chunks_exact(3);
-                (whitened.zip(&r.whitening))
+                (whitened.zip(&*r.whitening))
                     .map(|(e, w)| {
                         // W lower triangular
                         let a = e[0] / w[0];
@@ -2232,18 +2327,14 @@ impl<'a> RobotResidual<'a> {
                     return Ok(None);
                 };
                 let mechanics = r.through(mechanics);
-                r.load = filtered_load(&mechanics, &r.decimation, &r.centres);
-                r.forearm = forearm_columns(
-                    &mechanics,
-                    &self.forearm,
-                    &r.decimation,
-                    &r.centres,
-                    self.arch,
-                );
+                let (curve, d) = (&self.forearm, &r.decimation);
+                r.load = Arc::new(filtered_load(&mechanics, d, &r.centres));
+                let columns = forearm_columns(&mechanics, curve, d, &r.centres, self.arch);
+                r.forearm = Arc::new(columns);
                 r.mechanics = Arc::new(mechanics);
                 r.other_track = Some(Arc::new(track));
                 if r.maxwell.is_some() {
-                    r.maxwell = Some(r.fixed_maxwell());
+                    r.maxwell = Some(Arc::new(r.fixed_maxwell()));
                 }
             }
             other.linearise(eta, beta, true)?;
@@ -2292,7 +2383,7 @@ impl<'a> RobotResidual<'a> {
         let mechanics = self.mechanics_with(recording, &effects)?;
         let told = r.told(offset, &effects);
         // One path with and without effects, so that an effect that is off changes no bit.
-        let film = FilmTorques::new(&mechanics, &parameters)?;
+        let film = ChainTorques::new(&mechanics, &parameters)?;
         let (mut needed, _) =
             self.sides(recording, &mechanics, &film, &parameters, &told, &effects)?;
         self.depart(recording, beta, &mut needed);
@@ -2470,16 +2561,17 @@ fn prepare<'a>(
         mechanics: Arc::new(mechanics),
         ways: Arc::new(ways),
         other_track: None,
-        decimation,
-        centres,
+        decimation: Arc::new(decimation),
+        centres: Arc::new(centres),
         command: None,
+        tracks: Arc::default(),
         drawn: Arc::default(),
         linear: None,
-        load,
-        forearm: columns,
+        load: Arc::new(load),
+        forearm: Arc::new(columns),
         maxwell: None,
-        whitening: vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept],
-        robust: vec![1.0; kept],
+        whitening: Arc::new(vec![[1e4, 0.0, 1e4, 0.0, 0.0, 1e4]; kept]),
+        robust: Arc::new(vec![1.0; kept]),
         errors: Arc::default(),
         smoothed: Arc::default(),
         departed: Arc::default(),
@@ -2492,7 +2584,7 @@ fn prepare<'a>(
                 .into_owned()
         });
         prepared.command = Some(Arc::new(command));
-        prepared.maxwell = Some(prepared.fixed_maxwell());
+        prepared.maxwell = Some(Arc::new(prepared.fixed_maxwell()));
     }
     prepared
 }
@@ -2505,10 +2597,7 @@ fn filtered_load(mechanics: &Mechanics, decimation: &Decimation, centres: &[usiz
             .map(|i| chain.load(i))
             .collect::<Vec<f64>>()
     });
-    centres
-        .iter()
-        .map(|&c| [0, 1, 2].map(|k| decimation.apply(c, |i| load[k][i])))
-        .collect()
+    filtered(decimation, centres, &load)
 }
 
 /// Filtered forearm columns (kept sample, chain, node): lever of chain j on lozenge k times the spline's

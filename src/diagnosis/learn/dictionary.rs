@@ -194,7 +194,7 @@ pub(in crate::diagnosis) fn made_by(robot: &RobotResidual, acting: &Acting) -> M
             };
             for &i in kept.iter().filter(|i| **i > 0) {
                 let power = match term.place {
-                    Place::Force => dot(forces[i], m.velocity_m_s[i]),
+                    Place::Force => dot(forces[i], m.track.velocity_m_s[i]),
                     Place::Film if !term.electrical() => {
                         let theta = &along.theta_dea_rad;
                         made[i] * (theta[i] - theta[i - 1]) / d.step_s
@@ -240,7 +240,7 @@ impl Ranges {
         for (number, d) in robot.datasets().enumerate() {
             let m = robot.mechanics(number);
             let kept = robot.kept(number);
-            positions_m.extend(kept.iter().map(|&i| m.position_m[i]));
+            positions_m.extend(kept.iter().map(|&i| m.track.position_m[i]));
             for k in 0..3 {
                 let phi: Vec<f64> = (0..d.samples())
                     .map(|i| d.command_v(k, i, d.offset_s))

@@ -460,7 +460,7 @@ fn the_report_answers_in_words_first() {
         let first = html.split("<nav").next().unwrap();
         for question in [
             "Does the plain model fit",
-            "Where does it not?",
+            "Where does the plain model fail?",
             "What is missing?",
             "What to record next?",
             "What could not have been seen?",

@@ -16,7 +16,7 @@ use crate::report::effect_entries::{actuators, named};
 /// Questions that the first screen answers.
 pub const FITS: &str = "Does the plain model fit, against the noise?";
 /// See [`FITS`].
-pub const WHERE: &str = "Where does it not?";
+pub const WHERE: &str = "Where does the plain model fail?";
 /// See [`FITS`].
 pub const MISSING_IS: &str = "What is missing?";
 /// See [`FITS`].

@@ -9,16 +9,18 @@ use rayon::prelude::*;
 use super::blocks::typical_form;
 use super::chance::{self, Chance};
 use super::errors::{above_noise, beyond_noise, lowers_error, taken_away};
-use super::fits::{baseline, choose, of_the_rare, ordinary, plainest, polish, refit, with_partner};
-use super::judge::{Judged, Odds, alike};
+use super::fits::{Beside, baseline, choose, of_the_rare, ordinary, plainest, polish, refit};
+use super::judge::{Judged, NEVER_ADEQUATE, Odds, alike};
 use super::outcome::*;
 use super::parts::Causes;
 use super::problem::{Fitted, Problem, Tangent, over_series};
 use super::scan::{Group, Scanned, Unit, fingerprints, scan, units};
+use super::sizes::{is_told, value_estimates};
 use super::subject::Subject;
 use super::tolerance::{self, Built, FAR};
 use super::verdict::{
-    earns, foretells, ids, joins, leaves_far_more, leaves_too_much, never_adequate, unexplained,
+    earns, foretells, ids, in_detail, joins, leaves_far_more, leaves_too_much, never_adequate,
+    unexplained,
 };
 use super::words::in_unit;
 use super::{
@@ -98,6 +100,8 @@ pub(super) struct Field {
 pub(super) struct Choice {
     pub partners: Vec<Judged>,
     pub pair: Option<Judged>,
+    /// What chance makes of a sum of squares in a scan beside the leading cause.
+    pub by_chance: f64,
     pub best: Judged,
     pub odds: Odds,
     pub verdict: Verdict,
@@ -153,7 +157,8 @@ impl<'a, S: Subject> Case<'a, S> {
         if !adequate && let Some(parts) = self.parts_beside_two(&field, &choice)? {
             return Ok(Round::again(parts));
         }
-        let supported = !adequate && field.supports(&self.problem, &choice.best, &choice.odds);
+        let supported = !adequate
+            && field.supports(&self.problem, &choice.best, &choice.partners, &choice.odds);
         let holdout = self.holdout.take();
         self.problem.take_up(holdout, field.built.as_ref())?;
         if !adequate {
@@ -391,7 +396,7 @@ impl<'a, S: Subject> Case<'a, S> {
         }
         let chance = &field.seen.chance;
         let odds = field.odds(&[]);
-        let unsupported = |first: &Judged| !field.supports(&self.problem, first, &odds);
+        let unsupported = |first: &Judged| !field.supports(&self.problem, first, &[], &odds);
         let quiet = chance.largest < chance.limit(self.request.false_alarm_rate)
             || field.fall < field.by_chance
             || field.singles.first().is_some_and(unsupported);
@@ -405,7 +410,7 @@ impl<'a, S: Subject> Case<'a, S> {
         else {
             return Ok(None);
         };
-        if !field.supports(&self.problem, first, &field.odds(&[])) {
+        if !field.supports(&self.problem, first, &[], &field.odds(&[])) {
             return Ok(None);
         }
         let [taken, noise] = taken_away(&self.problem, &field.plain.fitted, &first.fitted)?;
@@ -422,16 +427,19 @@ impl<'a, S: Subject> Case<'a, S> {
     /// Looks for a second cause where the first leaves more than noise, and chooses.
     fn choose(&self, field: &mut Field, adequate: bool) -> Result<Choice, Error> {
         let (mut pair, mut partners) = (None, Vec::new());
+        let mut by_chance = field.by_chance;
         if let (false, Some(first)) = (adequate, field.singles.first())
-            && (first.mean_square > PAIR_ABOVE || field.given().is_some())
+            && let Some((beside, chance)) = self.left_beside(field, first)?
         {
-            partners = self.partners(field, first)?;
-            self.lead_back(field, &partners);
+            // a film that is bent to its cause makes more of the noise than one that is right
+            by_chance = by_chance.min(chance.fall(self.request.false_alarm_rate));
+            partners = self.partners(field, first, beside);
+            self.lead_back(field, &partners, by_chance);
             pair = match field.singles.first() {
-                Some(first) => self.pair(field, first, &partners)?,
+                Some(first) => self.pair(field, first, &partners, by_chance)?,
                 None => None,
             };
-            if let Some(alone) = pair.as_ref().and_then(|p| self.alone(field, p)) {
+            if let Some(alone) = (pair.as_ref()).and_then(|p| self.alone(field, p, by_chance)) {
                 pair = None;
                 field.singles.insert(0, alone);
             }
@@ -445,53 +453,68 @@ impl<'a, S: Subject> Case<'a, S> {
             let mut others = others.filter(|a| Some(a.effect.id()) != first);
             others.any(|a| tolerance::holds(&list, a))
         };
-        pair = pair.filter(|p| field.supports(&self.problem, p, &odds) && !of_a_part(p));
+        pair = pair.filter(|p| field.supports(&self.problem, p, &partners, &odds) && !of_a_part(p));
         let blocks = &field.seen.chance.blocks;
         if let (false, Some(named)) = (adequate, pair.as_mut().or(field.singles.first_mut())) {
-            *named = plainest(&self.problem, blocks, named, field.by_chance);
+            *named = plainest(&self.problem, blocks, named, by_chance);
         }
         let best = pair.as_ref().or(field.singles.first());
         Ok(Choice {
             best: best.unwrap_or(&field.plain).clone(),
             partners,
             pair,
+            by_chance,
             odds,
             verdict: Verdict::Adequate,
             at_edge: false,
         })
     }
 
+    /// The scan beside the cause that leads, and what chance makes of it, where a second one is worth looking
+    /// for: what the first leaves surprises more than noise does, or is more.
+    fn left_beside(
+        &self,
+        field: &Field,
+        first: &Judged,
+    ) -> Result<Option<(Beside, Chance)>, Error> {
+        (self.watch)("scanning the catalogue beside the leading cause");
+        let wanted = wanted(self.request, field.built.is_some());
+        let Some(beside) = Beside::new(&self.problem, &first.fitted, &wanted) else {
+            return Ok(None);
+        };
+        let chance = beside.chance(&self.problem, &first.fitted)?;
+        let surprises = chance.largest >= chance.limit(self.request.false_alarm_rate);
+        let worth = surprises || first.mean_square > PAIR_ABOVE || field.given().is_some();
+        Ok(worth.then_some((beside, chance)))
+    }
+
     /// Models of more than one cause, best first: the leading one and the next with their best partners, and
-    /// the best partner with its own.
-    fn partners(&self, field: &Field, first: &Judged) -> Result<Vec<Judged>, Error> {
-        let problem = &self.problem;
-        let Seen {
-            groups,
-            units,
-            chance,
-            ..
-        } = &field.seen;
+    /// the best partner with its own. `beside` is the scan beside the leading one.
+    fn partners(&self, field: &Field, first: &Judged, beside: Beside) -> Vec<Judged> {
+        let (problem, blocks) = (&self.problem, &field.seen.chance.blocks);
         let wanted = wanted(self.request, field.built.is_some());
         let by_score = |a: &Judged, b: &Judged| a.score.total_cmp(&b.score);
-        let beside = |base: &Judged| {
+        let joined = |base: &Judged, beside: &Beside| {
             let names: Vec<String> = ids(base).map(plain_name).collect();
             let names = names.join(" and ");
             (self.watch)(&format!("looking for a second effect beside {names}"));
-            let mut both = with_partner(problem, &chance.blocks, base, groups, units, &wanted)?;
+            let mut both = beside.partners(problem, blocks, base);
             field.weigh_down(&mut both);
             both.sort_by(by_score);
-            Ok::<_, Error>(both)
+            both
+        };
+        let others = |base: &Judged| {
+            let beside = Beside::new(problem, &base.fitted, &wanted);
+            beside.map_or_else(Vec::new, |beside| joined(base, &beside))
         };
         let second = field.singles.get(1);
         let near = |s: &&Judged| s.excess() < 4.0 * first.excess() && s.mean_square > PAIR_ABOVE;
         let second = second.filter(near);
-        let mut partners: Vec<Judged> = Vec::new();
-        for base in std::iter::once(first).chain(second) {
-            partners.extend(beside(base)?);
-        }
+        let mut partners = joined(first, &beside);
+        partners.extend(second.into_iter().flat_map(others));
         if let Some(given) = field.given() {
             let both = problem.fit_near(given, &given.effects, POLISH);
-            let mut both = [Judged::new(problem, &chance.blocks, both)];
+            let mut both = [Judged::new(problem, blocks, both)];
             field.weigh_down(&mut both);
             partners.extend(both);
         }
@@ -501,11 +524,11 @@ impl<'a, S: Subject> Case<'a, S> {
             let tried = |j: &Judged| j.fitted.effects[0].effect.id() == other.effect.id();
             if !tried(first) && !second.is_some_and(tried) {
                 let alone = problem.nominal(std::slice::from_ref(&other), POLISH);
-                partners.extend(beside(&Judged::new(problem, &chance.blocks, alone))?);
+                partners.extend(others(&Judged::new(problem, blocks, alone)));
             }
         }
         partners.sort_by(by_score);
-        Ok(partners)
+        partners
     }
 
     /// The best model of several causes that is to be preferred to the first alone. Two that the recordings
@@ -515,8 +538,9 @@ impl<'a, S: Subject> Case<'a, S> {
         field: &Field,
         first: &Judged,
         partners: &[Judged],
+        by_chance: f64,
     ) -> Result<Option<Judged>, Error> {
-        let chance = 3.0 * field.by_chance;
+        let chance = 3.0 * by_chance;
         // A second cause for which parts had stood in; where more than noise is left, it may only be another
         // form of the first.
         let beyond = |j: &Judged| field.beyond(j).is_some();
@@ -524,11 +548,34 @@ impl<'a, S: Subject> Case<'a, S> {
             let noise = p.mean_square < PAIR_ABOVE;
             noise && beyond(first) && !beyond(p) && earns(first, p, chance)
         };
-        let joining = |p: &&Judged| joins(first, p, chance) || mends(p);
+        let list = self.problem.train.tolerances();
+        let more = |p: &Judged| -> Vec<usize> {
+            let own = first.fitted.effects[0].effect.id();
+            let others = 0..p.fitted.effects.len();
+            let others = others.filter(|&e| p.fitted.effects[e].effect.id() != own);
+            others.collect()
+        };
+        // what little a right cause leaves of a robot may be what parts make, and what makes actuators differ
+        let of_no_part = |p: &Judged| {
+            let own = |e: usize| &p.fitted.effects[e];
+            let of_none = |a: &Acting| a.on == [true; 3] && tolerance::times(&list, a).is_none();
+            field.built.is_some() && more(p).into_iter().all(|e| of_none(own(e)))
+        };
+        // what is no size told from off is no cause
+        let sized = |p: &Judged| {
+            let estimates = value_estimates(&self.problem, &p.fitted, false);
+            estimates.is_ok_and(|of| more(p).into_iter().all(|e| is_told(&p.fitted, e, &of)))
+        };
+        let joining = |p: &&Judged| {
+            let detail = of_no_part(p) && in_detail(first, p);
+            let matters = detail || first.mean_square > PAIR_ABOVE;
+            ((matters && joins(first, p, chance, detail)) || mends(p)) && sized(p)
+        };
         let Some(pair) = partners.iter().find(joining) else {
             return Ok(None);
         };
-        if !leaves_too_much(&self.problem, &field.plain, first)? {
+        let far_more = first.mean_square > NEVER_ADEQUATE && leaves_far_more(first, pair);
+        if !far_more && !leaves_too_much(&self.problem, &field.plain, first)? {
             let same = alike(&self.problem, &first.fitted, 0, &field.seen.groups);
             if ids(pair).any(|id| same.contains(&id)) {
                 return Ok(None);
@@ -551,19 +598,19 @@ impl<'a, S: Subject> Case<'a, S> {
 
     /// The cause of a pair that does as well alone: a slow creep whose time no start was near is found beside
     /// a drift.
-    fn alone(&self, field: &Field, pair: &Judged) -> Option<Judged> {
-        let suffices = |j: &Judged| !joins(j, pair, 3.0 * field.by_chance);
+    fn alone(&self, field: &Field, pair: &Judged, by_chance: f64) -> Option<Judged> {
+        let suffices = |j: &Judged| !joins(j, pair, 3.0 * by_chance, in_detail(j, pair));
         let each = self.each_alone(field, pair).into_iter().filter(suffices);
         each.min_by(|a, b| a.score.total_cmp(&b.score))
     }
 
     /// A cause that a film bent to it hides alone may be found beside another one: those of the best two,
     /// where they explain far more than the first, are fitted alone from where they were found.
-    fn lead_back(&self, field: &mut Field, partners: &[Judged]) {
+    fn lead_back(&self, field: &mut Field, partners: &[Judged], by_chance: f64) {
         let (Some(first), Some(two)) = (field.singles.first(), partners.first()) else {
             return;
         };
-        if !leaves_far_more(first, two) || !earns(first, two, 3.0 * field.by_chance) {
+        if !leaves_far_more(first, two) || !earns(first, two, 3.0 * by_chance) {
             return;
         }
         for led in self.each_alone(field, two) {
@@ -585,7 +632,7 @@ impl<'a, S: Subject> Case<'a, S> {
             return Ok(None);
         };
         let far = field.beyond(&choice.best).is_some();
-        if !far || !earns(&choice.best, two, 3.0 * field.by_chance) {
+        if !far || !earns(&choice.best, two, 3.0 * choice.by_chance) {
             return Ok(None);
         }
         (self.watch)("telling parts beside two causes");
@@ -786,35 +833,45 @@ impl Field {
         let models = std::iter::once(&self.plain).chain(&self.singles);
         // what is foretold knows nothing of the priors: parts that nobody believes foretell well
         let strange = |j: &Judged| {
-            let built = self.built.as_ref();
-            let far = built.filter(|b| b.farthest(&j.fitted) >= FAR);
-            far.map_or(0.0, |b| b.strange(&j.fitted))
+            let of = |b: &Built| {
+                // as much of it as rows count: a fit holds parts against all
+                let counted = j.foretold.rows() / j.fitted.state.rows as f64;
+                let together = counted * b.strange_together(&j.fitted);
+                match b.farthest(&j.fitted) >= FAR {
+                    true => together.max(b.strange(&j.fitted)),
+                    false => together,
+                }
+            };
+            self.built.as_ref().map_or(0.0, of)
         };
         let prior = |j: &Judged| j.prior(self.each) - strange(j);
         Odds::of(models.chain(partners), prior)
     }
 
     /// Ids that the recordings cannot tell from the cause number `own` of a model: their traces are alike or,
-    /// alone in its place, they leave no more than forms do.
+    /// in its place, they leave no more than forms do. `partners` are models of more than one cause.
     pub fn rivals_of<S: Subject>(
         &self,
         problem: &Problem<S>,
         j: &Judged,
         own: usize,
+        partners: &[Judged],
     ) -> Vec<&'static str> {
         let mut out = alike(problem, &j.fitted, own, &self.seen.groups);
-        if j.fitted.effects.len() > 1 {
-            return out;
-        }
+        let me = j.fitted.effects[own].effect.id();
+        let rest = ids(j).enumerate().filter(|(i, _)| *i != own);
+        let rest: Vec<&str> = rest.map(|(_, id)| id).collect();
         let leaves = |j: &Judged| j.foretold.mean_square();
-        let most = leaves(j) + typical_form(leaves(&self.plain) - leaves(j));
-        for id in self
-            .singles
-            .iter()
-            .filter(|s| leaves(s) < most)
-            .flat_map(ids)
-        {
-            if id != j.fitted.effects[own].effect.id() && !out.contains(&id) {
+        let models = || self.singles.iter().chain(partners);
+        let without = models().filter(|s| ids(s).eq(rest.iter().copied()));
+        let without = without.map(leaves).fold(leaves(&self.plain), f64::min);
+        let most = leaves(j) + typical_form(without - leaves(j));
+        let swapped = models().filter(|s| {
+            let same = rest.iter().all(|id| ids(s).any(|o| o == *id));
+            same && ids(s).count() == ids(j).count() && leaves(s) < most
+        });
+        for id in swapped.flat_map(ids) {
+            if id != me && !rest.contains(&id) && !out.contains(&id) {
                 out.push(id);
             }
         }
@@ -823,14 +880,20 @@ impl Field {
 
     /// Whether a model's causes may be named: it foretells more, and each is likelier than not, itself or
     /// with those that the recordings cannot tell from it, of which none is far likelier.
-    fn supports<S: Subject>(&self, problem: &Problem<S>, j: &Judged, odds: &Odds) -> bool {
+    fn supports<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        j: &Judged,
+        partners: &[Judged],
+        odds: &Odds,
+    ) -> bool {
         foretells(&self.plain, j)
             && (0..j.fitted.effects.len()).all(|own| {
                 let alone = odds.cause(j.fitted.effects[own].effect.id());
                 if alone >= 0.5 {
                     return alone > odds.nothing();
                 }
-                let others = self.rivals_of(problem, j, own);
+                let others = self.rivals_of(problem, j, own, partners);
                 let others = || others.iter().map(|o| odds.cause(o));
                 alone + others().sum::<f64>() >= 0.5 && others().all(|o| alone >= RIVALS * o)
             })

@@ -337,6 +337,7 @@ impl<'a> Rests<'a> {
         ]);
         let choice = Choice {
             partners: Vec::new(),
+            by_chance: field.by_chance,
             pair: (best.fitted.effects.len() > 1).then(|| best.clone()),
             odds,
             best: best.clone(),

@@ -101,7 +101,7 @@ pub(super) fn explain<S: Subject>(
     let departed = built.map_or_else(Vec::new, |b| b.departed(augmented));
     let candidates = listed(problem, &field, &choice, &ruled);
     let groups = if in_model {
-        told_apart(problem, &field, best)
+        told_apart(problem, &field, best, &choice.partners)
     } else {
         Vec::new()
     };
@@ -247,9 +247,10 @@ fn told_apart<S: Subject>(
     problem: &Problem<S>,
     field: &Field,
     named: &Judged,
+    partners: &[Judged],
 ) -> Vec<Vec<&'static str>> {
     let group = |own: usize| {
-        let mut ids = field.rivals_of(problem, named, own);
+        let mut ids = field.rivals_of(problem, named, own, partners);
         ids.insert(0, named.fitted.effects[own].effect.id());
         ids
     };

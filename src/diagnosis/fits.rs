@@ -3,13 +3,15 @@
 use rayon::prelude::*;
 
 use super::blocks::Blocks;
+use super::chance::{Chance, chance};
 use super::judge::Judged;
 use super::outcome::*;
 use super::problem::{Fitted, Problem, Tangent};
-use super::scan::{Group, Scanned, Unit, fingerprints, scan};
+use super::scan::{Group, Scanned, Unit, fingerprints, scan, units};
 use super::subject::Subject;
 use super::{BASELINE, FIRST, OF_ONE, PARTNERS, POLISH, RARE};
 use crate::effects::Acting;
+use crate::film::Locked;
 
 /// The plain model, weighted by the noise of an ordinary film and then by that of its own, where that is
 /// believed; with that of an ordinary film ([`Problem::log_noise`]).
@@ -176,37 +178,66 @@ pub(super) fn plainest<S: Subject>(
     judged.clone()
 }
 
-/// The best partners of an effect.
-pub(super) fn with_partner<S: Subject>(
-    problem: &Problem<S>,
-    blocks: &Blocks,
-    first: &Judged,
-    groups: &[Group],
-    units: &[Unit],
-    wanted: &(dyn Fn(&str) -> bool + Sync),
-) -> Result<Vec<Judged>, Error> {
-    // values that a fit ended at, and the mechanism cannot have, have no partners
-    let Ok(tangent) = Tangent::new(problem, &first.fitted) else {
-        return Ok(Vec::new());
-    };
-    let own: Vec<&str> = first.fitted.effects.iter().map(|a| a.effect.id()).collect();
-    let scanned: Vec<Scanned> = scan(problem, &tangent, groups, units, wanted)
-        .into_iter()
-        .filter(|s| !own.contains(&s.acting.effect.id()))
-        .collect();
-    let count = if first.mean_square > 3.0 { 6 } else { 3 };
-    let chosen: Vec<&Scanned> = choose(&scanned, count);
-    problem.tally.expect(PARTNERS.min(chosen.len()));
-    let mut fits = refit(problem, &first.fitted, &chosen, &first.fitted.effects);
-    fits.truncate(PARTNERS);
-    Ok(fits
-        .into_par_iter()
-        .map(|f| {
+/// A scan beside a model with causes, by traces of the film as it is fitted with them: one that is bent to a
+/// cause bends the traces of others, too.
+pub(super) struct Beside {
+    tangent: Tangent,
+    groups: Vec<Group>,
+    units: Vec<Unit>,
+    /// What every other cause promises, most promising first.
+    scanned: Vec<Scanned>,
+}
+
+impl Beside {
+    /// `None` where a fit ended at values that the mechanism cannot have.
+    pub fn new<S: Subject>(
+        problem: &Problem<S>,
+        base: &Fitted,
+        wanted: &(dyn Fn(&str) -> bool + Sync),
+    ) -> Option<Self> {
+        let others = |id: &str| wanted(id) && base.effects.iter().all(|a| a.effect.id() != id);
+        let tangent = Tangent::new(problem, base).ok()?;
+        let groups = fingerprints(problem, base, &others);
+        let units = units(problem, base).ok()?;
+        Some(Beside {
+            scanned: scan(problem, &tangent, &groups, &units, &others),
+            tangent,
+            groups,
+            units,
+        })
+    }
+
+    /// What chance makes of it.
+    ///
+    /// # Errors
+    /// [`Locked`] when the film is past its locking stretch.
+    pub fn chance<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        base: &Fitted,
+    ) -> Result<Chance, Locked> {
+        chance(problem, base, &self.tangent, &self.groups, &self.units)
+    }
+
+    /// The best partners of the causes of `base`.
+    pub fn partners<S: Subject>(
+        &self,
+        problem: &Problem<S>,
+        blocks: &Blocks,
+        base: &Judged,
+    ) -> Vec<Judged> {
+        let count = if base.mean_square > 3.0 { 6 } else { 3 };
+        let chosen = choose(&self.scanned, count);
+        problem.tally.expect(PARTNERS.min(chosen.len()));
+        let mut fits = refit(problem, &base.fitted, &chosen, &base.fitted.effects);
+        fits.truncate(PARTNERS);
+        let judged = fits.into_par_iter().map(|f| {
             let judged = Judged::new(problem, blocks, polish(problem, &f));
             problem.tally.done();
             judged
-        })
-        .collect())
+        });
+        judged.collect()
+    }
 }
 
 /// The best fit of a cause that is thought of only where no other will do.

@@ -39,6 +39,20 @@ pub(super) fn unknown_values(fitted: &Fitted) -> Vec<Estimate> {
     fitted.free.iter().map(of).collect()
 }
 
+/// Whether a size of a fit's effect number `own` is told: its interval reaches neither off nor over all of its
+/// range.
+pub(super) fn is_told(fitted: &Fitted, own: usize, estimates: &[Estimate]) -> bool {
+    let all = fitted.effects[own].effect.parameters();
+    let mut sizes = (fitted.free.iter().zip(estimates))
+        .filter(|(free, _)| free.0 == own && all[free.1].size)
+        .map(|(free, estimate)| (&all[free.1], estimate.ci95));
+    sizes.any(|(q, [low, high])| {
+        let reaches_off = q.off.is_finite() && (low..=high).contains(&q.off);
+        let anything = low <= q.lower && high >= q.upper;
+        !reaches_off && !anything
+    })
+}
+
 /// Rounds in which the values are looked for that make, on average, the scores that were found.
 const ROUNDS: usize = 4;
 /// A round that moves every value by less than so many standard errors is the last.

@@ -837,6 +837,19 @@ impl Built {
         (0.5 * self.farthest(fitted).powi(2) - (self.departed(fitted).len() as f64).ln()).max(0.0)
     }
 
+    /// The same of all together, of which the plain model made normal ones: Chernoff's bound on the tail of
+    /// chi squared.
+    pub fn strange_together(&self, fitted: &Fitted) -> f64 {
+        let beta = &fitted.state.beta;
+        let sizes = &beta[beta.len() - self.means.len()..];
+        let squares = sizes.iter().zip(&self.means).map(|(s, m)| (s - m).powi(2));
+        let [sum, count] = [squares.sum::<f64>(), self.means.len() as f64];
+        match sum > count {
+            true => 0.5 * (sum - count - count * (sum / count).ln()),
+            false => 0.0,
+        }
+    }
+
     /// Torque that linear branches make of a film in a fit, N m: root mean square over films and samples.
     fn branches_n_m(&self, found: &DVector<f64>) -> f64 {
         let all = 0..self.list.len();

@@ -1,5 +1,6 @@
 //! Rules of the verdict on a robot: when a model is adequate, when a cause foretells, joins, leaves too much.
 
+use super::blocks::BETTER;
 use super::chance::Chance;
 use super::judge::{Judged, NEVER_ADEQUATE, beside_smoothing};
 use super::outcome::Error;
@@ -74,15 +75,20 @@ pub(super) fn ids(j: &Judged) -> impl Iterator<Item = &'static str> {
     j.fitted.effects.iter().map(|a| a.effect.id())
 }
 
-/// Whether a further cause stays: the excess must fall by a quarter, and nearly vanish where it is no larger
-/// than what a textbook form that is wrong in detail leaves.
-pub(super) fn joins(base: &Judged, next: &Judged, chance: f64) -> bool {
-    let left = if base.mean_square > FORM_LEAVES {
-        0.75
-    } else {
-        0.25
+/// Whether a further cause stays: the excess must fall by a quarter. Where it is no larger than what a
+/// textbook form that is wrong in detail leaves, it must nearly vanish, or fall [`in_detail`].
+pub(super) fn joins(base: &Judged, next: &Judged, chance: f64, in_detail: bool) -> bool {
+    let falls_by = |share: f64| next.excess() < (1.0 - share) * base.excess();
+    let stays = match base.mean_square > FORM_LEAVES {
+        true => falls_by(0.25),
+        false => falls_by(0.75) || in_detail,
     };
-    earns(base, next, chance) && next.excess() < left * base.excess()
+    earns(base, next, chance) && stays
+}
+
+/// Whether a further cause foretells better by what matters, and in block after block.
+pub(super) fn in_detail(base: &Judged, next: &Judged) -> bool {
+    foretells(base, next) && next.foretold.beats(&base.foretold) > BETTER
 }
 
 /// Whether a model leaves so much more than another that it can be no form of it.

@@ -2069,32 +2069,19 @@ fn steady_slopes(t: &[f64], x: &[f64], noise: f64) -> Vec<f64> {
     }
     let mut half = 1;
     loop {
-        let (mut fastest, mut spread) = (0.0_f64, f64::INFINITY);
-        let slope = |i: usize| {
+        let lines = (0..n).map(|i| {
             let (from, to) = (i.saturating_sub(half), (i + half + 1).min(n));
             let count = (to - from) as f64;
             let [t, x, tt, tx] = [0, 1, 2, 3].map(|k| sums[to][k] - sums[from][k]);
             let width = tt - t * t / count;
-            let slope = if width > 0.0 {
-                (tx - t * x / count) / width
-            } else {
-                0.0
-            };
-            (slope, width)
-        };
-        let rate: Vec<f64> = (0..n)
-            .map(|i| {
-                let (slope, width) = slope(i);
-                fastest = fastest.max(slope.abs());
-                spread = if width > 0.0 {
-                    spread.min(width)
-                } else {
-                    spread
-                };
-                slope
-            })
-            .collect();
-        let steady = noise / spread.sqrt() <= RATE_NOISE * fastest;
+            match width > 0.0 {
+                true => ((tx - t * x / count) / width, width),
+                false => (0.0, f64::INFINITY),
+            }
+        });
+        let (rate, widths): (Vec<f64>, Vec<f64>) = lines.unzip();
+        let narrowest = widths.into_iter().fold(f64::INFINITY, f64::min);
+        let steady = noise / narrowest.sqrt() <= RATE_NOISE * largest(rate.iter().copied());
         if steady || (4 * half) as f64 > WIDEST * n as f64 {
             return rate;
         }

@@ -1,5 +1,4 @@
-//! A drive whose pull changes with the stroke:  u e^(-a x - b x^2) (x over the largest
-//! excursion).
+//! A drive whose pull changes with the stroke:  u e^(-a x - b x^2) (x over the largest excursion).
 
 use super::super::{Effect, Quantity, size};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};

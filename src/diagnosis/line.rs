@@ -239,6 +239,8 @@ impl Subject for LineResidual<'_> {
     fn starts(&self) -> Vec<(&'static dyn Effect, Vec<Vec<f64>>)> {
         let zero = vec![0.0; self.course(0).1.len()];
         let view = self.view(0, &zero);
+        // one recording does not tell what goes along it from what goes along a series
+        let of_one = self.lines().count() == 1;
         CATALOGUE
             .iter()
             .filter(|e| e.kinds().contains(&self.kind()))
@@ -246,6 +248,7 @@ impl Subject for LineResidual<'_> {
                 let effect: &'static dyn Effect = *e;
                 e.near(&view).into_iter().map(move |v| (effect, v))
             })
+            .filter(|(effect, values)| !(of_one && effect.over_series(&values[0])))
             .collect()
     }
 

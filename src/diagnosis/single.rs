@@ -14,7 +14,9 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::blocks::{self, BETTER, Blocks, Foretold, Forms, RIDGES, form_leaves, unlisted_leaves};
+use super::blocks::{
+    self, BETTER, Blocks, Foretold, Forms, NOISE, RIDGES, form_leaves, unlisted_leaves,
+};
 use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
 use super::explain::{gains, parameters, places, that_holds};
@@ -22,7 +24,7 @@ use super::fits::{baseline, choose, polish, refit};
 use super::learn::{learn_along, physics};
 use super::moments::{Moments, moments};
 use super::outcome::*;
-use super::problem::{Fitted, Problem, Tangent};
+use super::problem::{Fitted, Problem, Tangent, informed};
 use super::scan::{Group, Scanned, fingerprints, scan};
 use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
@@ -72,6 +74,8 @@ const CANCELLED: f64 = 0.1;
 struct Model {
     fitted: Fitted,
     foretold: Foretold,
+    /// Values of its causes that the recordings determine.
+    numbers: f64,
     /// Mean squares over the noise, of what it foretells and of what it was fitted to.
     raw: f64,
     fits: f64,
@@ -112,6 +116,7 @@ impl Bench<'_, '_> {
             raw: over_noise * foretold.mean_square(),
             fits: over_noise * tangent.residual.norm_squared() / n,
             foretold,
+            numbers: informed(self.problem, &fitted),
             fitted,
         })
     }
@@ -134,12 +139,11 @@ impl Bench<'_, '_> {
         self.prior_of(m) + m.foretold.log_density(independent)
     }
 
-    /// Logarithm of the prior odds of a model's causes against none: a further number halves them, so that
-    /// what tells as little is the simpler one.
+    /// Logarithm of the prior odds of a model's causes against none: a further number that is told halves them,
+    /// so that what tells as little is the simpler one.
     fn prior_of(&self, m: &Model) -> f64 {
         let causes = m.fitted.effects.len() as f64;
-        let numbers = m.fitted.free.len() as f64;
-        self.prior * causes - std::f64::consts::LN_2 * (numbers - causes).max(0.0)
+        self.prior * causes - std::f64::consts::LN_2 * (m.numbers - causes).max(0.0)
     }
 
     /// The best models with one more cause.
@@ -449,7 +453,7 @@ impl<'a, 'b> Field<'a, 'b> {
         let problem = self.bench.problem;
         if let Ok(tangent) = Tangent::new(problem, &self.plain.fitted) {
             let residual = problem.residual(&self.plain.fitted);
-            let least = self.reach().map_or(1.0, Foretold::mean_square);
+            let least = self.least();
             self.moments = moments(&residual, &tangent, &self.bench.blocks, least);
         }
     }
@@ -488,6 +492,14 @@ impl<'a, 'b> Field<'a, 'b> {
             let likelier = odds.probability[1 + b].total_cmp(&odds.probability[1 + a]);
             likelier.then(score(b).total_cmp(&score(a)))
         });
+    }
+
+    /// Odds that no cause is at work, or one that hardly lowers the error.
+    fn nothing_that_matters(&self, odds: &Odds) -> f64 {
+        let plainest = self.plainest(odds);
+        let causes = self.models.iter().zip(&odds.probability[1..]);
+        let idle = causes.filter(|(m, _)| !self.pays(m, plainest));
+        odds.probability[0] + idle.map(|(_, p)| p).sum::<f64>()
     }
 
     /// For each of [`Field::all`] the place of the best model that has all its causes but one; 0, the plain
@@ -534,7 +546,9 @@ impl<'a, 'b> Field<'a, 'b> {
                 odds.within_sample.get_or_insert(i);
             }
             let no = || lowers_nothing(self.bench.problem, &self.plain.fitted, fitted);
-            let Some(reason) = size.map(|s| s.reason).or_else(no) else {
+            let fails = || self.foretold_by_a_rival(&odds, i);
+            let reason = size.map(|s| s.reason).or_else(no).or_else(fails);
+            let Some(reason) = reason else {
                 odds.named = Some((i, alike));
                 break;
             };
@@ -546,6 +560,34 @@ impl<'a, 'b> Field<'a, 'b> {
             at = 0;
         }
         odds
+    }
+
+    /// Whether a model fails on the recordings that took no part ([`misses`]) and lowers their error by little.
+    fn fails_outside(&self, m: &Model) -> bool {
+        let problem = self.bench.problem;
+        barely_foretells(problem, &self.plain, m)
+            && misses(problem, m, self.independent).unwrap_or(true)
+    }
+
+    /// Why a model is not named that fails on what took no part where another one, nearly as likely, does not.
+    fn foretold_by_a_rival(&self, odds: &Odds, i: usize) -> Option<String> {
+        let likely = |r: usize| {
+            let p = &odds.probability[1..];
+            r != i && p[r] >= RIVALS * p[i] && self.pays(&self.models[r], self.plainest(odds))
+        };
+        if !self.fails_outside(&self.models[i]) {
+            return None;
+        }
+        let mut rivals = odds.order.iter().filter(|&&r| likely(r));
+        let rival = rivals.find(|&&r| !self.fails_outside(&self.models[r]))?;
+        let [own, other] = [i, *rival].map(|m| {
+            let ids = self.models[m].ids();
+            let names: Vec<String> = ids.into_iter().map(plain_name).collect();
+            names.join(" with ")
+        });
+        Some(format!(
+            "{own} was not named: it fails on what took no part, and {other}, nearly as likely, does not."
+        ))
     }
 
     /// For each cause of a model those that the recordings cannot tell from it, itself first, where the model
@@ -605,13 +647,17 @@ impl<'a, 'b> Field<'a, 'b> {
         all.min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()))
     }
 
+    /// Mean square that is left where all is foretold that can be, and noise.
+    fn least(&self) -> f64 {
+        let flexible = self.twins.iter().map(|f| f.mean_square().max(NOISE));
+        let models = self.all().map(|m| m.foretold.mean_square());
+        models.chain(flexible).fold(f64::INFINITY, f64::min)
+    }
+
     /// Share that a model leaves of what could be foretold, or of what noise does not make.
     fn left(&self, m: &Model) -> f64 {
-        let base = self.plain.foretold.mean_square();
-        let reached = self.reach().map_or(0.0, |f| {
-            let most = (base - f.mean_square()).max(1e-12 * base);
-            (m.foretold.mean_square() - f.mean_square()) / most
-        });
+        let (base, least) = (self.plain.foretold.mean_square(), self.least());
+        let reached = (m.foretold.mean_square() - least) / (base - least).max(1e-12 * base);
         let beyond = (m.raw - LOUD) / (self.plain.raw - LOUD).max(1e-9);
         reached.max(beyond).clamp(0.0, 1.0)
     }
@@ -621,9 +667,9 @@ impl<'a, 'b> Field<'a, 'b> {
     /// beyond the first has to be at work, too.
     fn unlisted(&self, m: &Model, share: f64) -> f64 {
         let more = m.fitted.effects.len().saturating_sub(1);
-        let base = self.plain.foretold.mean_square();
-        let least = self.reach().map_or(base, Foretold::mean_square);
-        let leaves = form_leaves(share, base - least, least);
+        let least = self.least();
+        let way = self.plain.foretold.mean_square() - least;
+        let leaves = form_leaves(share, way, least);
         let listed = (1.0 - UNLISTED) * EXPECTED.powi(more as i32) * leaves;
         let other = UNLISTED * unlisted_leaves(share);
         other / (other + listed)
@@ -783,7 +829,7 @@ impl<'a, 'b> Field<'a, 'b> {
             says += &format!(" Learnt from the recordings{beside}: {}", learnt.says);
         }
         let nothing = match verdict {
-            Verdict::Adequate => odds.probability[0].max(0.5),
+            Verdict::Adequate => self.nothing_that_matters(&odds).max(0.5),
             _ => odds.probability[0],
         };
         let listed = 1.0 - something_else;

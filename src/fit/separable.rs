@@ -399,12 +399,16 @@ fn proposed(
     })
 }
 
+/// Fall of a sum of squares over their variances that one standard error makes.
+const STANDARD_ERROR: f64 = 1.0;
+
 /// Why a fit ends with a proposal that is not tried.
 fn ending(step: &Proposal, options: &Options, state: &State) -> Option<Ended> {
-    // A short step promises little anywhere: only a whole or a long one tells that the minimum is here.
-    let little = |fall: f64| fall <= options.cost_tolerance * state.cost;
-    let tells = step.whole || state.radius > 0.1 || little(step.at_most);
-    if little(step.promised) && tells {
+    // A short step promises little anywhere: only a whole or a long one tells that the minimum is here, or one
+    // that were whole would fall by less than a standard error. A share of a large cost is no such fall: where
+    // the radius is short the linear model is not to be believed.
+    let tells = step.whole || state.radius > 0.1 || step.at_most <= STANDARD_ERROR;
+    if step.promised <= options.cost_tolerance * state.cost && tells {
         return Some(Ended::Converged);
     }
     if step.largest <= options.step_tolerance {

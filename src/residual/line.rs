@@ -1118,6 +1118,7 @@ impl<'a> LineResidual<'a> {
             duration_s: (p.time_s[p.time_s.len() - 1] - p.time_s[0]).max(f64::MIN_POSITIVE),
             series_s: p.when.series_s,
             unstrained: matches!(&*self.plain, Plain::Coupon { .. }),
+            straight: matches!(&*self.plain, Plain::Axis { .. }),
             xi: &p.xi,
             way: &p.way,
             rate: &p.rate,

@@ -137,7 +137,6 @@ struct Driven<'b, R> {
     to_xi: f64,
     /// Unit of the velocities at the beginning, over that of the coordinate, 1/s.
     speed: f64,
-    span_s: f64,
     /// The first sample in the time of the series, s.
     series_s: f64,
 }
@@ -214,9 +213,9 @@ where
         let before = memory.first().map_or(xi, |m| m.before);
         let at = Moment {
             since_s: moment.0,
-            span_s: self.span_s,
             series_s: self.series_s + moment.0,
             unstrained: false,
+            straight: true,
             step_s: moment.1,
             xi,
             way: xi - before,
@@ -711,8 +710,6 @@ impl<'a> MotionResidual<'a> {
         effects: &[Acting],
         values: &'b [Vec<R>],
     ) -> Driven<'b, R> {
-        let line = self.line(number);
-        let span_s = line.time_s[line.samples() - 1] - line.time_s[0];
         let s = self.inverse.scales();
         let [mass, damping, stiffness, bias, per_load] = self.inverse.balance(beta);
         Driven {
@@ -732,7 +729,6 @@ impl<'a> MotionResidual<'a> {
             force: s.force,
             to_xi: 1.0 / s.coordinate,
             speed: self.speed,
-            span_s: span_s.max(f64::MIN_POSITIVE),
             series_s: self.inverse.when(number).series_s,
         }
     }
@@ -838,9 +834,9 @@ impl<'a> MotionResidual<'a> {
                 };
                 let at = Moment {
                     since_s: 0.0,
-                    span_s: 1.0,
                     series_s: self.inverse.when(number).series_s,
                     unstrained: false,
+                    straight: true,
                     step_s: 0.0,
                     xi,
                     way: 0.0,

@@ -495,6 +495,79 @@ fn a_knocked_cell_is_no_drift() {
     assert_eq!(d.candidates[0].acting.effect.id(), "x_zero_drift");
 }
 
+/// A drift goes on for as long as a recording does: longer ones drift further, those that were held out too.
+#[test]
+fn a_drift_goes_on_as_long_as_its_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let make = |id: &str, rows: i32, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        for i in 0..rows {
+            let x = 0.4 * (std::f64::consts::TAU * f64::from(i) / 110.0).sin();
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let drift = 8e-4 * (1.0 - (-f64::from(i) / 400.0).exp());
+            let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + drift;
+            writeln!(out, "{x:.6},{torque:.8}").unwrap();
+        }
+        line(dir.path(), id, "hinge-bench", table, &out)
+    };
+    let (a, b, c) = (make("a", 300, 1), make("b", 700, 2), make("c", 1200, 3));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    assert_eq!(d.candidates[0].acting.effect.id(), "x_zero_drift");
+    let held = d.holdout.unwrap();
+    assert!(held.after_v < 0.2 * held.before_v, "{held:?}");
+}
+
+/// Recordings that begin where the motion turns: a stop below the first sample that is met from below, and a
+/// spring that has softened about the middle.
+#[test]
+fn an_axis_may_begin_anywhere() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    type Force<'a> = &'a mut dyn FnMut([f64; 2]) -> f64;
+    let make = |id: &str, seed: u64, force: Force| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("t_s,x_m,u_V\n");
+        for i in 0..4000 {
+            let t = f64::from(i) * 0.005;
+            // loops that grow: the first sample is the top of the first one
+            let (w, size) = (std::f64::consts::TAU * 0.45, 0.012 + 4e-4 * t);
+            let [s, c] = [(w * t).sin(), (w * t).cos()];
+            let x = size * c;
+            let v = 4e-4 * c - size * w * s;
+            let a = -8e-4 * w * s - size * w * w * c;
+            let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
+            let u = (2.0 * a + 15.0 * v + force([x, v])) / 4.0 + 0.01 * z();
+            writeln!(out, "{t:.4},{:.8},{u:.6}", x + 1e-6 * z()).unwrap();
+        }
+        line(dir.path(), id, "axis", &table, &out)
+    };
+    let mut stop = |[x, v]: [f64; 2]| {
+        let into = (x - 0.009).max(0.0);
+        900.0 * x + 400.0 * into * (1.0 + 2.0 * v).max(0.0)
+    };
+    let [a, b, c] = [1, 2, 3].map(|n| make(&format!("stop-{n}"), n, &mut stop));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let found = &d.candidates[0].acting;
+    assert_eq!(found.effect.id(), "end_stop", "{}", d.says);
+    assert_eq!(found.values[0], 0.0, "{:?}", found.values);
+    let softened = |id: &str, seed: u64| {
+        let mut most = 0.0_f64;
+        make(id, seed, &mut |[x, _]| {
+            most = most.max(x.abs());
+            900.0 * x * (1.0 - 0.2 * ((most - x.abs()) / 0.006).tanh())
+        })
+    };
+    let (a, b, c) = (softened("a", 4), softened("b", 5), softened("c", 6));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let named = d.candidates[0].acting.effect.id();
+    assert_eq!(named, "mullins_softening", "{}", d.says);
+}
+
 /// A lag is exact between samples, where it is shorter than their distance as well: of a ramp it makes
 /// t - T + T e^(-t/T).
 #[test]
@@ -508,7 +581,7 @@ fn a_lag_is_exact_between_samples() {
             for (i, u) in made.input.iter_mut().enumerate() {
                 *u = i as f64 * step_s;
             }
-            lag.line(&[after_s], view, &mut made);
+            lag.line(&[after_s, 0.0], view, &mut made);
             for (i, u) in made.input.iter().enumerate() {
                 let t = i as f64 * step_s;
                 let exact = t - after_s + after_s * (-t / after_s).exp();
@@ -805,6 +878,7 @@ fn with_view<R>(of: impl FnOnce(&View) -> R) -> R {
         duration_s: 3.99,
         series_s: 0.0,
         unstrained: false,
+        straight: true,
         xi: &xi,
         way: &xi,
         rate: &rate,
@@ -1107,8 +1181,11 @@ fn a_drive_is_undone() {
             ("amplifier_saturation", vec![0.7, 0.15]),
             ("amplifier_deadband", vec![0.1, 0.0]),
             ("amplifier_deadband", vec![0.1, 1.0]),
-            ("x_drive_power", vec![1.7]),
-            ("x_drive_lag", vec![0.03]),
+            ("x_drive_power", vec![1.7, 0.0]),
+            ("x_drive_power", vec![0.4, 0.3]),
+            ("x_drive_power", vec![3.5, 0.6]),
+            ("x_drive_lag", vec![0.03, 0.0]),
+            ("x_drive_lag", vec![0.03, 0.2]),
             ("x_drive_second_order", vec![0.02, 0.7]),
         ] {
             let effect = deacal::effects::line::by_id(id).unwrap();

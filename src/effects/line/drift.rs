@@ -11,8 +11,9 @@ pub struct Drift;
 
 /// What a drift goes along.
 pub(super) const OVER: &[&str] = &["recording", "series"];
-/// Time of a series after which its drift is what its size says, s.
-const TOLD_AT_S: f64 = 600.0;
+/// Times of a recording and of a series after which its drift is what its size says, s: the same of all
+/// recordings, however long, for a longer one drifts further.
+const TOLD_AT_S: [f64; 2] = [60.0, 600.0];
 
 /// The place in [`OVER`], and how fast a drift goes to its end.
 pub(super) const ALONG: Quantity = shape("over", "1", 0.0, 0.0, 1.0, 1.0);
@@ -23,24 +24,29 @@ pub(super) fn of_series(v: &[f64]) -> bool {
     v[0] != 0.0
 }
 
-/// Starts of a scan for a drift of `size`.
+/// Starts of a scan for a drift of `size` over a recording, or ten minutes of a series.
 pub(super) fn near(size: f64, view: &View) -> Vec<Vec<Vec<f64>>> {
-    let mut out = vec![vec![vec![0.0, size, view.duration_s]]];
+    let to_the_end = gone(view.duration_s, view.duration_s);
+    let told = gone(TOLD_AT_S[0], view.duration_s);
+    let mut out = vec![vec![vec![0.0, size * told / to_the_end, view.duration_s]]];
     if view.timed {
         out.extend([300.0, 3000.0].map(|t| vec![vec![1.0, size, t]]));
     }
     out
 }
 
-/// Share of the drift of `v` that there is at a moment: 1 at the end of a recording, or ten minutes into the
-/// series.
+/// How much of a drift is there after a time, of all that there will be.
+fn gone<R: Real>(time_s: f64, time_constant_s: R) -> R {
+    R::of(1.0) - (R::of(-time_s) / time_constant_s).exp()
+}
+
+/// The drift of `v` at a moment, over what it is a minute into the recording, or ten into the series.
 pub(super) fn course<R: Real>(v: &[R], at: &Moment<R>) -> R {
-    let (since_s, whole_s) = match v[0].value() {
-        0.0 => (at.since_s, at.span_s),
-        _ => (at.series_s, TOLD_AT_S),
+    let (since_s, told_s) = match v[0].value() {
+        0.0 => (at.since_s, TOLD_AT_S[0]),
+        _ => (at.series_s, TOLD_AT_S[1]),
     };
-    let gone = |t_s: f64| R::of(1.0) - (R::of(-t_s) / v[2]).exp();
-    gone(since_s) / gone(whole_s)
+    gone(since_s, v[2]) / gone(told_s, v[2])
 }
 
 impl LineEffect for Drift {
@@ -65,7 +71,7 @@ impl Effect for Drift {
         "drift of the modulus to another temperature"
     }
     fn equation(&self) -> &'static str {
-        "f -> f + relative_change d (springs + preload), d = (1 - e^(-t/time_constant)) over its value at the end of a recording, or after 600 s of the series"
+        "f -> f + relative_change d (springs + preload), d = (1 - e^(-t/time_constant)) over its value after 60 s of the recording, or 600 s of the series"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -1,4 +1,5 @@
-//! A drive of second order:  T^2 u'' + 2 z T u' + u = u_c, by the trapezoidal rule.
+//! A drive of second order that rings:  T^2 u'' + 2 z T u' + u = u_c, by the trapezoidal rule. One that does
+//! not, z > 1, is a lag of two stages ([`super::drive_lag`]).
 
 use super::super::{Effect, Quantity, shape, size};
 use super::{Kind, LineEffect, Terms, View};
@@ -34,7 +35,7 @@ impl Effect for DriveSecondOrder {
         const {
             &[
                 size("time_constant", "s", 0.0, 1.0, 0.01),
-                shape("damping_ratio", "1", 0.7, 0.05, 2.0, 0.3),
+                shape("damping_ratio", "1", 0.7, 0.05, 1.0, 0.3),
             ]
         }
     }

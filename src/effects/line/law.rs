@@ -173,12 +173,12 @@ impl Real for Dual {
 pub struct Moment<R> {
     /// Since the first sample, s.
     pub since_s: f64,
-    /// From the first sample to the last, s.
-    pub span_s: f64,
     /// Since the first sample of the first recording of the series, s.
     pub series_s: f64,
     /// As [`View::unstrained`].
     pub unstrained: bool,
+    /// As [`View::straight`].
+    pub straight: bool,
     /// Since the moment at which the memory was left, s.
     pub step_s: f64,
     /// Excursion from rest, over the largest one.
@@ -260,9 +260,9 @@ pub(super) fn along<L: Law>(law: &L, v: &[f64], view: &View, terms: &mut Terms) 
         let since_s = view.time_s[i] - view.time_s[0];
         let at = Moment {
             since_s,
-            span_s: view.duration_s,
             series_s: view.series_s + since_s,
             unstrained: view.unstrained,
+            straight: view.straight,
             step_s: view.time_s[i] - view.time_s[i.saturating_sub(1)],
             xi: view.xi[i],
             way: view.way[i] - view.way[i.saturating_sub(1)],

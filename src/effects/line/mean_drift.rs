@@ -27,7 +27,7 @@ impl Effect for MeanDrift {
         "drift of a zero to another temperature"
     }
     fn equation(&self) -> &'static str {
-        "f -> f + change d, d = (1 - e^(-t/time_constant)) over its value at the end of a recording, or after 600 s of the series"
+        "f -> f + change d, d = (1 - e^(-t/time_constant)) over its value after 60 s of the recording, or 600 s of the series"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {

@@ -64,6 +64,8 @@ pub struct View<'a> {
     pub series_s: f64,
     /// Whether springs are known to be without strain where the excursion is 0: those of a coupon.
     pub unstrained: bool,
+    /// Whether springs are straight lines: those of an axis.
+    pub straight: bool,
     /// Excursion from rest, over the largest one.
     pub xi: &'a [f64],
     /// The excursion as far as its noise does not make it: what holds still goes no way.

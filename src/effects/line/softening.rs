@@ -1,5 +1,6 @@
-//! Softening with history:  the spring's force times 1 - r (1 - e^(-(x_max - |x|)/m)), x_max the largest |x|
-//! so far.
+//! Softening with history:  the spring's force times 1 - r (1 - e^(-(d_max - d)/m)), d = |x - c| and d_max the
+//! largest so far. A recording of an axis may begin anywhere, so where its spring is not strained, c, is to be
+//! found; those of coupons and flexures are not strained at rest.
 
 use super::super::{Effect, Quantity, shape, size};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
@@ -11,11 +12,15 @@ impl LineEffect for Softening {
     fn kinds(&self) -> &'static [Kind] {
         &[Kind::Bench, Kind::Axis, Kind::Coupon]
     }
-    fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        [0.05, 0.2, 0.6]
-            .iter()
-            .map(|&x| vec![vec![0.02, x]])
-            .collect()
+    fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
+        let bounds = |all: [f64; 2], x: &f64| [all[0].min(*x), all[1].max(*x)];
+        let [low, high] = view.xi.iter().fold([0.0; 2], bounds);
+        let mut centres = vec![0.0];
+        if view.straight {
+            centres.push(0.5 * (low + high));
+        }
+        let starts = |c: f64| [0.05, 0.2, 0.6].map(|x| vec![vec![0.02, x, c]]);
+        centres.into_iter().flat_map(starts).collect()
     }
 }
 
@@ -30,14 +35,14 @@ impl Effect for Softening {
         "Ogden and Roxburgh 1999, pseudo-elasticity, over the excursion"
     }
     fn equation(&self) -> &'static str {
-        "the spring's force times 1 - softening (1 - e^(-(x_max - |x|)/scale)), x_max the largest \
-         |x| so far"
+        "the spring's force times 1 - softening (1 - e^(-(d_max - d)/scale)), d = |x - centre| (of coupons and flexures |x|), d_max the largest d so far"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[
                 size("softening", "1", 0.0, 0.9, 0.15),
                 shape("scale", "coordinate", 0.2, 0.01, 1.5, 0.2),
+                shape("centre", "coordinate", 0.0, -1.0, 1.0, 0.2),
             ]
         }
     }
@@ -54,8 +59,18 @@ impl Effect for Softening {
 
 impl Law for Softening {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
-        state.state = state.state.max(at.xi.abs());
-        let below = (at.xi.abs() - state.state) / v[1];
-        point.factor[0] = point.factor[0] * (R::of(1.0) - v[0] * (R::of(1.0) - below.exp()));
+        let strain = match at.straight {
+            true => at.xi - v[2],
+            false => at.xi,
+        };
+        state.state = state.state.max(strain.abs());
+        let below = (strain.abs() - state.state) / v[1];
+        let lost = v[0] * (R::of(1.0) - below.exp());
+        if at.straight {
+            // its force is one from where it is not strained, not from rest
+            point.xi = point.xi - lost * strain;
+        } else {
+            point.factor[0] = point.factor[0] * (R::of(1.0) - lost);
+        }
     }
 }

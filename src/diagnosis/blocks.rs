@@ -196,7 +196,7 @@ impl Blocks {
 /// seeds for development: 0.0007 and 0.0019), and on three measured rigs whose physics is known (a circuit
 /// with a cubic spring, two flexure hinges: 0.2 to 0.4). Of what kind a rig is nobody knows beforehand: most
 /// names are said of rigs of the first kind, for on the others more is left than one cause may leave.
-const FORM_LEAVES: [f64; 2] = [0.0013, 0.3];
+const FORM_LEAVES: [f64; 2] = [0.002, 0.3];
 /// Rigs of the second kind. With half of them the odds of the names on 200 simulated coordinates (a seed for
 /// development) were too modest by 0.12, with these by 0.085.
 const OF_THE_SECOND_KIND: f64 = 0.15;
@@ -212,8 +212,8 @@ pub(super) fn form_leaves(share: f64, way: f64, least: f64) -> f64 {
 
 /// How often the law of shares counts where causes are told from each other: a wrong one that leaves less than
 /// the right one has to make up for its form in every direction in which that errs, not in one. With once the
-/// odds of 176 names of those seeds, 167 of them right, have ln L -29.9, with 1.5 times -20.6, with twice
-/// -17.1, with three times -14.8; rigs of the second kind know none of it, so twice.
+/// odds of 176 names of those seeds, 167 of them right, have ln L -30.3, with 1.5 times -21.1, with twice
+/// -17.5, with three times -14.9; rigs of the second kind tell nothing of it, so twice.
 const DIRECTIONS: f64 = 2.0;
 
 /// Density of the share that a cause leaves which is not at work: `any` of them anything, the others nearly

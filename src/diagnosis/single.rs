@@ -24,7 +24,7 @@ use super::fits::{baseline, choose, polish, refit};
 use super::learn::{learn_along, physics};
 use super::moments::{Moments, moments};
 use super::outcome::*;
-use super::problem::{Fitted, Problem, Tangent, informed};
+use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, fingerprints, scan};
 use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
@@ -74,8 +74,8 @@ const CANCELLED: f64 = 0.1;
 struct Model {
     fitted: Fitted,
     foretold: Foretold,
-    /// Values of its causes that the recordings determine.
-    numbers: f64,
+    /// Values of its causes that do anything.
+    numbers: usize,
     /// Mean squares over the noise, of what it foretells and of what it was fitted to.
     raw: f64,
     fits: f64,
@@ -116,9 +116,19 @@ impl Bench<'_, '_> {
             raw: over_noise * foretold.mean_square(),
             fits: over_noise * tangent.residual.norm_squared() / n,
             foretold,
-            numbers: informed(self.problem, &fitted),
+            numbers: self.numbers(&fitted)?,
             fitted,
         })
+    }
+
+    /// How many free values of causes change the residual; `None` where it cannot be worked out. A softening's
+    /// centre does nothing on a coupon, whose film is not strained at rest.
+    fn numbers(&self, fitted: &Fitted) -> Option<usize> {
+        let (eta, beta) = (&fitted.state.eta, &fitted.state.beta);
+        let design = self.problem.residual(fitted).design(eta, beta).ok()?;
+        let first = self.problem.nonlinear.len();
+        let all = first..first + fitted.free.len();
+        Some(all.filter(|&j| design.column(j).norm() > 0.0).count())
     }
 
     /// Whether a cause of the drive takes away mass, damping or stiffness: a lag can stand in for a plant,
@@ -139,11 +149,11 @@ impl Bench<'_, '_> {
         self.prior_of(m) + m.foretold.log_density(independent)
     }
 
-    /// Logarithm of the prior odds of a model's causes against none: a further number that is told halves them,
-    /// so that what tells as little is the simpler one.
+    /// Logarithm of the prior odds of a model's causes against none: a further number halves them, so that
+    /// what tells as little is the simpler one.
     fn prior_of(&self, m: &Model) -> f64 {
         let causes = m.fitted.effects.len() as f64;
-        self.prior * causes - std::f64::consts::LN_2 * (m.numbers - causes).max(0.0)
+        self.prior * causes - std::f64::consts::LN_2 * (m.numbers as f64 - causes).max(0.0)
     }
 
     /// The best models with one more cause.

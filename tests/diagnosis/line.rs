@@ -568,6 +568,85 @@ fn an_axis_may_begin_anywhere() {
     assert_eq!(named, "mullins_softening", "{}", d.says);
 }
 
+/// A drive that is straight at small inputs and bends at large ones, and a lag of two stages: each is found by
+/// the command that makes the force which the motion needs.
+#[test]
+fn bent_drives_and_lags_of_two_stages_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = format!("{AXIS}input_gain = 4.0\n");
+    let wanted = |t: f64, slide: &Slide| {
+        let [x, v, a] = slide.motion(t);
+        (2.0 * a + 15.0 * v + 900.0 * x) / 4.0
+    };
+    let bent = |t: f64, slide: &Slide| {
+        let (top, bend) = (12.0, 1.8_f64);
+        top / bend * (wanted(t, slide) / top * bend.sinh()).asinh()
+    };
+    let late = |t: f64, slide: &Slide| {
+        let (first_s, second_s, h) = (0.02, 0.005, 1e-4);
+        let [a, b, c] = [-h, 0.0, h].map(|d| wanted(t + d, slide));
+        b + (first_s + second_s) * (c - a) / (2.0 * h)
+            + first_s * second_s * (a - 2.0 * b + c) / (h * h)
+    };
+    type Command<'a> = &'a dyn Fn(f64, &Slide) -> f64;
+    let cases: [(&str, Command); 2] = [("x_drive_power", &bent), ("x_drive_lag", &late)];
+    for (id, command) in cases {
+        let make = |seed: u64| {
+            let slide = Slide { seed, ..SLIDE };
+            let mut generator = ChaCha12Rng::seed_from_u64(seed);
+            let mut out = String::from("t_s,x_m,u_V\n");
+            for i in 0..4000 {
+                let t = f64::from(i) * 0.005;
+                let mut z = || -> f64 { StandardNormal.sample(&mut generator) };
+                let x = slide.motion(t)[0] + 5e-6 * z();
+                let u = command(t, &slide) + 0.01 * z();
+                writeln!(out, "{t:.4},{x:.8},{u:.6}").unwrap();
+            }
+            line(dir.path(), &format!("{id}-{seed}"), "axis", &table, &out)
+        };
+        let (a, b, c) = (make(1), make(2), make(3));
+        let d = diagnose(&[&a, &b], &[&c]);
+        assert_eq!(d.verdict, Verdict::MissingPhysics, "{id}: {}", d.says);
+        assert_eq!(d.candidates[0].acting.effect.id(), id, "{}", d.says);
+        let held = d.holdout.unwrap();
+        assert!(held.after_v < 0.3 * held.before_v, "{id}: {held:?}");
+    }
+}
+
+/// One triangle does not tell friction that grows with the load from softening with history; more of them do,
+/// and may speak though nothing is fitted to them.
+#[test]
+fn of_two_likely_causes_the_one_is_named_that_holds_where_nothing_was_fitted() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+    let make = |id: &str, triangles: i32, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        // it slides already where it begins
+        let (mut before, mut z) = (0.0, 1.0);
+        for i in 0..=600 * triangles {
+            let x = 0.4 * (1.0 - (f64::from(i % 600) / 300.0 - 1.0).abs());
+            let way: f64 = x - before;
+            if way != 0.0 {
+                z += (way.signum() - z) * (1.0 - (-way.abs() / 0.05).exp());
+            }
+            before = x;
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let torque = (0.04 * x + 0.02 * x.powi(3)) * (1.0 + 0.08 * z) + 2e-5 * noise;
+            writeln!(out, "{x:.6},{torque:.8}").unwrap();
+        }
+        line(dir.path(), id, "hinge-bench", table, &out)
+    };
+    let (one, more) = (make("one", 1, 1), make("more", 2, 2));
+    let likeliest = |holdout: &[&Line]| {
+        let d = diagnose(&[&one], holdout);
+        assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+        d.candidates[0].acting.effect.id()
+    };
+    assert_eq!(likeliest(&[]), "mullins_softening");
+    assert_eq!(likeliest(&[&more]), "x_load_friction");
+}
+
 /// A lag is exact between samples, where it is shorter than their distance as well: of a ramp it makes
 /// t - T + T e^(-t/T).
 #[test]

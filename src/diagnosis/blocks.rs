@@ -29,7 +29,7 @@ use super::verdict::MATTERS;
 /// Mean square that noise makes: below it a flexible model foretells the noise that its columns and the
 /// residual share (on a sine a spring of negative stiffness stands in for a mass, without the noise of the
 /// acceleration), and no physics.
-pub(super) const NOISE: f64 = 1.0;
+pub(super) const MADE_BY_NOISE: f64 = 1.0;
 
 /// Draws of the blocks' weights.
 const DRAWS: usize = 400;
@@ -310,7 +310,7 @@ pub(super) fn odds(models: &[(&Foretold, f64)], forms: Forms<'_>, independent: f
             Forms::Reach { more, .. } => more,
             Forms::Peers(_) => &[],
         };
-        let flexible = reach.iter().map(|f| foretold(f).max(NOISE));
+        let flexible = reach.iter().map(|f| foretold(f).max(MADE_BY_NOISE));
         let least = squares.iter().copied().chain(flexible);
         let least = least.fold(f64::INFINITY, f64::min);
         let told: Vec<f64> = (models.iter().zip(&squares))

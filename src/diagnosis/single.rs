@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::blocks::{
-    self, BETTER, Blocks, Foretold, Forms, NOISE, RIDGES, form_leaves, unlisted_leaves,
+    self, BETTER, Blocks, Foretold, Forms, MADE_BY_NOISE, RIDGES, form_leaves, unlisted_leaves,
 };
 use super::chain::Seen;
 use super::errors::{holdout_gain, train_gain};
@@ -659,7 +659,10 @@ impl<'a, 'b> Field<'a, 'b> {
 
     /// Mean square that is left where all is foretold that can be, and noise.
     fn least(&self) -> f64 {
-        let flexible = self.twins.iter().map(|f| f.mean_square().max(NOISE));
+        let flexible = self
+            .twins
+            .iter()
+            .map(|f| f.mean_square().max(MADE_BY_NOISE));
         let models = self.all().map(|m| m.foretold.mean_square());
         models.chain(flexible).fold(f64::INFINITY, f64::min)
     }

@@ -16,8 +16,7 @@ impl LineEffect for EndStop {
         &[Kind::Axis]
     }
     fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
-        let bounds = |all: [f64; 2], x: &f64| [all[0].min(*x), all[1].max(*x)];
-        let [low, high] = view.xi.iter().fold([0.0; 2], bounds);
+        let [low, high] = view.range();
         let reach = high - low;
         let inside = [0.6, 0.75, 0.9, 0.97].map(|share| share * reach);
         // a recording of a large swing makes stops of the others lie near its middle

@@ -84,6 +84,14 @@ pub struct View<'a> {
     pub second: &'a [f64],
 }
 
+impl View<'_> {
+    /// The least and the largest excursion, rest among them.
+    fn range(&self) -> [f64; 2] {
+        let wider = |all: [f64; 2], x: &f64| [all[0].min(*x), all[1].max(*x)];
+        self.xi.iter().fold([0.0; 2], wider)
+    }
+}
+
 /// What a cause may change.
 #[derive(Debug)]
 pub struct Terms {

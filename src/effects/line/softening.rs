@@ -13,8 +13,7 @@ impl LineEffect for Softening {
         &[Kind::Bench, Kind::Axis, Kind::Coupon]
     }
     fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
-        let bounds = |all: [f64; 2], x: &f64| [all[0].min(*x), all[1].max(*x)];
-        let [low, high] = view.xi.iter().fold([0.0; 2], bounds);
+        let [low, high] = view.range();
         let mut centres = vec![0.0];
         if view.straight {
             centres.push(0.5 * (low + high));

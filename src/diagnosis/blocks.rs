@@ -275,8 +275,8 @@ fn inexact(way: f64) -> f64 {
 
 /// What the share that a model leaves is told by.
 pub(super) enum Forms<'a> {
-    /// The best of all models, those of `more` among them as far as they leave noise. `from` is the place of the model that each one
-    /// grew from by one cause, the best there is; the plain model's own is 0.
+    /// The best of all models, those of `more` among them as far as they leave noise. `from` is the place of
+    /// the model that each one grew from by one cause, the best there is; the plain model's own is 0.
     Reach {
         more: &'a [Foretold],
         from: &'a [usize],

@@ -412,16 +412,18 @@ impl<'a> Search<'a> {
         let (beta, eta) = from.residual.model(&from.unknowns);
         let (mut effects, mut free) = (inverse.effects(&eta), inverse.free().to_vec());
         let number = effects.len();
-        effects.push(Acting {
+        let acting = Acting {
             effect: cause,
             values: values.to_vec(),
             on: [true; 3],
-        });
-        free.extend((0..values.len()).map(|v| (number, v)));
+        };
+        let own_free = acting.free_values();
+        effects.push(acting);
+        free.extend(own_free.iter().map(|&v| (number, v)));
         let inverse = inverse.with_effects(effects, free, &inverse.series());
         let residual = from.residual.with_inverse(inverse)?;
-        let spreads = cause.parameters().iter().map(|q| q.spread);
-        let own = values.iter().zip(spreads).map(|(v, s)| v / s);
+        let quantities = cause.parameters();
+        let own = own_free.iter().map(|&v| values[v] / quantities[v].spread);
         let eta: Vec<f64> = eta.into_iter().chain(own).collect();
         let states = from.unknowns[from.residual.shared()..].to_vec();
         let mut at = residual.at(&beta, &eta);
@@ -1048,7 +1050,7 @@ fn estimated(inverse: &LineResidual, e: usize, a: &Acting, own: &DMatrix<f64>) -
             ci95: [value - 1.96 * sd, value + 1.96 * sd],
             at_bound: None,
             identifiable: told,
-            fixed: false,
+            fixed: place.is_none(),
             says: if told {
                 "determined".into()
             } else {

@@ -3,7 +3,7 @@
 
 use super::judge::alike_to;
 use super::problem::Fitted;
-use super::problem::{Problem, Tangent, free_values, value_unknowns};
+use super::problem::{Problem, Tangent, value_unknowns};
 use super::robot::open;
 use super::scan::fingerprints;
 use super::{Entry, Error};
@@ -78,7 +78,7 @@ fn truth<S: super::subject::Subject>(
     at.free = beside
         .iter()
         .enumerate()
-        .flat_map(|(e, a)| free_values(a).into_iter().map(move |v| (e, v)))
+        .flat_map(|(e, a)| a.free_values().into_iter().map(move |v| (e, v)))
         .collect();
     let values = value_unknowns(&at.effects, &at.free);
     eta.extend(values.iter().map(|u| u.start));

@@ -187,21 +187,6 @@ impl Effort {
 /// What is known of a size, in its spread: strong effects are not rare.
 const SIZE_SD: f64 = 4.0;
 
-/// Values of an effect that a fit may move: not the word that picks a form, not the moment of a change.
-pub(super) fn free_values(acting: &Acting) -> Vec<usize> {
-    acting
-        .effect
-        .parameters()
-        .iter()
-        .enumerate()
-        .filter(|(i, q)| {
-            let picked = !acting.effect.variants().is_empty() && *i == 0;
-            !picked && q.lower < q.upper && q.name != "time" && q.name != "recording"
-        })
-        .map(|(i, _)| i)
-        .collect()
-}
-
 /// Distance of the times at which a recording that was held out is tried, s, and how many there are on either
 /// side of the one assumed.
 const DATES_S: f64 = 5.0;
@@ -231,7 +216,7 @@ impl<S: Subject> Problem<S> {
             .iter()
             .enumerate()
             .skip(held)
-            .flat_map(|(e, a)| free_values(a).into_iter().map(move |v| (e, v)))
+            .flat_map(|(e, a)| a.free_values().into_iter().map(move |v| (e, v)))
             .collect();
         let mut residual =
             self.train

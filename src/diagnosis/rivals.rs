@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use super::errors::{holdout_gain, train_gain};
 use super::fits::{choose, refit};
 use super::outcome::{Error, RivalModel};
-use super::problem::{Fitted, Problem, Tangent, free_values};
+use super::problem::{Fitted, Problem, Tangent};
 use super::scan::{Group, Scanned, Unit, scan};
 use super::subject::Subject;
 use super::{FIRST, MOST, POLISH};
@@ -76,7 +76,7 @@ fn forward<S: Subject>(
             .filter(|s| {
                 let known = |a: &Acting| a.effect.id() == s.acting.effect.id();
                 !best.effects.iter().any(known)
-                    && s.promised > 2.0 * free_values(&s.acting).len() as f64
+                    && s.promised > 2.0 * s.acting.free_values().len() as f64
             })
             .collect();
         let chosen = choose(&scanned, TRIED);
@@ -147,7 +147,7 @@ pub(super) fn named(
     let n = r.len() as f64;
     let mean_square = r.norm_squared() / n;
     let seen = mean_square > 1.0 + 3.0 * (2.0 / n).sqrt();
-    let free = |s: &Scanned| free_values(&s.acting).len() as f64;
+    let free = |s: &Scanned| s.acting.free_values().len() as f64;
     let first = scanned
         .iter()
         .max_by(|a, b| (a.promised - 2.0 * free(a)).total_cmp(&(b.promised - 2.0 * free(b))));

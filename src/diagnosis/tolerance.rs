@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use super::BASELINE;
 use super::fits::or_nominal;
 use super::outcome::Departed;
-use super::problem::{Fitted, Problem, Tangent, free_values, value_unknowns};
+use super::problem::{Fitted, Problem, Tangent, value_unknowns};
 use super::subject::Subject;
 use super::words::in_unit;
 use crate::effects::{
@@ -687,7 +687,7 @@ impl Built {
         let acts = in_the_mechanism(&list, &mut found);
         Built::rebuild(problem, acts.clone())?;
         let effects = vec![cause.clone()];
-        let free: Vec<(usize, usize)> = free_values(cause).into_iter().map(|v| (0, v)).collect();
+        let free: Vec<(usize, usize)> = cause.free_values().into_iter().map(|v| (0, v)).collect();
         let mut about = fitted.clone();
         about.state.eta.truncate(problem.nonlinear.len());
         let own = value_unknowns(&effects, &free);

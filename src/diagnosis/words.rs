@@ -176,7 +176,9 @@ pub(super) fn values<S: Subject>(
                     .map(|w| w.to_string()),
                 _ => None,
             };
-            let at_bound = std_error.is_nan() && (value <= q.lower || value >= q.upper);
+            // a word has no bounds
+            let at_end = value <= q.lower || value >= q.upper;
+            let at_bound = word.is_none() && std_error.is_nan() && at_end;
             let (factor, unit) = problem.train.unit_of(q.unit);
             Value {
                 name: q.name,

@@ -604,6 +604,17 @@ impl PartialEq for Acting {
 }
 
 impl Acting {
+    /// Places of the values that a fit may move: not the word that picks a form, not the moment of a change.
+    #[must_use]
+    pub fn free_values(&self) -> Vec<usize> {
+        let quantities = self.effect.parameters().iter().enumerate();
+        let free = quantities.filter(|(i, q)| {
+            let picked = !self.effect.variants().is_empty() && *i == 0;
+            !picked && q.lower < q.upper && q.name != "time" && q.name != "recording"
+        });
+        free.map(|(i, _)| i).collect()
+    }
+
     /// The cause switched off.
     pub fn off(effect: &'static dyn Effect, on: [bool; 3]) -> Self {
         let values = effect.parameters().iter().map(|q| q.off).collect();

@@ -556,9 +556,7 @@ impl<'a, 'b> Field<'a, 'b> {
                 odds.within_sample.get_or_insert(i);
             }
             let no = || lowers_nothing(self.bench.problem, &self.plain.fitted, fitted);
-            let fails = || self.foretold_by_a_rival(&odds, i);
-            let reason = size.map(|s| s.reason).or_else(no).or_else(fails);
-            let Some(reason) = reason else {
+            let Some(reason) = size.map(|s| s.reason).or_else(no) else {
                 odds.named = Some((i, alike));
                 break;
             };
@@ -570,34 +568,6 @@ impl<'a, 'b> Field<'a, 'b> {
             at = 0;
         }
         odds
-    }
-
-    /// Whether a model fails on the recordings that took no part ([`misses`]) and lowers their error by little.
-    fn fails_outside(&self, m: &Model) -> bool {
-        let problem = self.bench.problem;
-        barely_foretells(problem, &self.plain, m)
-            && misses(problem, m, self.independent).unwrap_or(true)
-    }
-
-    /// Why a model is not named that fails on what took no part where another one, nearly as likely, does not.
-    fn foretold_by_a_rival(&self, odds: &Odds, i: usize) -> Option<String> {
-        let likely = |r: usize| {
-            let p = &odds.probability[1..];
-            r != i && p[r] >= RIVALS * p[i] && self.pays(&self.models[r], self.plainest(odds))
-        };
-        if !self.fails_outside(&self.models[i]) {
-            return None;
-        }
-        let mut rivals = odds.order.iter().filter(|&&r| likely(r));
-        let rival = rivals.find(|&&r| !self.fails_outside(&self.models[r]))?;
-        let [own, other] = [i, *rival].map(|m| {
-            let ids = self.models[m].ids();
-            let names: Vec<String> = ids.into_iter().map(plain_name).collect();
-            names.join(" with ")
-        });
-        Some(format!(
-            "{own} was not named: it fails on what took no part, and {other}, nearly as likely, does not."
-        ))
     }
 
     /// For each cause of a model those that the recordings cannot tell from it, itself first, where the model

@@ -93,6 +93,8 @@ impl Slide {
     }
 }
 
+const BENCH: &str = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
+
 const AXIS: &str = "[axis]\nfile = \"data.csv\"\ntime = \"t_s\"\nposition = \"x_m\"\ninput = \"u_V\"\nunits = { time = \"s\", position = \"m\", input = \"V\" }\nmass_kg = \"estimate\"\ndamping = \"estimate\"\nstiffness = \"estimate\"\n";
 
 fn entries<'a>(lines: &[&'a Line]) -> Vec<LineEntry<'a>> {
@@ -217,7 +219,6 @@ fn a_clean_axis_is_adequate_and_a_stiffening_one_is_named() {
 #[test]
 fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
     let dir = tempfile::tempdir().unwrap();
-    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
     let csv = |friction: f64, seed: u64| {
         let mut generator = ChaCha12Rng::seed_from_u64(seed);
         let mut out = String::from("angle,torque\n");
@@ -234,13 +235,13 @@ fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
         }
         out
     };
-    let hinge = line(dir.path(), "rough", "hinge-bench", table, &csv(1e-3, 1));
+    let hinge = line(dir.path(), "rough", "hinge-bench", BENCH, &csv(1e-3, 1));
     assert!(
         hinge.notes.iter().any(|n| n.contains("rail")),
         "{:?}",
         hinge.notes
     );
-    let again = line(dir.path(), "rough-2", "hinge-bench", table, &csv(1e-3, 2));
+    let again = line(dir.path(), "rough-2", "hinge-bench", BENCH, &csv(1e-3, 2));
     let d = diagnose(&[&hinge], &[&again]);
     assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
     assert_eq!(d.candidates[0].acting.effect.id(), "joint_friction");
@@ -255,7 +256,6 @@ fn a_hinge_with_friction_is_named_and_its_rail_left_out() {
 #[test]
 fn what_is_held_out_beyond_the_fitted_angles_does_not_count() {
     let dir = tempfile::tempdir().unwrap();
-    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
     let hinge = |id: &str, middle: f64, reach: f64, seed: u64| {
         let mut generator = ChaCha12Rng::seed_from_u64(seed);
         let mut out = String::from("angle,torque\n");
@@ -269,7 +269,7 @@ fn what_is_held_out_beyond_the_fitted_angles_does_not_count() {
             let torque = 0.02 * x + 0.05 * x.powi(3) + 1e-3 * z + 2e-5 * noise;
             writeln!(out, "{x:.6},{torque:.8}").unwrap();
         }
-        line(dir.path(), id, "hinge-bench", table, &out)
+        line(dir.path(), id, "hinge-bench", BENCH, &out)
     };
     let fitted = hinge("fitted", 0.0, 0.3, 3);
     for (id, middle, reach, says) in [
@@ -345,7 +345,6 @@ fn predicts(d: &Diagnosis, held_out: &Line) {
 #[test]
 fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
     let dir = tempfile::tempdir().unwrap();
-    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
     let make = |id: &str, detents: &dyn Fn(f64, f64) -> f64, seed: u64| {
         let mut generator = ChaCha12Rng::seed_from_u64(seed);
         let mut out = String::from("angle,torque\n");
@@ -356,7 +355,7 @@ fn what_no_cause_accounts_for_is_learnt_along_the_coordinate() {
             let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + detents(x, turn.cos());
             writeln!(out, "{x:.6},{torque:.8}").unwrap();
         }
-        line(dir.path(), id, "hinge-bench", table, &out)
+        line(dir.path(), id, "hinge-bench", BENCH, &out)
     };
     let detents = |x: f64, _: f64| 3e-4 * (TAU * x / 0.09).sin();
     let sticky = |x: f64, way: f64| 4e-4 * way.signum() * (-((x - 0.15) / 0.06_f64).powi(2)).exp();
@@ -465,7 +464,6 @@ fn a_spring_that_warms_up_over_a_series_is_a_drift() {
 #[test]
 fn a_knocked_cell_is_no_drift() {
     let dir = tempfile::tempdir().unwrap();
-    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
     let make = |id: &str, zero: &dyn Fn(i32) -> f64, seed: u64| {
         let mut generator = ChaCha12Rng::seed_from_u64(seed);
         let mut out = String::from("angle,torque\n");
@@ -475,7 +473,7 @@ fn a_knocked_cell_is_no_drift() {
             let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + zero(i);
             writeln!(out, "{x:.6},{torque:.8}").unwrap();
         }
-        line(dir.path(), id, "hinge-bench", table, &out)
+        line(dir.path(), id, "hinge-bench", BENCH, &out)
     };
     let leaps = |a: i32, b: i32| {
         move |i: i32| 4e-4 * (f64::from(u8::from(i >= a)) + f64::from(u8::from(i >= b)))
@@ -499,7 +497,6 @@ fn a_knocked_cell_is_no_drift() {
 #[test]
 fn a_drift_goes_on_as_long_as_its_recording() {
     let dir = tempfile::tempdir().unwrap();
-    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
     let make = |id: &str, rows: i32, seed: u64| {
         let mut generator = ChaCha12Rng::seed_from_u64(seed);
         let mut out = String::from("angle,torque\n");
@@ -510,7 +507,7 @@ fn a_drift_goes_on_as_long_as_its_recording() {
             let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + drift;
             writeln!(out, "{x:.6},{torque:.8}").unwrap();
         }
-        line(dir.path(), id, "hinge-bench", table, &out)
+        line(dir.path(), id, "hinge-bench", BENCH, &out)
     };
     let (a, b, c) = (make("a", 300, 1), make("b", 700, 2), make("c", 1200, 3));
     let d = diagnose(&[&a, &b], &[&c]);
@@ -611,40 +608,6 @@ fn bent_drives_and_lags_of_two_stages_are_told() {
         let held = d.holdout.unwrap();
         assert!(held.after_v < 0.3 * held.before_v, "{id}: {held:?}");
     }
-}
-
-/// One triangle does not tell friction that grows with the load from softening with history; more of them do,
-/// and may speak though nothing is fitted to them.
-#[test]
-fn of_two_likely_causes_the_one_is_named_that_holds_where_nothing_was_fitted() {
-    let dir = tempfile::tempdir().unwrap();
-    let table = "[bench]\nfile = \"data.csv\"\nangle = \"angle\"\ntorque = \"torque\"\nunits = { angle = \"rad\", torque = \"N m\" }\n";
-    let make = |id: &str, triangles: i32, seed: u64| {
-        let mut generator = ChaCha12Rng::seed_from_u64(seed);
-        let mut out = String::from("angle,torque\n");
-        // it slides already where it begins
-        let (mut before, mut z) = (0.0, 1.0);
-        for i in 0..=600 * triangles {
-            let x = 0.4 * (1.0 - (f64::from(i % 600) / 300.0 - 1.0).abs());
-            let way: f64 = x - before;
-            if way != 0.0 {
-                z += (way.signum() - z) * (1.0 - (-way.abs() / 0.05).exp());
-            }
-            before = x;
-            let noise: f64 = StandardNormal.sample(&mut generator);
-            let torque = (0.04 * x + 0.02 * x.powi(3)) * (1.0 + 0.08 * z) + 2e-5 * noise;
-            writeln!(out, "{x:.6},{torque:.8}").unwrap();
-        }
-        line(dir.path(), id, "hinge-bench", table, &out)
-    };
-    let (one, more) = (make("one", 1, 1), make("more", 2, 2));
-    let likeliest = |holdout: &[&Line]| {
-        let d = diagnose(&[&one], holdout);
-        assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
-        d.candidates[0].acting.effect.id()
-    };
-    assert_eq!(likeliest(&[]), "mullins_softening");
-    assert_eq!(likeliest(&[&more]), "x_load_friction");
 }
 
 /// A lag is exact between samples, where it is shorter than their distance as well: of a ramp it makes

@@ -27,7 +27,7 @@ use super::{
     BASE_RATES, BASELINE, FIRST, FITTED, FITTED_IF_QUIET, LEADING, PAIR_ABOVE, POLISH, QUIET,
     RIVALS, SMOOTHED_BELOW, SURPRISES_TOO, SURPRISING, WEAK_BELOW, rewhiten, rivals,
 };
-use crate::effects::{Acting, by_id, is_rare, plain_name};
+use crate::effects::{Acting, is_rare, plain_name};
 
 /// Recordings under doubt.
 pub(super) struct Case<'a, S> {
@@ -853,12 +853,13 @@ fn weigh_down(list: &mut [Judged], plain: &Judged, overstated: f64) {
     }
 }
 
-/// Whether a cause is looked for: what scales all that voltages make shrinks all torques with parts, and the
-/// error with them.
+/// Whether a cause is looked for: one that does to all actuators what parts do to each shrinks all torques
+/// with them, and the error too. (A permittivity that depends on the stretch scales what voltages make as
+/// well, but as no part does; left out, it was taken for a loss of tension or a slow polarisation.)
 fn wanted(request: &Request, parts_differ: bool) -> impl Fn(&str) -> bool + Sync {
-    let scales = move |id: &str| parts_differ && by_id(id).is_some_and(|e| e.scales_made());
+    let parts_do = move |id: &str| parts_differ && tolerance::scales_as_parts(id);
     move |id: &str| match &request.only[..] {
-        [] => !is_rare(id) && !scales(id),
+        [] => !is_rare(id) && !parts_do(id),
         only => only.iter().any(|o| o == id),
     }
 }

@@ -6,7 +6,7 @@ use super::locate::Spot;
 use super::outcome::*;
 use super::problem::{Fitted, Problem};
 use super::subject::Subject;
-use crate::effects::When;
+use crate::effects::{Acting, When};
 
 /// Torque error of the plain and the augmented model at every kept sample, in standard deviations of its own
 /// noise.
@@ -76,7 +76,7 @@ pub(super) fn train_gain<S: Subject>(
 ) -> Result<(Gain, Vec<Traces>), Error> {
     let own = |f: &Fitted| f.state.eta[..problem.nonlinear.len()].to_vec();
     let (train, when) = (&problem.train, &problem.train_when);
-    gain(train, when, before, after, false, own)
+    gain(train, when, before, after, None, own)
 }
 
 /// The same on recordings that are held out, where there are any.
@@ -89,18 +89,19 @@ pub(super) fn holdout_gain<S: Subject>(
     let when = &problem.holdout_when;
     let of = |h: &S| {
         let carried = |f: &Fitted| h.carried(&f.state.eta[..problem.nonlinear.len()]);
-        gain(h, when, before, after, true, carried)
+        gain(h, when, before, after, Some(&problem.train_when), carried)
     };
     holdout.map(of).transpose()
 }
 
-/// Errors before and after, and the traces that show them.
+/// Errors before and after, and the traces that show them; of what was held out, where there are fitted
+/// recordings beside it.
 fn gain<S: Subject>(
     residual: &S,
     when: &[When],
     before: &Fitted,
     after: &Fitted,
-    held_out: bool,
+    fitted: Option<&[When]>,
     plain_eta: impl Fn(&Fitted) -> Vec<f64>,
 ) -> Result<(Gain, Vec<Traces>), Error> {
     let eta = [before, after].map(plain_eta);
@@ -116,9 +117,15 @@ fn gain<S: Subject>(
         let [a, b] = [0, 1].map(|i| models[i].errors(number, &eta[i], &fits[i].state.beta));
         let (a, b) = (a?, b?);
         let n = a.time_s.len();
+        // a part of a recording that is fitted has its history
+        let known = |own: &[When]| own.iter().any(|w| w.recording == when[number].recording);
+        let from_s = match fitted.is_some_and(|own| !known(own)) {
+            true => told_from_s(residual, number, when[number], &fits),
+            false => None,
+        };
         let mut trace = Traces {
             id: place.id,
-            held_out,
+            held_out: fitted.is_some(),
             before_v: vec![[f64::NAN; 3]; n],
             after_v: vec![[f64::NAN; 3]; n],
             torque_before: models[0].kept_errors(number, &eta[0], &fits[0].state.beta)?,
@@ -129,7 +136,8 @@ fn gain<S: Subject>(
         };
         for i in 0..n {
             for k in 0..S::CHAINS {
-                if !(a.counts[i] && b.counts[i]) {
+                let tells = from_s.is_none_or(|from_s| trace.time_s[i] >= from_s);
+                if !(a.counts[i] && b.counts[i] && tells) {
                     continue;
                 }
                 let e = [a.error[i][k], b.error[i][k]];
@@ -170,6 +178,20 @@ fn gain<S: Subject>(
         },
         traces,
     ))
+}
+
+/// Where the error of a recording that was held out is told from, s: from its middle where its first half said
+/// what a memory held at its beginning; `None` where all of it tells.
+fn told_from_s<S: Subject>(
+    residual: &S,
+    number: usize,
+    when: When,
+    fits: &[&Fitted],
+) -> Option<f64> {
+    let of = |a: &Acting| a.effect.under_way().contains(&when.recording);
+    let any = fits.iter().any(|f| f.effects.iter().any(of));
+    let times = residual.kept_times_s(number);
+    times.get(times.len() / 2).copied().filter(|_| any)
 }
 
 /// Whether the error that a model leaves is more than noise makes, whose variance is known no better than by

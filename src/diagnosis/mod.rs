@@ -46,6 +46,7 @@ mod sizes;
 mod subject;
 mod swing;
 mod tolerance;
+mod under_way;
 mod verdict;
 mod words;
 

@@ -1,18 +1,18 @@
 //! What comes at a moment: an instrument that was knocked, counts that an encoder lost, a film that tore.
 //!
-//! A leap is a step of the balance, and one of its stiffness, from a moment on to the end of the recording.
+//! A leap is a step of the balance, and one of its springs, from a moment on to the end of the recording.
 //! The best moment of all is found, everything else that is fitted projected out of steps and residual alike;
 //! then the next one beside it, as long as it pays for having been looked for.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::blocks::{Blocks, Foretold};
 use super::problem::Tangent;
 use super::subject::Subject;
 use crate::residual::line::LineResidual;
 
-/// Most leaps: what goes on steadily is made of steps without number.
-const MOST: usize = 8;
+/// Most leaps, of each recording: what goes on steadily is made of steps without number.
+const MOST: usize = 10;
 /// What a leap takes away at least, over the squares that nobody foretells and the logarithm of the places
 /// where it may be: the largest of so many squares of noise is twice that logarithm for either size, and rows
 /// are not independent.
@@ -43,34 +43,48 @@ pub(super) fn moments(
     least: f64,
 ) -> Option<Moments> {
     let rows = tangent.residual.len();
+    let steps = steps(residual, tangent);
     let mut at: Vec<(usize, usize)> = Vec::new();
+    let most = MOST * steps.len();
+    // what is fitted, then the leaps found so far, orthonormal
+    let own = tangent.columns.clone().qr().q();
+    let mut known = own.ncols();
+    let mut base = own.resize_horizontally(known + 2 * most, 0.0);
+    let mut left = tangent.residual.clone();
     let independent = loop {
-        let leaps = columns(residual, rows, &at, |i, row| f64::from(u8::from(i >= row)));
-        let own = tangent.columns.ncols();
-        let mut all = DMatrix::zeros(rows, own + leaps.ncols());
-        for (j, c) in (tangent.columns.column_iter().chain(leaps.column_iter())).enumerate() {
-            all.set_column(j, &(c / c.norm().max(f64::MIN_POSITIVE)));
-        }
-        let base = all.qr().q();
-        let left = &tangent.residual - &base * base.tr_mul(&tangent.residual);
+        let so_far = base.columns(0, known);
+        left -= so_far * so_far.tr_mul(&left);
         let pays = |b: &(f64, usize, usize)| b.0 > PAYS * (rows as f64).ln() * least;
-        let Some((_, recording, row)) = best(residual, &base, &left).filter(pays) else {
+        let Some((_, recording, row)) = best(&steps, so_far, &left).filter(pays) else {
             break residual.independent(left.as_slice());
         };
-        if at.len() == MOST {
+        if at.len() == most {
             return None;
         }
         at.push((recording, row));
+        for mut column in columns(&steps, &at[at.len() - 1..], leapt)
+            .column_iter()
+            .map(|c| c.into_owned())
+        {
+            // twice is enough (Parlett 1980)
+            for _ in 0..2 {
+                let so_far = base.columns(0, known);
+                column -= so_far * so_far.tr_mul(&column);
+            }
+            let norm = column.norm().max(f64::MIN_POSITIVE);
+            base.set_column(known, &(column / norm));
+            known += 1;
+        }
     };
     if at.is_empty() {
         return None;
     }
     let foretell = |share: fn(usize, usize) -> f64| {
-        let columns = columns(residual, rows, &at, share);
+        let columns = columns(&steps, &at, share);
         let ridge = DVector::from_element(columns.ncols(), RIDGE);
         blocks.foretell(tangent, Some((&columns, &ridge)))
     };
-    let foretold = foretell(|i, row| f64::from(u8::from(i >= row)));
+    let foretold = foretell(leapt);
     // what goes on steadily is told as well by slopes
     let slope = |i: usize, row: usize| {
         ((i + SLOPE).saturating_sub(row) as f64 / (2 * SLOPE) as f64).min(1.0)
@@ -90,18 +104,23 @@ pub(super) fn moments(
     })
 }
 
-/// Whitened columns of leaps at rows of recordings, one of the balance and one of its stiffness each; `share`
+/// The share of a leap at a row that has come by row `i`.
+fn leapt(i: usize, row: usize) -> f64 {
+    f64::from(u8::from(i >= row))
+}
+
+/// Whitened columns of leaps at rows of recordings, one of the balance and one of its springs each; `share`
 /// of row i is what has leapt by then.
 fn columns(
-    residual: &LineResidual,
-    rows: usize,
+    steps: &[Vec<[f64; 2]>],
     at: &[(usize, usize)],
     share: impl Fn(usize, usize) -> f64,
 ) -> DMatrix<f64> {
+    let rows = steps.iter().map(Vec::len).sum();
     let mut out = DMatrix::zeros(rows, 2 * at.len());
     for (j, &(recording, row)) in at.iter().enumerate() {
-        let first: usize = (0..recording).map(|r| residual.kept(r).len()).sum();
-        for (i, s) in step(residual, recording).iter().enumerate() {
+        let first: usize = steps[..recording].iter().map(Vec::len).sum();
+        for (i, s) in steps[recording].iter().enumerate() {
             for (k, s) in s.iter().enumerate() {
                 out[(first + i, 2 * j + k)] = share(i, row) * s;
             }
@@ -110,27 +129,35 @@ fn columns(
     out
 }
 
-/// Whitened rows of a recording under a step of the balance, and under one of its stiffness.
-fn step(residual: &LineResidual, recording: usize) -> Vec<[f64; 2]> {
-    let (_, xi, _) = residual.course(recording);
-    let of = |(&c, w): (&usize, &f64)| [*w, w * xi[c]];
-    (residual.kept(recording).iter())
-        .zip(residual.weights(recording))
-        .map(of)
-        .collect()
+/// Whitened rows of each recording under a step of the balance, and under one of its springs: of an axis of
+/// its stiffness, of the others of all that the model holds against what was measured.
+fn steps(residual: &LineResidual, tangent: &Tangent) -> Vec<Vec<[f64; 2]>> {
+    let mut first = 0;
+    let of = |recording: usize| {
+        let (_, xi, _) = residual.course(recording);
+        let (kept, measured) = (residual.kept(recording), residual.measured(recording));
+        let left = tangent.residual.rows(first, kept.len());
+        first += kept.len();
+        let rows = residual.weights(recording).iter().enumerate();
+        let step = |(i, w): (usize, &f64)| match measured.get(i) {
+            Some(measured) => [*w, w * measured + left[i]],
+            None => [*w, w * xi[kept[i]]],
+        };
+        rows.map(step).collect()
+    };
+    (0..residual.lines().count()).map(of).collect()
 }
 
 /// What the best leap takes away of the squares that are left, its recording and its row there. `base` are
 /// orthonormal columns, out of which `left` is projected.
 fn best(
-    residual: &LineResidual,
-    base: &DMatrix<f64>,
+    steps: &[Vec<[f64; 2]>],
+    base: DMatrixView<f64>,
     left: &DVector<f64>,
 ) -> Option<(f64, usize, usize)> {
     let mut out: Option<(f64, usize, usize)> = None;
     let mut first = 0;
-    for recording in 0..residual.lines().count() {
-        let steps = step(residual, recording);
+    for (recording, steps) in steps.iter().enumerate() {
         let n = steps.len();
         let mut along = [(); 2].map(|()| DVector::<f64>::zeros(base.ncols()));
         let (mut gram, mut product) = ([0.0; 3], [0.0; 2]);

@@ -29,7 +29,8 @@ use super::scan::{Group, Scanned, fingerprints, scan};
 use super::sizes::{unknown_values, value_estimates};
 use super::subject::{Subject, Words};
 use super::words::{hidden, in_unit, next_experiment, values};
-use super::{POLISH, RIVALS, chance, judge, law, rivals};
+use super::{POLISH, RIVALS, chance, judge, law, rivals, under_way};
+use crate::effects::line::UnderWay;
 use crate::effects::plain_name;
 use crate::residual::line::LineResidual;
 
@@ -156,7 +157,7 @@ impl Bench<'_, '_> {
         self.prior * causes - std::f64::consts::LN_2 * (m.numbers as f64 - causes).max(0.0)
     }
 
-    /// The best models with one more cause.
+    /// The best models with one more cause, and those whose causes were under way when recordings began.
     fn beside(
         &self,
         base: &Model,
@@ -178,7 +179,12 @@ impl Bench<'_, '_> {
             &base.fitted.effects,
         );
         fits.into_par_iter()
-            .filter_map(|f| self.judge(polish(self.problem, &f)))
+            .flat_map_iter(|f| {
+                let fitted = polish(self.problem, &f);
+                let begun = under_way::fit(self.problem, &fitted, POLISH);
+                [Some(fitted), begun].into_iter().flatten()
+            })
+            .filter_map(|fitted| self.judge(fitted))
             .collect()
     }
 
@@ -285,6 +291,7 @@ pub(super) fn doubt(
     field.grow(&wanted);
     field.without_each();
     field.once_each();
+    field.date_held_out()?;
     watch("judging");
     field.hold_against_flexible_ones();
     let odds = field.name();
@@ -432,6 +439,15 @@ impl<'a, 'b> Field<'a, 'b> {
             })
             .collect();
         self.models.extend(without);
+    }
+
+    /// Finds out what memories held where recordings begin that were held out.
+    fn date_held_out(&mut self) -> Result<(), Error> {
+        let problem = self.bench.problem;
+        self.models.par_iter_mut().try_for_each(|m| {
+            m.fitted = under_way::of_held_out(problem, m.fitted.clone())?;
+            Ok(())
+        })
     }
 
     /// Of models with the same causes, which other starts came to, the best one stays.
@@ -763,6 +779,7 @@ impl<'a, 'b> Field<'a, 'b> {
             remarks.extend(odds.why_not.iter().cloned());
         }
         remarks.extend(self.remarks(verdict, augmented, self.plainest(&odds)));
+        remarks.extend(under_way::remark(problem, &augmented.fitted));
         let candidates = self.candidates(&odds, in_model, augmented, something_else);
         let groups: Vec<Vec<&'static str>> = match (&odds.named, in_model) {
             (Some((_, sets)), true) => sets.iter().filter(|s| s.len() > 1).cloned().collect(),
@@ -921,14 +938,17 @@ impl<'a, 'b> Field<'a, 'b> {
                 .unwrap_or_else(|_| unknown_values(&m.fitted));
             let is_in = in_model && std::ptr::eq(m, augmented);
             let likely = (1.0 - something_else) * self.of_cause(odds, acting.effect.id());
+            let (alone, _) = UnderWay::apart(acting);
+            let mut own_values = values(problem, &m.fitted, own, &estimates);
+            own_values.truncate(alone.values.len());
             Candidate {
-                acting: acting.clone(),
+                acting: alone,
                 probability: if is_in { likely } else { likely.min(NOT_NAMED) },
                 delta_bic: -2.0 * (self.score(m) - self.score(&self.plain)),
                 mean_square: m.fits,
                 holdout_mean_square: m.raw,
                 in_model: is_in,
-                values: values(problem, &m.fitted, own, &estimates),
+                values: own_values,
                 says: format!(
                     "{}; over blocks that took no part in the fit the weighted mean square {}",
                     acting.effect.says(),

@@ -927,6 +927,11 @@ fn in_the_mechanism(list: &[Tolerance], sizes: &mut [f64]) -> Vec<Acting> {
     acts
 }
 
+/// Whether a cause scales all that voltages make as parts that differ do: films of another thickness, gains.
+pub(super) fn scales_as_parts(id: &str) -> bool {
+    [ThicknessError.id(), AmplifierGain.id()].contains(&id)
+}
+
 /// How many times its tolerance a cause is, where it is of the kind of one.
 pub(super) fn times(list: &[Tolerance], acting: &Acting) -> Option<f64> {
     let q = acting.effect.parameters();

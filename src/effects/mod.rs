@@ -547,6 +547,11 @@ pub trait Effect: Sync + Send {
     fn law(&self) -> Option<&dyn line::Forward> {
         None
     }
+    /// Numbers of the recordings of which it has, after its own values, what its memory held where they begin
+    /// ([`mod@line`]).
+    fn under_way(&self) -> &[usize] {
+        &[]
+    }
     /// Whether it acts on the input of a single coordinate.
     fn drives(&self) -> bool {
         false

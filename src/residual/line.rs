@@ -1112,6 +1112,8 @@ impl<'a> LineResidual<'a> {
     pub fn view<'b>(&'b self, number: usize, elastic: &'b [f64]) -> View<'b> {
         let p = &self.parts[number];
         View {
+            recording: p.when.recording,
+            held: 0.0,
             timed: p.line.timed,
             time_s: &p.time_s,
             step_s: p.line.step_s,

@@ -113,13 +113,9 @@ fn entries<'a>(lines: &[&'a Line]) -> Vec<LineEntry<'a>> {
 }
 
 fn diagnose(train: &[&Line], holdout: &[&Line]) -> Diagnosis {
-    diagnose_lines(
-        &entries(train),
-        &entries(holdout),
-        &Request::default(),
-        &|_| {},
-    )
-    .unwrap()
+    let all = entries(&[train, holdout].concat());
+    let (train, holdout) = all.split_at(train.len());
+    diagnose_lines(train, holdout, &Request::default(), &|_| {}).unwrap()
 }
 
 #[test]
@@ -517,8 +513,79 @@ fn a_drift_goes_on_as_long_as_its_recording() {
     assert!(held.after_v < 0.2 * held.before_v, "{held:?}");
 }
 
-/// Recordings that begin where the motion turns: a stop below the first sample that is met from below, and a
-/// spring that has softened about the middle.
+/// What goes along recordings may have begun before them, each time by another time: a zero that drifts, and a
+/// film that was stretched further before the recording that is held out.
+#[test]
+fn what_was_under_way_when_a_recording_began_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let drifting = |id: &str, before: i32, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        for i in 0..900 {
+            let x = 0.4 * (std::f64::consts::TAU * f64::from(i) / 110.0).sin();
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let drift = 8e-4 * (1.0 - (-f64::from(i + before) / 400.0).exp());
+            let torque = 0.02 * x + 0.05 * x.powi(3) + 2e-5 * noise + drift;
+            writeln!(out, "{x:.6},{torque:.8}").unwrap();
+        }
+        line(dir.path(), id, "hinge-bench", BENCH, &out)
+    };
+    let [a, b, c] = [("a", 0), ("b", 260), ("c", 130)].map(|(id, n)| drifting(id, n, n as u64));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let named = d.candidates[0].acting.effect.id();
+    assert_eq!(named, "x_zero_drift", "{}", d.says);
+    let held = d.holdout.unwrap();
+    assert!(held.after_v < 1.2 * held.noise_floor_v, "{held:?}");
+    let said = d.remarks.iter().find(|r| r.contains("under way"));
+    let said = said.unwrap_or_else(|| panic!("{:?}", d.remarks));
+    // of the way that is to go where the first one begins, 1 - e^(-260/400) and 1 - e^(-130/400)
+    let told = |id: &str| -> f64 {
+        let after = said.split(&format!("{id} ")).nth(1);
+        let number = after.and_then(|s| s.split([',', ' ']).next());
+        let number = number.and_then(|n| n.trim_end_matches('.').parse().ok());
+        number.unwrap_or_else(|| panic!("{said}"))
+    };
+    assert!((told("b") - 0.478).abs() < 0.05, "{said}");
+    assert!((told("c") - 0.277).abs() < 0.05, "{said}");
+
+    let softened = |id: &str, from: i32, seed: u64| {
+        let mut generator = ChaCha12Rng::seed_from_u64(seed);
+        let mut out = String::from("angle,torque\n");
+        let mut most = 0.0_f64;
+        for i in 0..from + 700 {
+            let t = f64::from(i) / 110.0;
+            let x =
+                0.2 * (1.0 - (std::f64::consts::TAU * t).cos()) * (1.0 - 0.4 * (t / 2.0).fract());
+            most = most.max(x);
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let lost = 0.15 * (1.0 - (-(most - x) / 0.1).exp());
+            let torque = (0.02 * x + 0.05 * x.powi(3)) * (1.0 - lost) + 1e-5 * noise;
+            if i >= from {
+                writeln!(out, "{x:.6},{torque:.8}").unwrap();
+            }
+        }
+        line(dir.path(), id, "hinge-bench", BENCH, &out)
+    };
+    let (a, b, c) = (
+        softened("d", 0, 1),
+        softened("e", 0, 2),
+        softened("f", 130, 3),
+    );
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let named = d.candidates[0].acting.effect.id();
+    assert_eq!(named, "mullins_softening", "{}", d.says);
+    assert!(
+        d.remarks.iter().any(|r| r.contains("under way")),
+        "{:?}",
+        d.remarks
+    );
+}
+
+/// Recordings that begin where the motion turns: a stop below the first sample that is met from below, a
+/// spring that has softened about the middle, and a guide that the spring's pull presses together, which is
+/// without pull beyond the first sample.
 #[test]
 fn an_axis_may_begin_anywhere() {
     let dir = tempfile::tempdir().unwrap();
@@ -563,6 +630,19 @@ fn an_axis_may_begin_anywhere() {
     assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
     let named = d.candidates[0].acting.effect.id();
     assert_eq!(named, "mullins_softening", "{}", d.says);
+    let rubs = |id: &str, seed: u64| {
+        let (mut z, mut before) = (0.0_f64, None);
+        make(id, seed, &mut |[x, _]| {
+            let way = x - before.replace(x).unwrap_or(x);
+            z += (way.signum() - z) * (1.0 - (-way.abs() / 6e-4).exp());
+            900.0 * x + 0.05 * (900.0 * (x - 0.025)).abs() * z
+        })
+    };
+    let (a, b, c) = (rubs("g", 7), rubs("h", 8), rubs("i", 9));
+    let d = diagnose(&[&a, &b], &[&c]);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{}", d.says);
+    let named = d.candidates[0].acting.effect.id();
+    assert_eq!(named, "x_load_friction", "{}", d.says);
 }
 
 /// A drive that is straight at small inputs and bends at large ones, and a lag of two stages: each is found by
@@ -914,6 +994,8 @@ fn with_view<R>(of: impl FnOnce(&View) -> R) -> R {
     let elastic: Vec<f64> = xi.iter().map(|x| 0.8 * x).collect();
     let second = vec![0.5; 400];
     of(&View {
+        recording: 0,
+        held: 0.0,
         timed: true,
         time_s: &time_s,
         step_s: 0.01,

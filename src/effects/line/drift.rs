@@ -40,13 +40,19 @@ fn gone<R: Real>(time_s: f64, time_constant_s: R) -> R {
     R::of(1.0) - (R::of(-time_s) / time_constant_s).exp()
 }
 
-/// The drift of `v` at a moment, over what it is a minute into the recording, or ten into the series.
-pub(super) fn course<R: Real>(v: &[R], at: &Moment<R>) -> R {
-    let (since_s, told_s) = match v[0].value() {
-        0.0 => (at.since_s, TOLD_AT_S[0]),
-        _ => (at.series_s, TOLD_AT_S[1]),
-    };
-    gone(since_s, v[2]) / gone(told_s, v[2])
+/// The drift of `v` at a moment, over what it is a minute into a recording that began with it, or ten into the
+/// series. `before` is the share of its way that it had gone when the recording began.
+pub(super) fn course<R: Real>(v: &[R], at: &Moment<R>, before: R) -> R {
+    let to_go = R::of(1.0) - before;
+    match v[0].value() {
+        0.0 => (before + to_go * gone(at.since_s, v[2])) / gone(TOLD_AT_S[0], v[2]),
+        _ => gone(at.series_s, v[2]) / gone(TOLD_AT_S[1], v[2]),
+    }
+}
+
+/// The share of its way that a drift of `v` may have gone when a recording begins.
+pub(super) fn gone_before(v: &[f64]) -> Option<Quantity> {
+    (!of_series(v)).then(|| shape("gone_before", "1", 0.0, 0.0, 0.95, 0.25))
 }
 
 impl LineEffect for Drift {
@@ -57,6 +63,9 @@ impl LineEffect for Drift {
         let mut out = near(0.02, view);
         out.iter_mut().flatten().for_each(|v| v.push(0.0));
         out
+    }
+    fn held(&self, v: &[f64]) -> Option<Quantity> {
+        gone_before(v)
     }
 }
 
@@ -101,9 +110,9 @@ impl Effect for Drift {
 }
 
 impl Law for Drift {
-    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
         // no drift turns a spring round
-        let change = (v[1] * course(v, at)).max(R::of(-1.0));
+        let change = (v[1] * course(v, at, state.state)).max(R::of(-1.0));
         point.factor = point.factor.map(|f| f * (R::of(1.0) + change));
         if !at.unstrained {
             point.force = point.force + change * v[3];

@@ -254,7 +254,7 @@ pub(super) fn along<L: Law>(law: &L, v: &[f64], view: &View, terms: &mut Terms) 
     };
     let mut memory = Memory {
         before: first,
-        state: law.begin(first),
+        state: law.begin(first) + view.held,
     };
     for i in 0..view.xi.len() {
         let since_s = view.time_s[i] - view.time_s[0];

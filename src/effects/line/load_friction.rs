@@ -1,4 +1,6 @@
-//! Friction that grows with the load:  force c |elastic force| z, z as in dry friction with presliding.
+//! Friction that grows with the load:  force c |elastic force + preload| z, z as in dry friction with
+//! presliding. Where a rig is without load is not known of it: its excursions are counted from a rest, which
+//! may be an end of the motion.
 
 use super::super::{Effect, Quantity, shape, size};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along, slid};
@@ -11,10 +13,8 @@ impl LineEffect for LoadFriction {
         &[Kind::Bench, Kind::Axis]
     }
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
-        [0.02, 0.1, 0.3]
-            .iter()
-            .map(|&x| vec![vec![0.02, x]])
-            .collect()
+        let starts = [(0.02, 0.0), (0.1, 0.0), (0.3, 0.0), (0.1, 0.5), (0.1, -0.5)];
+        starts.map(|(x, p)| vec![vec![0.02, x, p]]).to_vec()
     }
 }
 
@@ -29,13 +29,14 @@ impl Effect for LoadFriction {
         "Coulomb's law on a loaded contact; Dahl's presliding"
     }
     fn equation(&self) -> &'static str {
-        "f -> f + coefficient |f_elastic| z, dz = (sign(dx) - z)(1 - e^(-|dx|/presliding))"
+        "f -> f + coefficient |f_elastic + preload| z, dz = (sign(dx) - z)(1 - e^(-|dx|/presliding))"
     }
     fn parameters(&self) -> &'static [Quantity] {
         const {
             &[
                 size("coefficient", "1", 0.0, 1.0, 0.05),
                 shape("presliding", "coordinate", 0.05, 1e-3, 0.6, 0.05),
+                shape("preload", "force", 0.0, -1.0, 1.0, 0.5),
             ]
         }
     }
@@ -56,6 +57,6 @@ impl Effect for LoadFriction {
 impl Law for LoadFriction {
     fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
         state.state = slid(state.state, at.way, v[1]);
-        point.force = point.force + v[0] * at.elastic.abs() * state.state;
+        point.force = point.force + v[0] * (at.elastic + v[2]).abs() * state.state;
     }
 }

@@ -1,7 +1,7 @@
 //! A zero that drifts:  force a d, with the d of [`super::drift`].
 
 use super::super::{Effect, Quantity, size};
-use super::drift::{ALONG, OVER, TIME_CONSTANT, course, near, of_series};
+use super::drift::{ALONG, OVER, TIME_CONSTANT, course, gone_before, near, of_series};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
@@ -13,6 +13,9 @@ impl LineEffect for MeanDrift {
     }
     fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>> {
         near(0.01, view)
+    }
+    fn held(&self, v: &[f64]) -> Option<Quantity> {
+        gone_before(v)
     }
 }
 
@@ -56,7 +59,7 @@ impl Effect for MeanDrift {
 }
 
 impl Law for MeanDrift {
-    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, _: &mut Memory<R>, point: &mut Point<R>) {
-        point.force = point.force + v[1] * course(v, at);
+    fn act<R: Real>(&self, v: &[R], at: &Moment<R>, state: &mut Memory<R>, point: &mut Point<R>) {
+        point.force = point.force + v[1] * course(v, at, state.state);
     }
 }

@@ -34,9 +34,11 @@ mod softening;
 mod stribeck;
 mod stroke_damping;
 mod stroke_inertia;
+mod under_way;
 
-use super::Effect;
+use super::{Effect, Quantity};
 pub use law::{At, Dual, Forward, LANES, Law, Memory, Moment, Point, Real};
+pub(crate) use under_way::UnderWay;
 
 /// What was recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,8 +52,12 @@ pub enum Kind {
 }
 
 /// A recording, as a cause sees it.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
+    /// Number in the series.
+    pub recording: usize,
+    /// What the memory of a cause held where the recording begins, beyond what the beginning makes.
+    pub held: f64,
     /// Whether times are times, or numbers of rows.
     pub timed: bool,
     /// Time of each sample, s.
@@ -149,6 +155,11 @@ pub trait LineEffect: Effect {
     fn kinds(&self) -> &'static [Kind];
     /// Where a scan looks: values near off, one group a start.
     fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>>;
+    /// What its memory may hold where a recording begins while it is under way, beyond what the beginning
+    /// makes; `None` where it has none, or forgets soon.
+    fn held(&self, _v: &[f64]) -> Option<Quantity> {
+        None
+    }
 }
 
 /// Every cause that is known on a single coordinate.

@@ -1,6 +1,6 @@
 //! Permanent set:  the spring sees x - s x_max, x_max the largest x so far.
 
-use super::super::{Effect, Quantity, size};
+use super::super::{Effect, Quantity, shape, size};
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along};
 use super::{Kind, LineEffect, Terms, View};
 
@@ -12,6 +12,9 @@ impl LineEffect for PermanentSet {
     }
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
         vec![vec![vec![0.02]]]
+    }
+    fn held(&self, _: &[f64]) -> Option<Quantity> {
+        Some(shape("largest_before", "coordinate", 0.0, 0.0, 1.0, 0.5))
     }
 }
 

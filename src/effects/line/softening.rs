@@ -21,6 +21,9 @@ impl LineEffect for Softening {
         let starts = |c: f64| [0.05, 0.2, 0.6].map(|x| vec![vec![0.02, x, c]]);
         centres.into_iter().flat_map(starts).collect()
     }
+    fn held(&self, _: &[f64]) -> Option<Quantity> {
+        Some(shape("largest_before", "coordinate", 0.0, 0.0, 1.0, 0.5))
+    }
 }
 
 impl Effect for Softening {

@@ -143,10 +143,17 @@ pub(super) fn remark(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option
             ));
         }
     }
-    (!out.is_empty()).then(|| {
-        format!(
-            "{} Of recordings that were held out their first half says it, and errors are told of the second.",
-            out.join(" ")
-        )
-    })
+    let fitted_too = |w: &When| {
+        problem
+            .train_when
+            .iter()
+            .any(|t| t.recording == w.recording)
+    };
+    if !out.is_empty() && problem.holdout_when.iter().any(|w| !fitted_too(w)) {
+        out.push(
+            "Of recordings that were held out their first half says it, and errors are told of the second."
+                .into(),
+        );
+    }
+    (!out.is_empty()).then(|| out.join(" "))
 }

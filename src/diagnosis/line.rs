@@ -32,7 +32,7 @@ const MODULUS_SD: f64 = 3.0;
 pub struct LineEntry<'a> {
     /// The recording.
     pub line: &'a Line,
-    /// When it was made.
+    /// When it was made; no two recordings have the same number.
     pub when: When,
 }
 

@@ -33,6 +33,12 @@ pub(super) fn fit(
     Some(problem.fit_near(fitted, &effects, effort))
 }
 
+/// The recordings that were held out whole: a part of one that is fitted has its history.
+fn new_ones<'a>(problem: &'a Problem<LineResidual>) -> impl Iterator<Item = &'a When> {
+    let fitted = |w: &When| (problem.train_when.iter()).any(|t| t.recording == w.recording);
+    problem.holdout_when.iter().filter(move |w| !fitted(w))
+}
+
 /// A fitted model with what its memories held where recordings begin that were held out, by the first half of
 /// each.
 ///
@@ -46,33 +52,27 @@ pub(super) fn of_held_out(
         return Ok(fitted);
     };
     let when = &problem.holdout_when;
-    // what was held out of a recording that is fitted has its history
-    let fitted_too = |w: &&When| {
-        problem
-            .train_when
-            .iter()
-            .any(|t| t.recording == w.recording)
-    };
-    let numbers: Vec<usize> = when
-        .iter()
-        .filter(|w| !fitted_too(w))
-        .map(|w| w.recording)
-        .collect();
+    let numbers: Vec<usize> = new_ones(problem).map(|w| w.recording).collect();
+    if numbers.is_empty() {
+        return Ok(fitted);
+    }
     let noise = (fitted.cost() / fitted.state.rows as f64).max(1.0);
     for e in 0..fitted.effects.len() {
         let Some(q) = UnderWay::held(&fitted.effects[e]) else {
             continue;
         };
         let (alone, known) = UnderWay::apart(&fitted.effects[e]);
-        let with = |held: &[f64]| -> Acting {
-            let new = numbers.iter().copied().zip(held.iter().copied());
-            let (all, values): (Vec<_>, Vec<_>) = known.iter().copied().chain(new).unzip();
-            UnderWay::beside(&alone, &all, &values).unwrap_or_else(|| alone.clone())
+        let new = numbers.iter().map(|number| (*number, q.off));
+        let (all, values): (Vec<_>, Vec<_>) = known.iter().copied().chain(new).unzip();
+        let Some(mut begun) = UnderWay::beside(&alone, &all, &values) else {
+            continue;
         };
+        let first = begun.values.len() - numbers.len();
         // sum of squares of the first half of each recording, and what is known beforehand
         let squares = |held: f64| -> Result<Vec<f64>, Error> {
             let mut effects = fitted.effects.clone();
-            effects[e] = with(&vec![held; numbers.len()]);
+            effects[e].clone_from(&begun);
+            effects[e].values[first..].fill(held);
             let residual = holdout.with_effects(effects, Vec::new(), when);
             let design = residual.design(&eta, &fitted.state.beta)?;
             let left = design.column(design.ncols() - 1);
@@ -99,7 +99,10 @@ pub(super) fn of_held_out(
                 .min_by(|a, b| a.1[number].total_cmp(&b.1[number]));
             least.map_or(q.off, |t| t.0)
         };
-        fitted.effects[e] = with(&(0..numbers.len()).map(best).collect::<Vec<_>>());
+        for number in 0..numbers.len() {
+            begun.values[first + number] = best(number);
+        }
+        fitted.effects[e] = begun;
     }
     Ok(fitted)
 }
@@ -143,13 +146,7 @@ pub(super) fn remark(problem: &Problem<LineResidual>, fitted: &Fitted) -> Option
             ));
         }
     }
-    let fitted_too = |w: &When| {
-        problem
-            .train_when
-            .iter()
-            .any(|t| t.recording == w.recording)
-    };
-    if !out.is_empty() && problem.holdout_when.iter().any(|w| !fitted_too(w)) {
+    if !out.is_empty() && new_ones(problem).next().is_some() {
         out.push(
             "Of recordings that were held out their first half says it, and errors are told of the second."
                 .into(),

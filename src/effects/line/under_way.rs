@@ -74,6 +74,12 @@ impl Effect for UnderWay {
     fn variants(&self) -> &'static [&'static str] {
         self.own.variants()
     }
+    fn over_series(&self, v: &[f64]) -> bool {
+        self.own.over_series(v)
+    }
+    fn sees_elastic(&self) -> bool {
+        self.own.sees_elastic()
+    }
     fn under_way(&self) -> &[usize] {
         &self.recordings
     }
@@ -92,5 +98,81 @@ impl Effect for UnderWay {
     }
     fn law(&self) -> Option<&dyn law::Forward> {
         self.own.law()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::every;
+    use super::*;
+
+    /// A cause that was under way is the cause itself where its memory held nothing, and another where it did.
+    #[test]
+    fn what_was_not_under_way_is_the_cause_itself() {
+        let time_s: Vec<f64> = (0..300).map(|i| 0.02 * f64::from(i)).collect();
+        let xi: Vec<f64> = time_s.iter().map(|t| 0.6 * (2.0 * t).sin()).collect();
+        let rate: Vec<f64> = time_s.iter().map(|t| 1.2 * (2.0 * t).cos()).collect();
+        let elastic: Vec<f64> = xi.iter().map(|x| 0.8 * x).collect();
+        let still = vec![0.0; 300];
+        let view = View {
+            recording: 4,
+            held: 0.0,
+            timed: true,
+            time_s: &time_s,
+            step_s: 0.02,
+            duration_s: 5.98,
+            series_s: 0.0,
+            unstrained: false,
+            straight: true,
+            xi: &xi,
+            way: &xi,
+            rate: &rate,
+            speed: 1.2,
+            acceleration: &still,
+            inertial: true,
+            elastic: &elastic,
+            second: &still,
+        };
+        let does = |acting: &Acting| -> Vec<u64> {
+            let mut terms = Terms {
+                xi: xi.clone(),
+                factor: vec![[1.0; 2]; 300],
+                force: still.clone(),
+                input: xi.clone(),
+                input_step_s: 0.02,
+                gain: vec![1.0; 300],
+                shift_s: 0.0,
+            };
+            acting.effect.line(&acting.values, &view, &mut terms);
+            let factors = terms.factor.iter().flatten();
+            let all = terms.xi.iter().chain(factors).chain(&terms.force);
+            all.map(|v| v.to_bits()).collect()
+        };
+        let mut remember = 0;
+        for effect in every() {
+            let values = effect.near(&view)[0][0].clone();
+            let alone = Acting {
+                effect,
+                values,
+                on: [true; 3],
+            };
+            let Some(q) = UnderWay::held(&alone) else {
+                assert!(UnderWay::beside(&alone, &[4], &[0.0]).is_none());
+                continue;
+            };
+            remember += 1;
+            let with = |number: usize, held: f64| {
+                UnderWay::beside(&alone, &[number], &[held]).expect("it remembers")
+            };
+            let own = does(&alone);
+            assert_eq!(own, does(&with(4, q.off)), "{}", effect.id());
+            assert_eq!(own, does(&with(3, 0.5 * q.upper)), "{}", effect.id());
+            assert_ne!(own, does(&with(4, 0.9 * q.upper)), "{}", effect.id());
+            let begun = with(4, 0.5 * q.upper);
+            assert_eq!(begun.effect.sees_elastic(), effect.sees_elastic());
+            let (again, held) = UnderWay::apart(&begun);
+            assert_eq!((again, held), (alone.clone(), vec![(4, 0.5 * q.upper)]));
+        }
+        assert_eq!(remember, 7);
     }
 }

@@ -90,19 +90,19 @@ pub(super) fn of_held_out(
         };
         let at = |i: i32| q.lower + (q.upper - q.lower) * f64::from(i) / f64::from(STEPS);
         let tried = (0..=STEPS).map(|i| Ok((at(i), squares(at(i))?)));
-        let tried: Vec<(f64, Vec<f64>)> = tried
-            .chain([Ok((q.off, squares(q.off)?))])
-            .collect::<Result<_, Error>>()?;
-        let best = |number: usize| {
-            let least = tried
-                .iter()
-                .min_by(|a, b| a.1[number].total_cmp(&b.1[number]));
-            least.map_or(q.off, |t| t.0)
-        };
-        for number in 0..numbers.len() {
-            begun.values[first + number] = best(number);
+        let tried: Vec<(f64, Vec<f64>)> = tried.collect::<Result<_, Error>>()?;
+        let afresh = squares(q.off)?;
+        // one number more has to pay for itself (Schwarz 1978)
+        let pays = (holdout.rows() as f64).ln();
+        for (number, afresh) in afresh.iter().enumerate() {
+            let least = (tried.iter()).min_by(|a, b| a.1[number].total_cmp(&b.1[number]));
+            if let Some((held, _)) = least.filter(|t| t.1[number] + pays < *afresh) {
+                begun.values[first + number] = *held;
+            }
         }
-        fitted.effects[e] = begun;
+        if begun.values[first..].iter().any(|held| *held != q.off) {
+            fitted.effects[e] = begun;
+        }
     }
     Ok(fitted)
 }

@@ -50,10 +50,9 @@ pub(super) fn course<R: Real>(v: &[R], at: &Moment<R>, before: R) -> R {
     }
 }
 
-/// The share of its way that a drift of `v` may have gone when a recording begins: less than none where the one
-/// that it is told from began later on that way.
+/// The share of its way that a drift of `v` may have gone when a recording begins.
 pub(super) fn gone_before(v: &[f64]) -> Option<Quantity> {
-    (!of_series(v)).then(|| shape("gone_before", "1", 0.0, -1.0, 0.95, 0.25))
+    (!of_series(v)).then(|| shape("gone_before", "1", 0.0, 0.0, 0.95, 0.25))
 }
 
 impl LineEffect for Drift {

@@ -7,9 +7,6 @@ use super::{Kind, LineEffect, Terms, View};
 
 pub struct Friction;
 
-/// The state of sliding in which a recording may begin.
-pub(super) const SLID_BEFORE: Quantity = shape("slid_before", "1", 0.0, -1.0, 1.0, 0.5);
-
 impl LineEffect for Friction {
     fn kinds(&self) -> &'static [Kind] {
         &[Kind::Bench, Kind::Axis]
@@ -19,9 +16,6 @@ impl LineEffect for Friction {
             .iter()
             .map(|&x| vec![vec![0.02, x]])
             .collect()
-    }
-    fn held(&self, _: &[f64]) -> Option<Quantity> {
-        Some(SLID_BEFORE)
     }
 }
 

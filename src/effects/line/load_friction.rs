@@ -3,7 +3,6 @@
 //! may be an end of the motion.
 
 use super::super::{Effect, Quantity, shape, size};
-use super::friction::SLID_BEFORE;
 use super::law::{Forward, Law, Memory, Moment, Point, Real, along, slid};
 use super::{Kind, LineEffect, Terms, View};
 
@@ -16,9 +15,6 @@ impl LineEffect for LoadFriction {
     fn near(&self, _: &View) -> Vec<Vec<Vec<f64>>> {
         let starts = [(0.02, 0.0), (0.1, 0.0), (0.3, 0.0), (0.1, 0.5), (0.1, -0.5)];
         starts.map(|(x, p)| vec![vec![0.02, x, p]]).to_vec()
-    }
-    fn held(&self, _: &[f64]) -> Option<Quantity> {
-        Some(SLID_BEFORE)
     }
 }
 

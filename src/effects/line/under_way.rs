@@ -173,6 +173,6 @@ mod tests {
             let (again, held) = UnderWay::apart(&begun);
             assert_eq!((again, held), (alone.clone(), vec![(4, 0.5 * q.upper)]));
         }
-        assert_eq!(remember, 7);
+        assert_eq!(remember, 5);
     }
 }

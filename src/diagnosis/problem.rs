@@ -557,15 +557,9 @@ impl<S: Subject> Problem<S> {
                 w.series_s += later_s;
             }
             let residual = holdout.with_effects(fitted.effects.clone(), Vec::new(), &when);
-            let design = residual.design(&eta, &fitted.state.beta)?;
-            let left = design.column(design.ncols() - 1);
-            let mut from = 0;
-            let each = (0..when.len()).map(|number| {
-                let rows = S::CHAINS * residual.kept_times_s(number).len();
-                let half = left.rows(from, rows / 2).norm_squared();
-                from += rows;
-                half / noise + (later_s / Dated::SPREAD_S).powi(2)
-            });
+            let halves = first_halves(&residual, when.len(), &eta, &fitted.state.beta)?;
+            let known = (later_s / Dated::SPREAD_S).powi(2);
+            let each = halves.iter().map(|half| half / noise + known);
             Ok::<Vec<f64>, Locked>(each.collect())
         };
         let tried = (-DATES..=DATES).map(|i| f64::from(i) * DATES_S);
@@ -736,6 +730,28 @@ impl<S: Subject> Problem<S> {
             &self.train_when,
         )
     }
+}
+
+/// Sums of squares of the first half of each recording at a model.
+///
+/// # Errors
+/// [`Locked`] when the film is past its locking stretch.
+pub(super) fn first_halves<S: Subject>(
+    residual: &S,
+    recordings: usize,
+    eta: &[f64],
+    beta: &[f64],
+) -> Result<Vec<f64>, Locked> {
+    let design = residual.design(eta, beta)?;
+    let left = design.column(design.ncols() - 1);
+    let mut from = 0;
+    let each = (0..recordings).map(|number| {
+        let rows = S::CHAINS * residual.kept_times_s(number).len();
+        let half = left.rows(from, rows / 2).norm_squared();
+        from += rows;
+        half
+    });
+    Ok(each.collect())
 }
 
 /// The tangent space of a fitted model: what a small change of its unknowns can do to the residual.

@@ -291,7 +291,7 @@ pub(super) fn doubt(
     field.grow(&wanted);
     field.without_each();
     field.once_each();
-    field.date_held_out()?;
+    field.begin_held_out()?;
     watch("judging");
     field.hold_against_flexible_ones();
     let odds = field.name();
@@ -442,7 +442,7 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 
     /// Finds out what memories held where recordings begin that were held out.
-    fn date_held_out(&mut self) -> Result<(), Error> {
+    fn begin_held_out(&mut self) -> Result<(), Error> {
         let problem = self.bench.problem;
         self.models.par_iter_mut().try_for_each(|m| {
             m.fitted = under_way::of_held_out(problem, m.fitted.clone())?;

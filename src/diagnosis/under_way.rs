@@ -3,7 +3,7 @@
 //! half of each; what is told of those is told of the second.
 
 use super::outcome::Error;
-use super::problem::{Effort, Fitted, Problem};
+use super::problem::{Effort, Fitted, Problem, first_halves};
 use super::subject::Subject;
 use super::words::in_unit;
 use crate::effects::line::UnderWay;
@@ -74,19 +74,11 @@ pub(super) fn of_held_out(
             effects[e].clone_from(&begun);
             effects[e].values[first..].fill(held);
             let residual = holdout.with_effects(effects, Vec::new(), when);
-            let design = residual.design(&eta, &fitted.state.beta)?;
-            let left = design.column(design.ncols() - 1);
-            let mut from = 0;
-            let each = when.iter().enumerate().map(|(number, w)| {
-                let rows = residual.kept_times_s(number).len();
-                let half = left.rows(from, rows / 2).norm_squared();
-                from += rows;
-                let known = ((held - q.off) / q.spread).powi(2);
-                numbers
-                    .contains(&w.recording)
-                    .then_some(half / noise + known)
-            });
-            Ok(each.flatten().collect())
+            let halves = first_halves(&residual, when.len(), &eta, &fitted.state.beta)?;
+            let known = ((held - q.off) / q.spread).powi(2);
+            let new = when.iter().zip(halves);
+            let new = new.filter(|(w, _)| numbers.contains(&w.recording));
+            Ok(new.map(|(_, half)| half / noise + known).collect())
         };
         let at = |i: i32| q.lower + (q.upper - q.lower) * f64::from(i) / f64::from(STEPS);
         let tried = (0..=STEPS).map(|i| Ok((at(i), squares(at(i))?)));

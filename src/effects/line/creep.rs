@@ -17,9 +17,6 @@ impl LineEffect for Creep {
             .map(|&x| vec![vec![0.05, x * view.duration_s]])
             .collect()
     }
-    fn held(&self, _: &[f64]) -> Option<Quantity> {
-        Some(shape("crept_before", "coordinate", 0.0, -1.0, 1.0, 0.5))
-    }
 }
 
 impl Effect for Creep {

@@ -156,7 +156,8 @@ pub trait LineEffect: Effect {
     /// Where a scan looks: values near off, one group a start.
     fn near(&self, view: &View) -> Vec<Vec<Vec<f64>>>;
     /// What its memory may hold where a recording begins while it is under way, beyond what the beginning
-    /// makes; `None` where it has none, or forgets soon.
+    /// makes; `None` where it has none, or forgets: friction, and creep, which is told from friction by nothing
+    /// else where one loop is all there is.
     fn held(&self, _v: &[f64]) -> Option<Quantity> {
         None
     }
